@@ -1,0 +1,126 @@
+//! What a rollout or a measurement leaves behind: sampled states, contact events and an outcome.
+
+use serde::{Deserialize, Serialize};
+
+/// One rollout, observed at `times`.
+///
+/// Every track holds as many samples as `times`. A missing measured value is NaN in memory and an empty cell
+/// or `null` outside.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Trajectory {
+    /// (n_samples,) seconds since the start; rising.
+    pub times: Vec<f64>,
+    /// One track per movable body, in the scene's order.
+    pub bodies: Vec<Track>,
+    /// Begin-of-contact events in order of time; empty for measured trials.
+    pub events: Vec<Contact>,
+    /// Begun contacts between two movable bodies ("collisions" of the paper's action groups).
+    pub collisions: u32,
+    /// Sum over movable bodies of the time steps spent on a surface that carries them (contact normal more
+    /// upward than 60 degrees from vertical), at rest or not ("rolling" of the paper's action groups).
+    pub rolling_steps: u32,
+    /// How it ended.
+    pub outcome: Outcome,
+}
+
+/// The sampled states of one body; world frame.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Track {
+    /// The body's name in its scene.
+    pub name: String,
+    /// (n_samples,) position, m.
+    pub x: Vec<f64>,
+    /// (n_samples,) position, m, up.
+    pub y: Vec<f64>,
+    /// (n_samples,) rad, counter-clockwise, not wrapped.
+    pub angle: Vec<f64>,
+    /// (n_samples,) m/s.
+    pub vx: Vec<f64>,
+    /// (n_samples,) m/s.
+    pub vy: Vec<f64>,
+    /// (n_samples,) rad/s.
+    pub omega: Vec<f64>,
+}
+
+/// Two things began to touch.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Contact {
+    /// Seconds since the start.
+    pub time: f64,
+    /// Names of the two bodies or statics.
+    pub between: [String; 2],
+    /// Speed at which they approached along the contact normal, m/s, not negative.
+    pub speed: f64,
+}
+
+/// How a rollout ended.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Outcome {
+    /// Whether the goal was reached; `None` where the scene has none.
+    pub solved: Option<bool>,
+    /// Simulated time steps.
+    pub steps: u32,
+    /// Why it ended.
+    pub end: End,
+}
+
+/// Why a rollout ended.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum End {
+    /// All steps were simulated.
+    #[default]
+    Horizon,
+    /// The goal was reached and the scene stops there.
+    Goal,
+    /// A state stopped being finite; samples end before it.
+    Diverged,
+}
+
+impl Track {
+    /// An empty track with room for `samples`.
+    pub fn with_capacity(name: &str, samples: usize) -> Self {
+        let column = || Vec::with_capacity(samples);
+        Track {
+            name: name.to_string(),
+            x: column(),
+            y: column(),
+            angle: column(),
+            vx: column(),
+            vy: column(),
+            omega: column(),
+        }
+    }
+
+    /// Appends one state: position (m), angle (rad), velocity (m/s), spin (rad/s).
+    pub fn push(&mut self, position: [f64; 2], angle: f64, velocity: [f64; 2], omega: f64) {
+        self.x.push(position[0]);
+        self.y.push(position[1]);
+        self.angle.push(angle);
+        self.vx.push(velocity[0]);
+        self.vy.push(velocity[1]);
+        self.omega.push(omega);
+    }
+
+    /// Number of samples.
+    pub fn len(&self) -> usize {
+        self.x.len()
+    }
+
+    /// Whether there is no sample.
+    pub fn is_empty(&self) -> bool {
+        self.x.is_empty()
+    }
+}
+
+impl Trajectory {
+    /// The track of the body named `name`.
+    pub fn track(&self, name: &str) -> Option<&Track> {
+        self.bodies.iter().find(|t| t.name == name)
+    }
+
+    /// Whether the goal was reached (a scene without a goal is never solved).
+    pub fn solved(&self) -> bool {
+        self.outcome.solved == Some(true)
+    }
+}

@@ -1,0 +1,33 @@
+//! Linear drag: dv/dt = -c v, and the same for spin.
+//!
+//! Source: the damping of Pymunk (Chipmunk2D manual, `cpSpaceSetDamping`), which keeps the share d of velocity
+//! per second, so c = -ln d; the paper's real world has d = 0.8. Valid for creeping motion in a viscous medium;
+//! here simply what the paper's simulation lacks.
+//!
+//! Differences from the source: none. The exact solution over a step, v exp(-c dt) = v d^dt, is what Pymunk uses.
+
+use super::{Act, Constants, Effect, MOST_PARAMETERS, Motion, Moving, Parameter};
+
+/// The effect's row in the registry.
+pub static EFFECT: Effect = Effect {
+    name: "linear_drag",
+    acts_on: "motion",
+    equation: "a = -c v, and the same for spin",
+    parameters: &[Parameter { name: "c", unit: "1/s", bounds: [0.0, 100.0], neutral: 0.0 }],
+    act: Act::Motion(&LinearDrag),
+};
+
+struct LinearDrag;
+
+impl Motion for LinearDrag {
+    fn constants(&self, parameters: &[f64], dt: f64) -> Constants {
+        let mut constants = [0.0; MOST_PARAMETERS];
+        constants[0] = libm::exp(-parameters[0] * dt);
+        constants
+    }
+
+    fn kick(&self, constants: &Constants, body: Moving, _dt: f64) -> [f64; 3] {
+        let kept = constants[0];
+        [body.vx * kept, body.vy * kept, body.omega * kept]
+    }
+}

@@ -1,0 +1,89 @@
+//! Latent factors: density, friction, restitution of the surfaces that carry them.
+//!
+//! Source: Semage et al., section on the problem setting: mass, friction and coefficient of restitution are
+//! the hidden parameters; composition is homogeneous, so all carriers of a scene share one value each.
+//!
+//! Differences from the source: mass is given as density (kg/m^2), since the bodies of a task differ in size.
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result, within};
+
+/// Values for the latent factors; `None` leaves the scene's own.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Latents {
+    /// kg/m^2 of every carrying body.
+    #[serde(alias = "mass", skip_serializing_if = "Option::is_none")]
+    pub density: Option<f64>,
+    /// Friction coefficient of every carrying surface; a contact's is the product of both surfaces'.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub friction: Option<f64>,
+    /// Restitution coefficient of every carrying surface; a contact's is the product of both surfaces'.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub restitution: Option<f64>,
+}
+
+/// One kind of latent factor.
+#[derive(Debug, PartialEq)]
+pub struct Factor {
+    /// Name in files and on the wire.
+    pub name: &'static str,
+    /// SI unit.
+    pub unit: &'static str,
+    /// Values a world accepts, inclusive.
+    pub bounds: [f64; 2],
+}
+
+/// The latent factors in the order of all vectors of latents.
+pub const FACTORS: [Factor; 3] = [
+    Factor { name: "density", unit: "kg/m^2", bounds: [1e-3, 1e3] },
+    Factor { name: "friction", unit: "1", bounds: [0.0, 10.0] },
+    Factor { name: "restitution", unit: "1", bounds: [0.0, 1.0] },
+];
+
+impl Latents {
+    /// All three given, in the order of [`FACTORS`].
+    pub fn of(values: [f64; 3]) -> Latents {
+        Latents { density: Some(values[0]), friction: Some(values[1]), restitution: Some(values[2]) }
+    }
+
+    /// In the order of [`FACTORS`].
+    pub fn values(&self) -> [Option<f64>; 3] {
+        [self.density, self.friction, self.restitution]
+    }
+
+    /// These latents where given, `other`'s elsewhere.
+    pub fn or(self, other: Latents) -> Latents {
+        Latents {
+            density: self.density.or(other.density),
+            friction: self.friction.or(other.friction),
+            restitution: self.restitution.or(other.restitution),
+        }
+    }
+
+    /// Errors unless every given value is within its factor's bounds.
+    pub fn validate(&self) -> Result<()> {
+        for (factor, value) in FACTORS.iter().zip(self.values()) {
+            if let Some(v) = value {
+                within(factor.name, v, factor.bounds[0], factor.bounds[1]).map_err(|e| e.under("latents"))?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Moves a vector of latents to the nearest allowed one.
+pub fn clamp(values: [f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|i| values[i].clamp(FACTORS[i].bounds[0], FACTORS[i].bounds[1]))
+}
+
+/// Index of the factor named `name` (`mass` is taken for `density`).
+pub fn factor_index(name: &str) -> Result<usize> {
+    let name = if name == "mass" { "density" } else { name };
+    FACTORS.iter().position(|f| f.name == name).ok_or_else(|| Error::NotFound {
+        kind: "latent factor",
+        id: name.to_string(),
+        known: FACTORS.iter().map(|f| f.name.to_string()).collect(),
+    })
+}

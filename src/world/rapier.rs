@@ -1,0 +1,282 @@
+//! The general engine: rapier2d, any scene.
+//!
+//! Source: rapier2d 0.36.1 (TGS-soft with sub-steps, f32). Semantics as in [`super`]: products of coefficients,
+//! effects before gravity once per step.
+//!
+//! Differences from rapier's defaults, each of which changes results: coefficients combine by `Multiply`
+//! (default: average); bodies never sleep; contact recycling is off (stale contacts of up to 5 cm of drift);
+//! `length_unit` follows the smallest body so that centimetre-sized balls are not met with metre-sized
+//! tolerances, and the speed cap is kept at 400 m/s whatever the unit.
+
+use rapier2d::prelude::*;
+
+use super::effect::{Act, Constants, Moving};
+use super::goal::{self, Watch};
+use super::prepare::{Prepared, PreparedBody, PreparedShape};
+use super::record::Recorder;
+use crate::error::{Error, Result};
+use crate::task::geometry::{Convex, gap};
+use crate::trajectory::{End, Trajectory};
+
+/// Integrates one rollout.
+pub fn run(prepared: &Prepared) -> Result<Trajectory> {
+    let mut world = World::build(prepared)?;
+    let mut recorder = Recorder::new(prepared);
+    let mut watch = Watch::default();
+    let needed = prepared.goal.as_ref().map_or(0, |g| g.hold_steps(prepared.time_step));
+    let kicks: Vec<Constants> = prepared
+        .effects
+        .iter()
+        .map(|a| match a.effect.act {
+            Act::Motion(motion) => motion.constants(&a.values, prepared.time_step),
+        })
+        .collect();
+    recorder.observe(0, &world.states());
+    for step in 1..=prepared.steps {
+        world.kick(prepared, &kicks, step - 1);
+        let before = world.velocities();
+        world.physics.step();
+        let states = world.states();
+        if states.iter().any(|s| !s.is_finite()) {
+            return Ok(recorder.finish(step - 1, End::Diverged));
+        }
+        world.record_contacts(prepared, &before, step, &mut recorder);
+        if let Some(spec) = &prepared.goal {
+            let holds = goal::holds(
+                &spec.condition,
+                |i| (states[i].position, states[i].angle),
+                |s, shape| gap_to_static(&prepared.statics[s].shape, shape),
+                |i| prepared.bodies[i].shape.clone(),
+            );
+            if watch.advance(holds, needed) {
+                recorder.solved();
+                if prepared.stop {
+                    recorder.observe(step, &states);
+                    return Ok(recorder.finish(step, End::Goal));
+                }
+            }
+        }
+        if step % prepared.observe_every == 0 || step == prepared.steps {
+            recorder.observe(step, &states);
+        }
+    }
+    Ok(recorder.finish(prepared.steps, End::Horizon))
+}
+
+/// The state of one body.
+#[derive(Clone, Copy, Debug)]
+pub struct State {
+    /// m
+    pub position: [f64; 2],
+    /// rad, not wrapped
+    pub angle: f64,
+    /// m/s
+    pub velocity: [f64; 2],
+    /// rad/s
+    pub omega: f64,
+}
+
+impl State {
+    fn is_finite(&self) -> bool {
+        let all = [self.position[0], self.position[1], self.velocity[0], self.velocity[1], self.omega];
+        all.iter().all(|v| v.is_finite() && v.abs() < 1e7)
+    }
+}
+
+struct World {
+    physics: PhysicsWorld,
+    /// In the order of the prepared bodies.
+    bodies: Vec<RigidBodyHandle>,
+    /// Body angle, unwrapped by following small turns.
+    angles: Vec<f64>,
+    time_step: f64,
+}
+
+impl World {
+    fn build(prepared: &Prepared) -> Result<World> {
+        let mut physics = PhysicsWorld::new();
+        physics.gravity = vector(prepared.gravity);
+        let unit = (prepared.touch / 0.005) as f32;
+        let parameters = &mut physics.integration_parameters;
+        parameters.dt = prepared.time_step as f32;
+        parameters.length_unit = unit;
+        parameters.normalized_max_linear_velocity = 400.0 / unit;
+        parameters.contact_recycling = false;
+        let mut bodies = Vec::new();
+        for (i, body) in prepared.bodies.iter().enumerate() {
+            let rigid = RigidBodyBuilder::dynamic()
+                .translation(vector(body.position))
+                .rotation(body.angle as f32)
+                .linvel(vector(body.velocity))
+                .angvel(body.omega as f32)
+                .can_sleep(false)
+                .build();
+            let handle = physics.bodies.insert(rigid);
+            let collider = surface(collider(&body.shape, &body.name)?, body.friction, body.restitution, i);
+            let collider = collider.mass_properties(mass_properties(body));
+            physics.colliders.insert_with_parent(collider, handle, &mut physics.bodies);
+            bodies.push(handle);
+        }
+        for (i, fixed) in prepared.statics.iter().enumerate() {
+            let builder = match &fixed.shape {
+                PreparedShape::Convex(shape) => collider(shape, &fixed.name)?,
+                PreparedShape::Halfspace { normal, offset } => {
+                    let at = [normal[0] * offset, normal[1] * offset];
+                    halfspace(*normal).translation(vector(at))
+                }
+            };
+            let index = prepared.bodies.len() + i;
+            physics.colliders.insert(surface(builder, fixed.friction, fixed.restitution, index));
+        }
+        let angles = prepared.bodies.iter().map(|b| b.angle).collect();
+        Ok(World { physics, bodies, angles, time_step: prepared.time_step })
+    }
+
+    /// Lets the motion effects act on every body.
+    fn kick(&mut self, prepared: &Prepared, kicks: &[Constants], step: u32) {
+        if kicks.is_empty() {
+            return;
+        }
+        let time = f64::from(step) * self.time_step;
+        for handle in &self.bodies {
+            let body = &mut self.physics.bodies[*handle];
+            let (at, v) = (body.translation(), body.linvel());
+            let mut moving = Moving {
+                time,
+                x: at.x.into(),
+                y: at.y.into(),
+                vx: v.x.into(),
+                vy: v.y.into(),
+                omega: body.angvel().into(),
+            };
+            for (active, constants) in prepared.effects.iter().zip(kicks) {
+                let Act::Motion(motion) = active.effect.act;
+                [moving.vx, moving.vy, moving.omega] = motion.kick(constants, moving, self.time_step);
+            }
+            body.set_linvel(Vector::new(moving.vx as f32, moving.vy as f32), false);
+            body.set_angvel(moving.omega as f32, false);
+        }
+    }
+
+    fn velocities(&self) -> Vec<(Vector, f32)> {
+        self.bodies.iter().map(|h| (self.physics.bodies[*h].linvel(), self.physics.bodies[*h].angvel())).collect()
+    }
+
+    fn states(&mut self) -> Vec<State> {
+        let mut states = Vec::with_capacity(self.bodies.len());
+        for (handle, angle) in self.bodies.iter().zip(&mut self.angles) {
+            let body = &self.physics.bodies[*handle];
+            let wrapped = f64::from(body.rotation().angle());
+            let turn = (wrapped - *angle + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU);
+            *angle += turn - std::f64::consts::PI;
+            let (at, v) = (body.translation(), body.linvel());
+            states.push(State {
+                position: [at.x.into(), at.y.into()],
+                angle: *angle,
+                velocity: [v.x.into(), v.y.into()],
+                omega: body.angvel().into(),
+            });
+        }
+        states
+    }
+
+    /// Hands the touching pairs of this step to the recorder.
+    fn record_contacts(
+        &self,
+        prepared: &Prepared,
+        before: &[(Vector, f32)],
+        step: u32,
+        recorder: &mut Recorder,
+    ) {
+        let count = prepared.bodies.len();
+        recorder.begin_step();
+        for pair in self.physics.narrow_phase.contact_pairs() {
+            let PairContacts::Rigid(contacts) = &pair.contacts else { continue };
+            let index = |c: ColliderHandle| self.physics.colliders[c].user_data as usize;
+            let (first, second) = (index(pair.collider1), index(pair.collider2));
+            for manifold in &contacts.manifolds {
+                let touching = manifold
+                    .points
+                    .iter()
+                    .find(|p| p.data.impulse > 0.0 || f64::from(p.dist) <= prepared.touch);
+                let Some(point) = touching else { continue };
+                let normal = manifold.data.normal;
+                let at = self.physics.colliders[pair.collider1].position() * point.local_p1;
+                let speed_at = |i: usize| {
+                    if i >= count {
+                        return Vector::ZERO;
+                    }
+                    let centre = self.physics.bodies[self.bodies[i]].translation();
+                    let (v, spin) = before[i];
+                    v + Vector::new(-(at.y - centre.y), at.x - centre.x) * spin
+                };
+                let approach = (speed_at(first) - speed_at(second)).dot(normal).max(0.0);
+                recorder.touch(step, first, second, [normal.x.into(), normal.y.into()], approach.into());
+                break;
+            }
+        }
+    }
+}
+
+fn surface(builder: ColliderBuilder, friction: f64, restitution: f64, index: usize) -> ColliderBuilder {
+    builder
+        .friction(friction as f32)
+        .restitution(restitution as f32)
+        .friction_combine_rule(CoefficientCombineRule::Multiply)
+        .restitution_combine_rule(CoefficientCombineRule::Multiply)
+        .user_data(index as u128)
+}
+
+fn collider(shape: &Convex, name: &str) -> Result<ColliderBuilder> {
+    let points: Vec<Vector> = shape.points.iter().map(|p| vector(*p)).collect();
+    let radius = shape.radius as f32;
+    Ok(match points.as_slice() {
+        [centre] => ColliderBuilder::ball(radius).translation(*centre),
+        [a, b] if radius == 0.0 => ColliderBuilder::segment(*a, *b),
+        [a, b] => ColliderBuilder::capsule_from_endpoints(*a, *b, radius),
+        _ => ColliderBuilder::convex_polyline(points)
+            .ok_or_else(|| Error::Failed(format!("the shape of {name:?} is too thin for the rapier engine")))?,
+    })
+}
+
+fn halfspace(normal: [f64; 2]) -> ColliderBuilder {
+    // Validated to be of length 1 with the scene; re-normalised for f32.
+    ColliderBuilder::halfspace(nalgebra::Unit::new_unchecked(vector(normal).normalize()))
+}
+
+fn mass_properties(body: &PreparedBody) -> MassProperties {
+    let centre = match body.shape.points.as_slice() {
+        [p] => *p,
+        points => centroid(points),
+    };
+    MassProperties::new(vector(centre), body.mass as f32, body.inertia as f32)
+}
+
+/// Centroid of a segment or convex polygon.
+fn centroid(points: &[[f64; 2]]) -> [f64; 2] {
+    if points.len() == 2 {
+        return [(points[0][0] + points[1][0]) / 2.0, (points[0][1] + points[1][1]) / 2.0];
+    }
+    let (mut area, mut sum) = (0.0, [0.0, 0.0]);
+    for i in 0..points.len() {
+        let (a, b) = (points[i], points[(i + 1) % points.len()]);
+        let cross = a[0] * b[1] - a[1] * b[0];
+        area += cross / 2.0;
+        sum = [sum[0] + cross * (a[0] + b[0]) / 6.0, sum[1] + cross * (a[1] + b[1]) / 6.0];
+    }
+    [sum[0] / area, sum[1] / area]
+}
+
+fn gap_to_static(fixed: &PreparedShape, shape: &Convex) -> f64 {
+    match fixed {
+        PreparedShape::Convex(own) => gap(own, shape),
+        PreparedShape::Halfspace { normal, offset } => {
+            let below = |p: &[f64; 2]| normal[0] * p[0] + normal[1] * p[1] - offset;
+            shape.points.iter().map(below).fold(f64::INFINITY, f64::min) - shape.radius
+        }
+    }
+}
+
+fn vector(v: [f64; 2]) -> Vector {
+    Vector::new(v[0] as f32, v[1] as f32)
+}
