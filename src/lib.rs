@@ -1,3 +1,31 @@
+//! `iplw`: worlds to act in, latent factors to estimate, policies to transfer.
+//!
+//! The rooms, each using only those above it (a test holds them to it):
+//!
+//! | room | what it does |
+//! |---|---|
+//! | `error` `json` `rng` `progress` `trajectory` | the words everybody speaks |
+//! | `task/` | what is asked: scenes, actions, goals; plain data |
+//! | `world/` | what physics does: scene + latents + effects -> trajectory; sole home of rapier2d |
+//! | `residual` | two trajectories -> how far apart |
+//! | `reality/` | where measured trials come from; sole keeper of hidden latents |
+//! | `explore/` | which actions to spend on the real world |
+//! | `estimate/` | trials -> latents, by the cross-entropy method |
+//! | `discover/` | measured minus simulated -> what the simulation lacks |
+//! | `policy/` | scoring actions; sole home of dfdx |
+//! | `picture/` | scenes, films and plots as SVG and PNG |
+//! | `experiment` | the main path: explore -> measure -> estimate -> train -> transfer -> report |
+//! | `store/` `job/` | what lasts, and work that takes long |
+//! | `session/` | Gymnasium's reset and step over a task and a world |
+//! | `serve/` | HTTP and ZeroMQ: thin adapters; sole home of axum; knows no physics |
+//!
+//! Follow one trial from `experiment.rs`: a [`task::Task`] and an action give a placed [`task::Scene`];
+//! [`world::simulate`] turns it into a [`trajectory::Trajectory`]; a reality measures the same; the residual
+//! between the two drives the estimator; the estimate grounds the simulation a policy is trained in.
+//!
+//! Deliberately absent: clocks, I/O and globals in the core (everything above `store/`); any way for an
+//! estimator to read a hidden world's latents; threads of our own (rayon for physics, tokio for serving).
+
 pub mod error;
 pub mod json;
 pub mod progress;

@@ -36,14 +36,14 @@ const PLANK: [f64; 2] = [3.5, 0.25];
 /// The plank's centre stays below this height and left of this place, m.
 const LINES: [f64; 2] = [18.0, 20.0];
 /// Half the basket's opening, its depth and the thickness of its sides, m.
-const BASKET: [f64; 3] = [2.6, 4.0, 0.25];
+const BASKET: [f64; 3] = [3.2, 3.0, 0.25];
 
-/// Every basket place of a 7 x 6 grid, shuffled by `seed`.
+/// Every basket place of an 11 x 6 grid, shuffled by `seed`.
 fn candidates(seed: u64) -> Vec<Scene> {
     let mut scenes = Vec::new();
-    for column in 0..7 {
+    for column in 0..11 {
         for row in 0..6 {
-            scenes.push(scene(22.5 + 2.5 * f64::from(column), 0.5 + 2.0 * f64::from(row)));
+            scenes.push(scene(23.5 + f64::from(column), 0.3 + 1.25 * f64::from(row)));
         }
     }
     scenes.shuffle(&mut crate::rng::stream(seed, "basketball candidates"));
@@ -109,7 +109,7 @@ fn scene(x: f64, bottom: f64) -> Scene {
         }),
         action: Some(ActionSpace {
             components: vec![
-                set("ball", Quantity::X, BALL, 22.0),
+                set("ball", Quantity::X, BALL, LINES[0]),
                 set("ball", Quantity::Y, LINES[1] + 3.0, SIDE - BALL),
                 set("plank", Quantity::X, reach, LINES[0]),
                 set("plank", Quantity::Y, reach, LINES[1]),
