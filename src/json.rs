@@ -33,5 +33,10 @@ fn refuse(path: &str, error: &serde_json::Error) -> Error {
     let message = error.to_string();
     let reason = message.split(" at line ").next().unwrap_or(&message).to_string();
     let place = if error.line() > 0 { format!("line {}", error.line()) } else { String::new() };
-    Error::Input(Input { place, field: path.to_string(), value: String::new(), allowed: format!("valid JSON of this format ({reason})") })
+    Error::Input(Input {
+        place,
+        field: path.to_string(),
+        value: String::new(),
+        allowed: format!("valid JSON of this format ({reason})"),
+    })
 }

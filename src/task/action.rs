@@ -162,7 +162,11 @@ impl ActionSpace {
         if let Some(b) = self.bounds
             && !(b.iter().all(|v| v.is_finite()) && b[0] < b[2] && b[1] < b[3])
         {
-            return Err(Error::input("bounds", format!("{b:?}"), "[x_min, y_min, x_max, y_max] with min below max"));
+            return Err(Error::input(
+                "bounds",
+                format!("{b:?}"),
+                "[x_min, y_min, x_max, y_max] with min below max",
+            ));
         }
         if let Discrete::Grid { counts } = &self.discrete
             && counts.len() != self.dimension()
@@ -176,7 +180,11 @@ impl ActionSpace {
         };
         match count {
             Some(1..=MOST_ACTIONS) => Ok(()),
-            _ => Err(Error::input("discrete", "too few or too many actions", format!("1 to {MOST_ACTIONS} actions"))),
+            _ => Err(Error::input(
+                "discrete",
+                "too few or too many actions",
+                format!("1 to {MOST_ACTIONS} actions"),
+            )),
         }
     }
 
@@ -259,9 +267,9 @@ impl Component {
             return Err(Error::input("set", format!("{:?}", self.set), "x, y, radius or angle for a static"));
         }
         if self.set == Quantity::Radius {
-            let shape = body.map(|b| &b.shape).or_else(|| {
-                scene.statics.iter().find(|s| s.name == self.target).map(|s| &s.shape)
-            });
+            let shape = body
+                .map(|b| &b.shape)
+                .or_else(|| scene.statics.iter().find(|s| s.name == self.target).map(|s| &s.shape));
             if !matches!(shape, Some(Shape::Disc { .. })) {
                 return Err(Error::input("set", "radius", "x, y or angle, unless the target is a disc"));
             }
@@ -275,9 +283,10 @@ impl Component {
 
 /// All bounded shapes that have a place, by name.
 fn placed_shapes(scene: &Scene) -> Vec<(&str, Convex)> {
-    let bodies = scene.bodies.iter().filter_map(|b| {
-        Some((b.name.as_str(), b.shape.convex()?.placed(b.position?, b.angle)))
-    });
+    let bodies = scene
+        .bodies
+        .iter()
+        .filter_map(|b| Some((b.name.as_str(), b.shape.convex()?.placed(b.position?, b.angle))));
     let statics = scene
         .statics
         .iter()

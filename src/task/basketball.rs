@@ -64,7 +64,12 @@ fn scene(x: f64, bottom: f64) -> Scene {
     let mut statics = super::walls(SIDE, WALL, 0.5, 0.2);
     statics.push(part("basket_bottom", [x, bottom + side], half + 2.0 * side, side));
     for (name, to) in [("basket_left", -1.0), ("basket_right", 1.0)] {
-        statics.push(part(name, [x + to * (half + side), bottom + 2.0 * side + depth / 2.0], side, depth / 2.0));
+        statics.push(part(
+            name,
+            [x + to * (half + side), bottom + 2.0 * side + depth / 2.0],
+            side,
+            depth / 2.0,
+        ));
     }
     statics.push(Static {
         name: "plank".into(),

@@ -23,7 +23,12 @@ pub static FAMILY: Family = Family {
     tasks: || assemble(&FAMILY, include_str!("bowling.certified.json"), 0),
     candidates,
     split: [60, 20, 20],
-    real_physics: RealPhysics { density: 0.25, friction: WALL_FRICTION, restitution: WALL_RESTITUTION, damping: 0.8 },
+    real_physics: RealPhysics {
+        density: 0.25,
+        friction: WALL_FRICTION,
+        restitution: WALL_RESTITUTION,
+        damping: 0.8,
+    },
     prior: [(1.0, 0.5), (1.0, 0.5), (0.5, 0.25)],
 };
 
@@ -111,4 +116,3 @@ fn movable(name: &str, radius: f64, position: Option<[f64; 2]>) -> Body {
         angular_velocity: 0.0,
     }
 }
-

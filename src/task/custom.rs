@@ -13,5 +13,11 @@ pub fn custom(scene: Scene) -> Result<Task> {
         return Err(Error::input("goal", "missing", "a goal: what solves the task"));
     }
     let name = if scene.name.is_empty() { "scene" } else { &scene.name };
-    Ok(Task { id: format!("custom:{name}"), family: "custom".into(), split: Split::Train, scene, certificate: None })
+    Ok(Task {
+        id: format!("custom:{name}"),
+        family: "custom".into(),
+        split: Split::Train,
+        scene,
+        certificate: None,
+    })
 }

@@ -20,9 +20,8 @@ impl Convex {
     pub fn placed(&self, position: [f64; 2], angle: f64) -> Convex {
         // libm: the same bits on every machine.
         let (sin, cos) = libm::sincos(angle);
-        let turn = |p: &[f64; 2]| {
-            [position[0] + cos * p[0] - sin * p[1], position[1] + sin * p[0] + cos * p[1]]
-        };
+        let turn =
+            |p: &[f64; 2]| [position[0] + cos * p[0] - sin * p[1], position[1] + sin * p[0] + cos * p[1]];
         Convex { points: self.points.iter().map(turn).collect(), radius: self.radius }
     }
 
@@ -155,7 +154,8 @@ mod tests {
         Convex { points: vec![[x, y]], radius }
     }
     fn square(x: f64, y: f64, half: f64) -> Convex {
-        let points = vec![[x - half, y - half], [x + half, y - half], [x + half, y + half], [x - half, y + half]];
+        let points =
+            vec![[x - half, y - half], [x + half, y - half], [x + half, y + half], [x - half, y + half]];
         Convex { points, radius: 0.0 }
     }
 

@@ -264,7 +264,11 @@ impl Scene {
             return Err(Error::input("bodies", format!("{} bodies", self.bodies.len()), "1 to 64 bodies"));
         }
         if self.statics.len() > 256 {
-            return Err(Error::input("statics", format!("{} statics", self.statics.len()), "at most 256 statics"));
+            return Err(Error::input(
+                "statics",
+                format!("{} statics", self.statics.len()),
+                "at most 256 statics",
+            ));
         }
         let mut names = HashSet::new();
         for (i, body) in self.bodies.iter().enumerate() {
@@ -382,7 +386,11 @@ impl Scene {
             Goal::Inside { body, region, hold_s, .. } => {
                 self.named("body", body, false)?;
                 if region.len() < 3 {
-                    return Err(Error::input("region", format!("{} points", region.len()), "3 or more corner points"));
+                    return Err(Error::input(
+                        "region",
+                        format!("{} points", region.len()),
+                        "3 or more corner points",
+                    ));
                 }
                 for (i, p) in region.iter().enumerate() {
                     vector(&format!("region[{i}]"), *p, FAR)?;
@@ -412,14 +420,24 @@ impl Scene {
             for (_, other, other_shape) in &shapes[..n] {
                 if gap(shape, other_shape) < give.max(-OVERLAP_SHARE * smallest_extent(other_shape)) {
                     let place = format!("bodies[{i}].position");
-                    let value = format!("{:?} ({:?} overlaps {:?})", body.position.unwrap_or_default(), body.name, other.name);
+                    let value = format!(
+                        "{:?} ({:?} overlaps {:?})",
+                        body.position.unwrap_or_default(),
+                        body.name,
+                        other.name
+                    );
                     return Err(Error::input(place, value, "a place clear of all other bodies and statics"));
                 }
             }
             for fixed in self.statics.iter().filter(|s| !placed_by_action(&s.name)) {
                 if fixed.gap_to(shape) < give {
                     let place = format!("bodies[{i}].position");
-                    let value = format!("{:?} ({:?} overlaps {:?})", body.position.unwrap_or_default(), body.name, fixed.name);
+                    let value = format!(
+                        "{:?} ({:?} overlaps {:?})",
+                        body.position.unwrap_or_default(),
+                        body.name,
+                        fixed.name
+                    );
                     return Err(Error::input(place, value, "a place clear of all other bodies and statics"));
                 }
             }
@@ -547,11 +565,17 @@ impl Shape {
                 if from == to {
                     return Err(Error::input("shape.to", format!("{to:?}"), "a point other than `from`"));
                 }
-                if movable { length("radius", *radius) } else { within("shape.radius", *radius, 0.0, FAR).map(drop) }
+                if movable {
+                    length("radius", *radius)
+                } else {
+                    within("shape.radius", *radius, 0.0, FAR).map(drop)
+                }
             }
-            Shape::Halfspace { .. } if movable => {
-                Err(Error::input("shape.type", "\"halfspace\"", "disc, box, polygon or segment for a movable body"))
-            }
+            Shape::Halfspace { .. } if movable => Err(Error::input(
+                "shape.type",
+                "\"halfspace\"",
+                "disc, box, polygon or segment for a movable body",
+            )),
             Shape::Halfspace { normal, offset } => {
                 vector("shape.normal", *normal, 1.1)?;
                 let size = (normal[0].powi(2) + normal[1].powi(2)).sqrt();

@@ -41,12 +41,19 @@ impl GoalSpec {
         let party = |name: &str| match body(name) {
             Some(i) => Party::Body(i),
             None => Party::Static(
-                scene.statics.iter().position(|s| s.name == name).expect("goal names are validated with the scene"),
+                scene
+                    .statics
+                    .iter()
+                    .position(|s| s.name == name)
+                    .expect("goal names are validated with the scene"),
             ),
         };
         match goal {
             Goal::Contact { bodies, hold_s, tolerance, .. } => GoalSpec {
-                condition: Condition::Contact { parties: [party(&bodies[0]), party(&bodies[1])], tolerance: *tolerance },
+                condition: Condition::Contact {
+                    parties: [party(&bodies[0]), party(&bodies[1])],
+                    tolerance: *tolerance,
+                },
                 hold_s: *hold_s,
             },
             Goal::Inside { body: name, region, hold_s, .. } => GoalSpec {

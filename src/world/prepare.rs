@@ -87,7 +87,11 @@ pub fn prepare(rollout: &Rollout) -> Result<Prepared> {
         bodies.push(PreparedBody {
             name: body.name.clone(),
             shape: body.shape.convex().ok_or_else(|| {
-                Error::input(format!("bodies[{i}].shape"), "a halfspace", "a bounded shape for a movable body")
+                Error::input(
+                    format!("bodies[{i}].shape"),
+                    "a halfspace",
+                    "a bounded shape for a movable body",
+                )
             })?,
             mass,
             inertia,

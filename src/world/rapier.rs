@@ -159,7 +159,10 @@ impl World {
     }
 
     fn velocities(&self) -> Vec<(Vector, f32)> {
-        self.bodies.iter().map(|h| (self.physics.bodies[*h].linvel(), self.physics.bodies[*h].angvel())).collect()
+        self.bodies
+            .iter()
+            .map(|h| (self.physics.bodies[*h].linvel(), self.physics.bodies[*h].angvel()))
+            .collect()
     }
 
     fn states(&mut self) -> Vec<State> {
@@ -234,8 +237,9 @@ fn collider(shape: &Convex, name: &str) -> Result<ColliderBuilder> {
         [centre] => ColliderBuilder::ball(radius).translation(*centre),
         [a, b] if radius == 0.0 => ColliderBuilder::segment(*a, *b),
         [a, b] => ColliderBuilder::capsule_from_endpoints(*a, *b, radius),
-        _ => ColliderBuilder::convex_polyline(points)
-            .ok_or_else(|| Error::Failed(format!("the shape of {name:?} is too thin for the rapier engine")))?,
+        _ => ColliderBuilder::convex_polyline(points).ok_or_else(|| {
+            Error::Failed(format!("the shape of {name:?} is too thin for the rapier engine"))
+        })?,
     })
 }
 
