@@ -27,8 +27,11 @@
 //! estimator to read a hidden world's latents; threads of our own (rayon for physics, tokio for serving).
 
 pub mod error;
+pub mod explore;
 pub mod json;
 pub mod progress;
+pub mod reality;
+pub mod residual;
 pub mod rng;
 pub mod task;
 pub mod trajectory;

@@ -1,0 +1,148 @@
+//! A hidden world: private latents and effects, observation noise, counted interactions, optional budget.
+
+use rand_distr::{Distribution, Normal};
+use serde::{Deserialize, Serialize};
+
+use super::{Attempt, Reality};
+use crate::error::{Error, Result, within};
+use crate::rng;
+use crate::task::scene::EffectTerm;
+use crate::task::{Family, Placement, Task, ValidAction};
+use crate::trajectory::Trajectory;
+use crate::world::{Engine, Latents, Rollout, effect, simulate};
+
+/// What a hidden world is made of. Whoever makes one knows this; whoever measures it does not.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HiddenConfig {
+    /// True latent factors; `None` leaves the scene's own.
+    #[serde(default)]
+    pub latents: Latents,
+    /// Effects that the simulation does not know of.
+    #[serde(default)]
+    pub effects: Vec<EffectTerm>,
+    /// Engine that plays nature.
+    #[serde(default)]
+    pub engine: Engine,
+    /// Standard deviation of independent normal noise on observed positions after the start, m.
+    #[serde(default)]
+    pub noise: f64,
+    /// Most valid attempts allowed; unlimited if absent.
+    #[serde(default)]
+    pub budget: Option<u64>,
+    /// Seed of the noise.
+    #[serde(default)]
+    pub seed: u64,
+}
+
+/// The truth about a hidden world, for the tables that compare estimates with it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Truth {
+    /// Latent factors.
+    pub latents: Latents,
+    /// Unmodelled effects.
+    pub effects: Vec<EffectTerm>,
+}
+
+/// A world whose latents and effects can be measured but not read.
+pub struct HiddenWorld {
+    config: HiddenConfig,
+    interactions: u64,
+}
+
+/// The standard real world of a family: the paper's latents, with damping 0.8 per second.
+pub fn standard(family: &Family) -> HiddenConfig {
+    let physics = &family.real_physics;
+    HiddenConfig {
+        latents: Latents::of([physics.density, physics.friction, physics.restitution]),
+        effects: vec![effect::damping(physics.damping)],
+        engine: Engine::Auto,
+        noise: 0.0,
+        budget: None,
+        seed: 0,
+    }
+}
+
+impl HiddenWorld {
+    /// A fresh world with nothing spent. Errors name what in `config` is out of range.
+    pub fn new(config: HiddenConfig) -> Result<HiddenWorld> {
+        config.latents.validate()?;
+        within("noise", config.noise, 0.0, 1e3)?;
+        for (i, term) in config.effects.iter().enumerate() {
+            effect::resolve(term, &format!("effects[{i}]"))?;
+        }
+        Ok(HiddenWorld { config, interactions: 0 })
+    }
+
+    /// The same world with `spent` interactions on its counter, for a world that outlives its process.
+    pub fn with_spent(mut self, spent: u64) -> HiddenWorld {
+        self.interactions = spent;
+        self
+    }
+
+    /// Tells the truth. For result tables and oracles only; no estimator takes it.
+    pub fn reveal(&self) -> Truth {
+        Truth { latents: self.config.latents, effects: self.config.effects.clone() }
+    }
+
+    /// Adds the observation noise of interaction number `interaction`; the start is set by the experimenter
+    /// and known exactly.
+    fn observe(&self, trajectory: &mut Trajectory, interaction: u64) {
+        if self.config.noise == 0.0 {
+            return;
+        }
+        let mut stream = rng::stream(rng::derive(self.config.seed, "observation", interaction), "noise");
+        let normal = Normal::new(0.0, self.config.noise).expect("noise is validated to be finite and not negative");
+        for track in &mut trajectory.bodies {
+            for i in 1..track.len() {
+                track.x[i] += normal.sample(&mut stream);
+                track.y[i] += normal.sample(&mut stream);
+            }
+        }
+    }
+}
+
+impl Reality for HiddenWorld {
+    fn measure(&mut self, task: &Task, actions: &[ValidAction]) -> Result<Vec<Attempt>> {
+        let placements: Vec<Placement> = actions.iter().map(|a| task.place(a)).collect();
+        let rollouts: Vec<Rollout> = placements
+            .iter()
+            .filter_map(|p| match p {
+                Placement::Valid(scene) => Some(Rollout {
+                    scene,
+                    latents: self.config.latents,
+                    effects: &self.config.effects,
+                    stop: true,
+                }),
+                Placement::Invalid(_) => None,
+            })
+            .collect();
+        let asked = rollouts.len() as u64;
+        if let Some(limit) = self.config.budget
+            && self.interactions + asked > limit
+        {
+            return Err(Error::Budget { limit, spent: self.interactions, asked });
+        }
+        let mut observed = simulate(&rollouts, self.config.engine)?;
+        for (i, trajectory) in observed.iter_mut().enumerate() {
+            self.observe(trajectory, self.interactions + i as u64);
+        }
+        self.interactions += asked;
+        let mut observed = observed.into_iter();
+        Ok(placements
+            .into_iter()
+            .map(|p| match p {
+                Placement::Valid(scene) => Attempt { placement: Ok(scene), trajectory: observed.next() },
+                Placement::Invalid(reason) => Attempt { placement: Err(reason), trajectory: None },
+            })
+            .collect())
+    }
+
+    fn interactions(&self) -> u64 {
+        self.interactions
+    }
+
+    fn budget(&self) -> Option<u64> {
+        self.config.budget
+    }
+}

@@ -1,0 +1,57 @@
+//! Where measured trials come from: a hidden world, or recorded files.
+//!
+//! Hidden latents and effects are private to this room. An estimator sees a [`Reality`] only through
+//! [`Reality::measure`], and every valid attempt is counted.
+
+mod hidden;
+mod recorded;
+
+pub use hidden::{HiddenConfig, HiddenWorld, Truth, standard};
+pub use recorded::{read_trials, trials_from_csv, trials_to_csv};
+
+use crate::error::Result;
+use crate::task::{Scene, Task, ValidAction};
+use crate::trajectory::Trajectory;
+
+/// A world that can be acted in and observed, at a price.
+pub trait Reality: Send {
+    /// Carries out `actions` on `task` and observes. Invalid actions come back as such, cost nothing and are
+    /// not counted; if the valid ones exceed the budget, nothing is carried out and the error says so.
+    fn measure(&mut self, task: &Task, actions: &[ValidAction]) -> Result<Vec<Attempt>>;
+
+    /// Valid attempts so far.
+    fn interactions(&self) -> u64;
+
+    /// Most valid attempts allowed.
+    fn budget(&self) -> Option<u64>;
+}
+
+/// What became of an action in the real world.
+#[derive(Clone, Debug)]
+pub struct Attempt {
+    /// The scene the action was carried out in, or why it could not be placed.
+    pub placement: std::result::Result<Box<Scene>, String>,
+    /// What was observed; `None` if the action was not valid.
+    pub trajectory: Option<Trajectory>,
+}
+
+/// One measured trial: where it started from and what was observed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Trial {
+    /// Free text.
+    pub name: String,
+    /// Free text; the key into the scene's settings.
+    pub setting: Option<String>,
+    /// The scene as it stood at the start: everything placed.
+    pub scene: Scene,
+    /// What was observed; missing values are NaN.
+    pub observed: Trajectory,
+}
+
+impl Attempt {
+    /// The attempt as a trial, if it was valid.
+    pub fn into_trial(self, name: String) -> Option<Trial> {
+        let scene = *self.placement.ok()?;
+        Some(Trial { name, setting: None, scene, observed: self.trajectory? })
+    }
+}

@@ -1,0 +1,111 @@
+//! How far a simulated trajectory is from an observed one.
+//!
+//! Source: Semage et al., equation 2: the summed squared difference between observed and simulated states,
+//! averaged over trajectories.
+//!
+//! Differences from the source: states are positions (m); angles and velocities are left out, so the residual
+//! is in m^2 and means the same for measured data that have nothing else. Observations missing on either side
+//! do not count.
+
+use crate::trajectory::{End, Track, Trajectory};
+
+/// Residual of a simulation that diverged: larger than any trajectory within a scene can be off, and finite.
+pub const DIVERGED: f64 = 1e12;
+
+/// Sum over bodies and observation times of the squared distance (m^2) between observed and simulated
+/// positions. The simulation is interpolated at the observed times; times after its end do not count.
+pub fn summed_squares(observed: &Trajectory, simulated: &Trajectory) -> f64 {
+    if simulated.outcome.end == End::Diverged {
+        return DIVERGED;
+    }
+    let aligned = observed.times == simulated.times;
+    let mut sum = 0.0;
+    for track in &observed.bodies {
+        let Some(other) = simulated.track(&track.name) else { continue };
+        let mut cursor = 0;
+        for (i, t) in observed.times.iter().enumerate() {
+            let position = if aligned {
+                Some([other.x[i], other.y[i]])
+            } else {
+                position_at(&simulated.times, other, *t, &mut cursor)
+            };
+            let Some([x, y]) = position else { continue };
+            let square = (track.x[i] - x).powi(2) + (track.y[i] - y).powi(2);
+            if square.is_finite() {
+                sum += square;
+            }
+        }
+    }
+    sum
+}
+
+/// Number of observed position pairs in a trajectory.
+pub fn observations(observed: &Trajectory) -> usize {
+    observed.bodies.iter().map(|t| (0..t.len()).filter(|i| t.x[*i].is_finite() && t.y[*i].is_finite()).count()).sum()
+}
+
+/// Position at time `t` by cubic Hermite interpolation between samples; `cursor` remembers the last interval.
+fn position_at(times: &[f64], track: &Track, t: f64, cursor: &mut usize) -> Option<[f64; 2]> {
+    let last = times.len().checked_sub(1)?;
+    // A hair beyond either end is rounding, not extrapolation.
+    if t < times[0] - 1e-9 || t > times[last] + 1e-9 {
+        return None;
+    }
+    while *cursor + 1 < last && times[*cursor + 1] < t {
+        *cursor += 1;
+    }
+    let (i, j) = (*cursor, (*cursor + 1).min(last));
+    let span = times[j] - times[i];
+    if span <= 0.0 {
+        return Some([track.x[i], track.y[i]]);
+    }
+    let s = ((t - times[i]) / span).clamp(0.0, 1.0);
+    let (s2, s3) = (s * s, s * s * s);
+    let blend = |p: [f64; 2], v: [f64; 2]| {
+        (2.0 * s3 - 3.0 * s2 + 1.0) * p[0]
+            + (s3 - 2.0 * s2 + s) * span * v[0]
+            + (3.0 * s2 - 2.0 * s3) * p[1]
+            + (s3 - s2) * span * v[1]
+    };
+    Some([blend([track.x[i], track.x[j]], [track.vx[i], track.vx[j]]), blend([track.y[i], track.y[j]], [track.vy[i], track.vy[j]])])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn falling(times: &[f64]) -> Trajectory {
+        let mut track = Track::with_capacity("ball", times.len());
+        for t in times {
+            track.push([2.0 * t, 10.0 - 4.9 * t * t], 0.0, [2.0, -9.8 * t], 0.0);
+        }
+        Trajectory { times: times.to_vec(), bodies: vec![track], ..Trajectory::default() }
+    }
+
+    #[test]
+    fn free_fall_interpolates_exactly() {
+        // A cubic reproduces a parabola, whatever the sampling.
+        let observed = falling(&[0.0, 0.13, 0.4, 0.77, 1.0]);
+        let simulated = falling(&[0.0, 0.25, 0.5, 0.75, 1.0]);
+        assert!(summed_squares(&observed, &simulated) < 1e-24);
+    }
+
+    #[test]
+    fn shift_counts_once_per_observation_and_gaps_do_not() {
+        let observed = falling(&[0.0, 0.5, 1.0]);
+        let mut shifted = falling(&[0.0, 0.5, 1.0]);
+        shifted.bodies[0].x.iter_mut().for_each(|x| *x += 0.5);
+        assert!((summed_squares(&observed, &shifted) - 0.75).abs() < 1e-12);
+        let mut gappy = observed.clone();
+        gappy.bodies[0].y[1] = f64::NAN;
+        assert!((summed_squares(&gappy, &shifted) - 0.5).abs() < 1e-12);
+        assert_eq!(observations(&gappy), 2);
+    }
+
+    #[test]
+    fn divergence_is_the_worst() {
+        let mut diverged = falling(&[0.0]);
+        diverged.outcome.end = End::Diverged;
+        assert_eq!(summed_squares(&falling(&[0.0, 1.0]), &diverged), DIVERGED);
+    }
+}
