@@ -27,6 +27,8 @@
 //! estimator to read a hidden world's latents; threads of our own (rayon for physics, tokio for serving).
 
 pub mod error;
+pub mod estimate;
+pub mod experiment;
 pub mod explore;
 pub mod json;
 pub mod progress;

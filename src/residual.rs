@@ -41,7 +41,11 @@ pub fn summed_squares(observed: &Trajectory, simulated: &Trajectory) -> f64 {
 
 /// Number of observed position pairs in a trajectory.
 pub fn observations(observed: &Trajectory) -> usize {
-    observed.bodies.iter().map(|t| (0..t.len()).filter(|i| t.x[*i].is_finite() && t.y[*i].is_finite()).count()).sum()
+    observed
+        .bodies
+        .iter()
+        .map(|t| (0..t.len()).filter(|i| t.x[*i].is_finite() && t.y[*i].is_finite()).count())
+        .sum()
 }
 
 /// Position at time `t` by cubic Hermite interpolation between samples; `cursor` remembers the last interval.
@@ -67,7 +71,10 @@ fn position_at(times: &[f64], track: &Track, t: f64, cursor: &mut usize) -> Opti
             + (3.0 * s2 - 2.0 * s3) * p[1]
             + (s3 - s2) * span * v[1]
     };
-    Some([blend([track.x[i], track.x[j]], [track.vx[i], track.vx[j]]), blend([track.y[i], track.y[j]], [track.vy[i], track.vy[j]])])
+    Some([
+        blend([track.x[i], track.x[j]], [track.vx[i], track.vx[j]]),
+        blend([track.y[i], track.y[j]], [track.vy[i], track.vy[j]]),
+    ])
 }
 
 #[cfg(test)]

@@ -17,7 +17,8 @@ use crate::task::{Placement, Scene, Task, ValidAction};
 use crate::world::{Engine, Latents, Rollout, simulate_map};
 
 /// Every known strategy.
-pub static REGISTRY: [&dyn Strategy; 4] = [&collisions::Collisions, &rolling::Rolling, &random::Random, &mixed::Mixed];
+pub static REGISTRY: [&dyn Strategy; 4] =
+    [&collisions::Collisions, &rolling::Rolling, &random::Random, &mixed::Mixed];
 
 /// A way to choose actions from simulated candidates.
 pub trait Strategy: Sync {
@@ -68,11 +69,8 @@ pub fn candidates(
         let rollouts: Vec<Rollout> =
             chunk.iter().map(|(_, _, scene)| Rollout { scene, latents, effects: &[], stop: false }).collect();
         let counts = simulate_map(&rollouts, engine, |_, t| (t.collisions, t.rolling_steps))?;
-        found.extend(chunk.iter().zip(counts).map(|((task, action, _), (collisions, rolling_steps))| Candidate {
-            task: *task,
-            action: action.clone(),
-            collisions,
-            rolling_steps,
+        found.extend(chunk.iter().zip(counts).map(|((task, action, _), (collisions, rolling_steps))| {
+            Candidate { task: *task, action: action.clone(), collisions, rolling_steps }
         }));
     }
     progress.report("exploring in simulation", drawn.len() as u64, drawn.len() as u64)?;
@@ -118,7 +116,8 @@ mod tests {
     use crate::task::action::Discrete;
 
     fn some() -> Vec<Candidate> {
-        let space = ActionSpace { components: vec![], bounds: None, discrete: Discrete::Grid { counts: vec![100] } };
+        let space =
+            ActionSpace { components: vec![], bounds: None, discrete: Discrete::Grid { counts: vec![100] } };
         (0..100)
             .map(|i| Candidate {
                 task: 0,

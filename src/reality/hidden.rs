@@ -92,7 +92,8 @@ impl HiddenWorld {
             return;
         }
         let mut stream = rng::stream(rng::derive(self.config.seed, "observation", interaction), "noise");
-        let normal = Normal::new(0.0, self.config.noise).expect("noise is validated to be finite and not negative");
+        let normal =
+            Normal::new(0.0, self.config.noise).expect("noise is validated to be finite and not negative");
         for track in &mut trajectory.bodies {
             for i in 1..track.len() {
                 track.x[i] += normal.sample(&mut stream);

@@ -3,6 +3,7 @@
 //! Hidden latents and effects are private to this room. An estimator sees a [`Reality`] only through
 //! [`Reality::measure`], and every valid attempt is counted.
 
+pub mod certify;
 mod hidden;
 mod recorded;
 

@@ -59,7 +59,12 @@ pub fn trials_from_csv(text: &str, scene: &Scene) -> Result<Vec<Trial>> {
         let trial = trials.last_mut().expect("a trial was pushed above if there was none");
         if trial.setting != row.setting {
             let allowed = "the same setting in all rows of a trial";
-            return Err(refuse(number, "setting", &format!("{:?}", row.setting.as_deref().unwrap_or("")), allowed));
+            return Err(refuse(
+                number,
+                "setting",
+                &format!("{:?}", row.setting.as_deref().unwrap_or("")),
+                allowed,
+            ));
         }
         add(trial, &row, number)?;
     }
@@ -73,7 +78,8 @@ pub fn trials_from_csv(text: &str, scene: &Scene) -> Result<Vec<Trial>> {
 /// Trials as CSV, with `setting` only if a trial has one; values keep all their digits.
 pub fn trials_to_csv(trials: &[Trial]) -> String {
     let settings = trials.iter().any(|t| t.setting.is_some());
-    let mut out = String::from(if settings { "trial,setting,t,body,x,y,angle\n" } else { "trial,t,body,x,y,angle\n" });
+    let mut out =
+        String::from(if settings { "trial,setting,t,body,x,y,angle\n" } else { "trial,t,body,x,y,angle\n" });
     let cell = |v: f64| if v.is_finite() { v.to_string() } else { String::new() };
     for trial in trials {
         for (i, t) in trial.observed.times.iter().enumerate() {
@@ -104,14 +110,24 @@ impl Columns {
         for (i, cell) in cells.iter().enumerate() {
             let name = cell.trim();
             let Some(k) = known.iter().position(|n| *n == name) else {
-                return Err(refuse(1, "header", &format!("{name:?}"), &format!("columns {}", known.join(", "))));
+                return Err(refuse(
+                    1,
+                    "header",
+                    &format!("{name:?}"),
+                    &format!("columns {}", known.join(", ")),
+                ));
             };
             if at[k].replace(i).is_some() {
                 return Err(refuse(1, "header", &format!("{name:?} twice"), "every column once"));
             }
         }
         if let Some(k) = (0..REQUIRED.len()).find(|k| at[*k].is_none()) {
-            return Err(refuse(1, "header", &format!("without {:?}", REQUIRED[k]), &format!("at least {}", REQUIRED.join(","))));
+            return Err(refuse(
+                1,
+                "header",
+                &format!("without {:?}", REQUIRED[k]),
+                &format!("at least {}", REQUIRED.join(",")),
+            ));
         }
         Ok(Columns { at, count: cells.len() })
     }
@@ -129,7 +145,9 @@ impl Columns {
                 None | Some("") => Ok(f64::NAN),
                 Some(text) => match text.parse::<f64>() {
                     Ok(v) if v.is_finite() && v.abs() <= 1e6 => Ok(v),
-                    _ => Err(refuse(line, name, &format!("{text:?}"), "a number from -1e6 to 1e6, or nothing")),
+                    _ => {
+                        Err(refuse(line, name, &format!("{text:?}"), "a number from -1e6 to 1e6, or nothing"))
+                    }
                 },
             }
         };
@@ -166,7 +184,12 @@ fn add(trial: &mut Trial, row: &Row, line: usize) -> Result<()> {
     let observed = &mut trial.observed;
     let Some(which) = observed.bodies.iter().position(|t| t.name == row.body) else {
         let known = observed.bodies.iter().map(|t| format!("{:?}", t.name)).collect::<Vec<_>>().join(", ");
-        return Err(refuse(line, "body", &format!("{:?}", row.body), &format!("a body of the scene: {known}")));
+        return Err(refuse(
+            line,
+            "body",
+            &format!("{:?}", row.body),
+            &format!("a body of the scene: {known}"),
+        ));
     };
     match observed.times.last() {
         Some(last) if row.t < *last => {
@@ -227,11 +250,19 @@ fn split(line: &str, number: usize) -> Result<Vec<String>> {
             c => cell.push(c),
         }
     }
-    if quoted { Err(refuse(number, "", "an open quote", "quotes closed on the same line")) } else { Ok(cells) }
+    if quoted {
+        Err(refuse(number, "", "an open quote", "quotes closed on the same line"))
+    } else {
+        Ok(cells)
+    }
 }
 
 fn quoted(text: &str) -> String {
-    if text.contains([',', '"', '\n']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_string() }
+    if text.contains([',', '"', '\n']) {
+        format!("\"{}\"", text.replace('"', "\"\""))
+    } else {
+        text.to_string()
+    }
 }
 
 fn refuse(line: usize, field: &str, value: &str, allowed: &str) -> Error {

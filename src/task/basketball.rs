@@ -12,7 +12,7 @@ use rand::seq::SliceRandom;
 
 use super::action::{ActionSpace, Component, Discrete, Quantity};
 use super::scene::{Body, FORMAT, Goal, Scene, Shape, Static};
-use super::{Family, RealPhysics, assemble};
+use super::{Family, RealPhysics, Selection, assemble};
 
 /// The family's row in the registry.
 pub static FAMILY: Family = Family {
@@ -22,6 +22,7 @@ pub static FAMILY: Family = Family {
     candidates,
     split: [15, 5, 5],
     real_physics: RealPhysics { density: 1.0, friction: 0.2, restitution: 0.7, damping: 0.8 },
+    selection: Selection { bins: &[(0.002, 0.10, 25)], in_real_world: true, sample: 4000 },
     prior: [(1.0, 0.5), (0.5, 0.25), (0.5, 0.25)],
 };
 

@@ -14,7 +14,7 @@ use rand::seq::SliceRandom;
 
 use super::action::{ActionSpace, Component, Discrete, Quantity};
 use super::scene::{Body, FORMAT, Goal, Scene, Shape};
-use super::{Family, RealPhysics, assemble};
+use super::{Family, RealPhysics, Selection, assemble};
 
 /// The family's row in the registry.
 pub static FAMILY: Family = Family {
@@ -28,6 +28,12 @@ pub static FAMILY: Family = Family {
         friction: WALL_FRICTION,
         restitution: WALL_RESTITUTION,
         damping: 0.8,
+    },
+    // PHYRE's own hundred tasks of the template: 0.1 to 23 % solve, mean 9.1, median 8.9.
+    selection: Selection {
+        bins: &[(0.001, 0.03, 20), (0.03, 0.07, 20), (0.07, 0.11, 20), (0.11, 0.15, 20), (0.15, 0.23, 20)],
+        in_real_world: false,
+        sample: 2000,
     },
     prior: [(1.0, 0.5), (1.0, 0.5), (0.5, 0.25)],
 };

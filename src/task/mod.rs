@@ -71,8 +71,20 @@ pub struct Family {
     pub split: [usize; 3],
     /// The family's standard real world. Only `reality/` may read it.
     pub real_physics: RealPhysics,
+    /// How tasks are picked among the candidates.
+    pub selection: Selection,
     /// What an estimator may start from: (mean, standard deviation) of density, friction, restitution.
     pub prior: [(f64, f64); 3],
+}
+
+/// Which candidates become tasks: so many within each range of the share of valid actions that solve them.
+pub struct Selection {
+    /// (least share, largest share, number of tasks)
+    pub bins: &'static [(f64, f64, usize)],
+    /// Whether the share is taken in the real world or in the same world without its unmodelled effects.
+    pub in_real_world: bool,
+    /// Valid actions sampled for each share.
+    pub sample: usize,
 }
 
 /// The hidden side of a family's standard real world.

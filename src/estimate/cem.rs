@@ -1,0 +1,192 @@
+//! The cross-entropy method over a multivariate normal distribution of latents.
+//!
+//! Source: Semage et al., algorithm 1 and its experimental settings (1000 samples a round, 200 elites);
+//! Rubinstein and Kroese 2004.
+//!
+//! Differences from the source:
+//! - Samples outside a factor's bounds are moved to the bound.
+//! - The preset `fast` smooths mean and covariance (keeps part of the old), because the plain method collapses
+//!   too soon when parameters trade off, and takes several iterations for each round of measurements.
+//! - The covariance keeps a floor, so that a later round with other trials can still move the estimate.
+
+use nalgebra::{Matrix3, Vector3};
+use rand_distr::{Distribution, StandardNormal};
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result, within};
+use crate::rng::Stream;
+use crate::world::latent::clamp;
+
+/// Knobs of the method.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CemConfig {
+    /// Latent samples per iteration.
+    pub samples: usize,
+    /// How many of the best samples the next distribution is fitted to.
+    pub elites: usize,
+    /// Iterations for each round of measurements.
+    pub iterations: usize,
+    /// Share of the old mean and covariance that is kept, [0, 1).
+    pub smoothing: f64,
+    /// Mean and standard deviation of density, friction and restitution to start from.
+    pub prior: [(f64, f64); 3],
+    /// Standard deviations never shrink below this share of the prior's.
+    pub floor: f64,
+}
+
+/// The state of the search.
+#[derive(Clone, Debug)]
+pub struct Cem {
+    config: CemConfig,
+    mean: Vector3<f64>,
+    covariance: Matrix3<f64>,
+}
+
+impl CemConfig {
+    /// As in the paper: one iteration of 1000 samples and 200 elites a round, no smoothing.
+    pub fn paper(prior: [(f64, f64); 3]) -> CemConfig {
+        CemConfig { samples: 1000, elites: 200, iterations: 1, smoothing: 0.0, prior, floor: 0.0 }
+    }
+
+    /// Fewer simulations for the same accuracy: small smoothed iterations, several a round.
+    pub fn fast(prior: [(f64, f64); 3]) -> CemConfig {
+        CemConfig { samples: 64, elites: 12, iterations: 4, smoothing: 0.3, prior, floor: 0.02 }
+    }
+
+    /// Errors name the knob that is out of range.
+    pub fn validate(&self) -> Result<()> {
+        within("samples", self.samples as f64, 4.0, 100_000.0)?;
+        if !(2..=self.samples).contains(&self.elites) {
+            return Err(Error::input(
+                "elites",
+                self.elites,
+                format!("2 to the number of samples, {}", self.samples),
+            ));
+        }
+        within("iterations", self.iterations as f64, 1.0, 1000.0)?;
+        within("smoothing", self.smoothing, 0.0, 0.99)?;
+        within("floor", self.floor, 0.0, 1.0)?;
+        for (i, (mean, sd)) in self.prior.iter().enumerate() {
+            within(&format!("prior[{i}][0]"), *mean, -1e6, 1e6)?;
+            within(&format!("prior[{i}][1]"), *sd, 1e-9, 1e6)?;
+        }
+        Ok(())
+    }
+}
+
+impl Cem {
+    /// A search that starts from the configured prior.
+    pub fn new(config: CemConfig) -> Result<Cem> {
+        config.validate()?;
+        let mean = Vector3::from_fn(|i, _| config.prior[i].0);
+        let covariance = Matrix3::from_diagonal(&Vector3::from_fn(|i, _| config.prior[i].1.powi(2)));
+        Ok(Cem { config, mean, covariance })
+    }
+
+    /// The next iteration's samples, each (density, friction, restitution) within bounds.
+    pub fn ask(&self, stream: &mut Stream) -> Vec<[f64; 3]> {
+        let root = self.root();
+        (0..self.config.samples)
+            .map(|_| {
+                let z = Vector3::from_fn(|_, _| StandardNormal.sample(stream));
+                let x: Vector3<f64> = self.mean + root * z;
+                clamp([x[0], x[1], x[2]])
+            })
+            .collect()
+    }
+
+    /// Fits the distribution to the samples with the least losses; ties go to the earlier sample.
+    pub fn tell(&mut self, samples: &[[f64; 3]], losses: &[f64]) {
+        let mut order: Vec<usize> = (0..samples.len()).collect();
+        order.sort_by(|a, b| losses[*a].total_cmp(&losses[*b]));
+        order.truncate(self.config.elites);
+        let n = order.len() as f64;
+        let elite = |i: &usize| Vector3::from(samples[*i]);
+        let mean = order.iter().map(elite).sum::<Vector3<f64>>() / n;
+        let scatter =
+            order.iter().map(|i| (elite(i) - mean) * (elite(i) - mean).transpose()).sum::<Matrix3<f64>>();
+        let keep = self.config.smoothing;
+        self.mean = self.mean * keep + mean * (1.0 - keep);
+        self.covariance = self.covariance * keep + scatter / n * (1.0 - keep);
+        for i in 0..3 {
+            let floor = (self.config.floor * self.config.prior[i].1).powi(2);
+            self.covariance[(i, i)] = self.covariance[(i, i)].max(floor);
+        }
+    }
+
+    /// The current estimate, within bounds.
+    pub fn estimate(&self) -> [f64; 3] {
+        clamp([self.mean[0], self.mean[1], self.mean[2]])
+    }
+
+    /// The current standard deviations.
+    pub fn deviations(&self) -> [f64; 3] {
+        std::array::from_fn(|i| self.covariance[(i, i)].max(0.0).sqrt())
+    }
+
+    /// Number of elites.
+    pub fn elites(&self) -> usize {
+        self.config.elites
+    }
+
+    /// A square root of the covariance; the diagonal one if rounding made it indefinite.
+    fn root(&self) -> Matrix3<f64> {
+        let jitter = Matrix3::from_diagonal(&Vector3::from_fn(|i, _| 1e-12 * self.config.prior[i].1.powi(2)));
+        match (self.covariance + jitter).cholesky() {
+            Some(cholesky) => cholesky.l(),
+            None => Matrix3::from_diagonal(&Vector3::from(self.deviations())),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rng;
+
+    fn search(config: CemConfig, loss: impl Fn(&[f64; 3]) -> f64, iterations: usize) -> Cem {
+        let mut cem = Cem::new(config).unwrap();
+        let mut stream = rng::stream(5, "cem");
+        for _ in 0..iterations {
+            let samples = cem.ask(&mut stream);
+            let losses: Vec<f64> = samples.iter().map(&loss).collect();
+            cem.tell(&samples, &losses);
+        }
+        cem
+    }
+
+    const PRIOR: [(f64, f64); 3] = [(1.0, 0.5), (1.0, 0.5), (0.5, 0.25)];
+
+    #[test]
+    fn finds_the_bottom_of_a_tilted_bowl() {
+        let truth = [0.6, 0.4, 0.8];
+        let loss = |x: &[f64; 3]| {
+            let d: [f64; 3] = std::array::from_fn(|i| x[i] - truth[i]);
+            d[0] * d[0] + d[1] * d[1] + 4.0 * d[2] * d[2] + 1.5 * d[0] * d[1]
+        };
+        for (config, iterations) in [(CemConfig::paper(PRIOR), 10), (CemConfig::fast(PRIOR), 24)] {
+            let found = search(config, loss, iterations).estimate();
+            for i in 0..3 {
+                assert!((found[i] - truth[i]).abs() < 0.02 * 2.0, "{found:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn an_idle_direction_stays_wide() {
+        // Density plays no part: its spread must not collapse the way restitution's does.
+        let loss = |x: &[f64; 3]| (x[1] - 0.5).powi(2) + (x[2] - 0.5).powi(2);
+        let found = search(CemConfig::fast(PRIOR), loss, 12);
+        assert!(found.deviations()[0] > 10.0 * found.deviations()[2], "{:?}", found.deviations());
+    }
+
+    #[test]
+    fn samples_stay_in_bounds() {
+        let prior = [(0.01, 5.0), (0.01, 5.0), (0.99, 5.0)];
+        let cem = Cem::new(CemConfig::fast(prior)).unwrap();
+        for s in cem.ask(&mut rng::stream(1, "cem")) {
+            crate::world::Latents::of(s).validate().unwrap();
+        }
+    }
+}
