@@ -213,6 +213,25 @@ pub fn estimate(
     Ok((report, trials))
 }
 
+/// `count` trials of random placeable actions over `tasks`, in a seed's order.
+pub fn random_trials(
+    tasks: &[Task],
+    reality: &mut dyn Reality,
+    count: usize,
+    seed: u64,
+    progress: &dyn Progress,
+) -> Result<Vec<Trial>> {
+    let drawn = explore::draw(tasks, count, &mut rng::stream(seed, "random trials"))?;
+    let mut trials = Vec::with_capacity(count);
+    for (task, action, _) in drawn {
+        progress.report("measuring the real world", trials.len() as u64, count as u64)?;
+        let name = format!("{}/{}", tasks[task].id, trials.len());
+        let attempts = reality.measure(&tasks[task], &[action])?;
+        trials.extend(attempts.into_iter().filter_map(|a| a.into_trial(name.clone())));
+    }
+    Ok(trials)
+}
+
 /// The actions a round spends on the real world.
 fn explore_round(
     tasks: &[Task],

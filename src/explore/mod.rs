@@ -78,7 +78,11 @@ pub fn candidates(
 }
 
 /// Random (task, discrete action) pairs that can be placed; an error if next to none can.
-fn draw(tasks: &[Task], count: usize, stream: &mut Stream) -> Result<Vec<(usize, ValidAction, Box<Scene>)>> {
+pub(crate) fn draw(
+    tasks: &[Task],
+    count: usize,
+    stream: &mut Stream,
+) -> Result<Vec<(usize, ValidAction, Box<Scene>)>> {
     if tasks.is_empty() {
         return Err(Error::Failed("no task to draw actions for".into()));
     }

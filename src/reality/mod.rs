@@ -11,6 +11,7 @@ pub use hidden::{HiddenConfig, HiddenWorld, Truth, standard};
 pub use recorded::{read_trials, trials_from_csv, trials_to_csv};
 
 use crate::error::Result;
+use crate::task::scene::{BodyOverride, Setting, StaticOverride};
 use crate::task::{Scene, Task, ValidAction};
 use crate::trajectory::Trajectory;
 
@@ -55,4 +56,31 @@ impl Attempt {
         let scene = *self.placement.ok()?;
         Some(Trial { name, setting: None, scene, observed: self.trajectory? })
     }
+}
+
+/// What a setting must override to turn `base` into `varied` (the same scene with other things placed): shapes,
+/// places and velocities; never coefficients or masses, which are physics.
+pub fn setting_between(base: &Scene, varied: &Scene) -> Setting {
+    let bodies = varied.bodies.iter().filter_map(|b| {
+        let from = base.body(&b.name)?;
+        let over = BodyOverride {
+            shape: (b.shape != from.shape).then(|| b.shape.clone()),
+            position: b.position.filter(|_| b.position != from.position),
+            angle: (b.angle != from.angle).then_some(b.angle),
+            velocity: (b.velocity != from.velocity).then_some(b.velocity),
+            angular_velocity: (b.angular_velocity != from.angular_velocity).then_some(b.angular_velocity),
+            ..BodyOverride::default()
+        };
+        (over != BodyOverride::default()).then(|| (b.name.clone(), over))
+    });
+    let statics = varied.statics.iter().filter_map(|s| {
+        let from = base.statics.iter().find(|f| f.name == s.name)?;
+        let over = StaticOverride {
+            shape: (s.shape != from.shape).then(|| s.shape.clone()),
+            position: (s.position != from.position).then_some(s.position),
+            angle: (s.angle != from.angle).then_some(s.angle),
+        };
+        (over != StaticOverride::default()).then(|| (s.name.clone(), over))
+    });
+    Setting { bodies: bodies.collect(), statics: statics.collect() }
 }

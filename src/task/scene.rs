@@ -192,22 +192,46 @@ pub struct EffectTerm {
 #[serde(deny_unknown_fields)]
 pub struct Setting {
     /// Overrides by body name.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub bodies: BTreeMap<String, BodyOverride>,
+    /// Overrides by name of a static.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub statics: BTreeMap<String, StaticOverride>,
+}
+
+/// Fields of a static that a setting may override.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct StaticOverride {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shape: Option<Shape>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub position: Option<[f64; 2]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub angle: Option<f64>,
 }
 
 /// Body fields a setting may override.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct BodyOverride {
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub shape: Option<Shape>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub mass: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub density: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub friction: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub restitution: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub position: Option<[f64; 2]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub angle: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub velocity: Option<[f64; 2]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub angular_velocity: Option<f64>,
 }
 
@@ -297,7 +321,17 @@ impl Scene {
             for body in setting.bodies.keys() {
                 self.named(&format!("settings.{name}.bodies"), body, false)?;
             }
+            for fixed in setting.statics.keys().filter(|n| !self.statics.iter().any(|s| s.name == **n)) {
+                let known =
+                    self.statics.iter().map(|s| format!("{:?}", s.name)).collect::<Vec<_>>().join(", ");
+                let field = format!("settings.{name}.statics");
+                return Err(Error::input(field, format!("{fixed:?}"), format!("one of {known}")));
+            }
             let varied = self.in_setting(name)?;
+            for fixed in &varied.statics {
+                let place = format!("settings.{name}.statics.{}", fixed.name);
+                fixed.validate().map_err(|e| e.under(&place))?;
+            }
             for (i, body) in varied.bodies.iter().enumerate() {
                 let place = format!("settings.{name}.bodies.{}", self.bodies[i].name);
                 body.validate().map_err(|e| e.under(&place))?;
@@ -340,6 +374,13 @@ impl Scene {
         for body in &mut scene.bodies {
             if let Some(o) = overrides.bodies.get(&body.name) {
                 o.apply(body);
+            }
+        }
+        for fixed in &mut scene.statics {
+            if let Some(o) = overrides.statics.get(&fixed.name) {
+                fixed.shape = o.shape.clone().unwrap_or_else(|| fixed.shape.clone());
+                fixed.position = o.position.unwrap_or(fixed.position);
+                fixed.angle = o.angle.unwrap_or(fixed.angle);
             }
         }
         Ok(scene)

@@ -1,0 +1,116 @@
+//! `iplw estimate`: the latent factors of a hidden world.
+
+use std::time::Instant;
+
+use iplw::error::{Error, Result};
+use iplw::experiment::{EstimateConfig, EstimateReport, Memory, estimate};
+use iplw::reality::{HiddenWorld, standard};
+use iplw::task::{Split, split};
+use iplw::world::Engine;
+
+use super::{output, parse, tasks_named};
+
+/// Explores in simulation by a strategy, spends the chosen actions on the hidden world, fits the latents by the
+/// cross-entropy method, and repeats.
+#[derive(clap::Args)]
+pub struct Args {
+    /// bowling, basketball, or one task such as bowling:017.
+    #[arg(long, default_value = "bowling")]
+    task: String,
+    /// The hidden world, over the family's own: `damping=0.8,density=..,friction=..,restitution=..,noise=..`.
+    #[arg(long, default_value = "")]
+    real: String,
+    /// collisions, rolling, random or mixed.
+    #[arg(long, default_value = "mixed")]
+    strategy: String,
+    /// `fast`: small smoothed iterations on all trials; `paper`: 1000 samples, 200 elites, once a round.
+    #[arg(long, default_value = "fast")]
+    preset: String,
+    /// Most rounds; the preset's if not given.
+    #[arg(long)]
+    rounds: Option<usize>,
+    /// Real interactions a round; the preset's if not given.
+    #[arg(long)]
+    actions: Option<usize>,
+    /// Most real interactions in all.
+    #[arg(long)]
+    budget: Option<u64>,
+    /// Samples per iteration of the search; the preset's if not given.
+    #[arg(long)]
+    samples: Option<usize>,
+    /// Which trials a round is fitted to: all or last_round; the preset's if not given.
+    #[arg(long)]
+    memory: Option<String>,
+    /// Simulate every sample to the end, to see what dropping hopeless ones saves.
+    #[arg(long)]
+    no_racing: bool,
+    /// Engine of the simulation.
+    #[arg(long, default_value = "auto")]
+    engine: String,
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Print the report as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(args: &Args) -> Result<()> {
+    let (tasks, family) = tasks_named(&args.task)?;
+    let mut config = match args.preset.as_str() {
+        "fast" => EstimateConfig::fast(family.prior),
+        "paper" => EstimateConfig::paper(family.prior),
+        other => return Err(Error::input("--preset", format!("{other:?}"), "fast or paper")),
+    };
+    config.strategy = args.strategy.clone();
+    config.rounds = args.rounds.unwrap_or(config.rounds);
+    config.actions = args.actions.unwrap_or(config.actions);
+    config.candidates = config.candidates.max(config.actions * 10);
+    if let Some(samples) = args.samples {
+        config.cem.elites = (samples * config.cem.elites / config.cem.samples).max(2);
+        config.cem.samples = samples;
+    }
+    config.memory = match args.memory.as_deref() {
+        None => config.memory,
+        Some("all") => Memory::All,
+        Some("last_round") => Memory::LastRound,
+        Some(other) => return Err(Error::input("--memory", format!("{other:?}"), "all or last_round")),
+    };
+    config.racing = !args.no_racing;
+    config.engine = Engine::from_name(&args.engine)?;
+    config.seed = args.seed;
+    config.validate()?;
+    let mut hidden = parse::real(&args.real, standard(family))?;
+    (hidden.budget, hidden.seed) = (args.budget, args.seed);
+    let mut world = HiddenWorld::new(hidden)?;
+    let training = if tasks.len() > 1 { split(&tasks, Split::Train) } else { tasks };
+    let bar = output::Bar::new();
+    let started = Instant::now();
+    let (mut report, _) = estimate(&training, &mut world, &config, &bar)?;
+    report.seconds = Some(started.elapsed().as_secs_f64());
+    bar.clear();
+    if args.json {
+        let text = serde_json::to_string_pretty(&report).map_err(|e| Error::Failed(e.to_string()))?;
+        return output::print(&(text + "\n"));
+    }
+    output::print(&table(&report))
+}
+
+/// The report for people.
+fn table(report: &EstimateReport) -> String {
+    let mut text = String::from("latent         estimate   95 % interval\n");
+    for l in &report.latents {
+        let interval = match l.ci95 {
+            [Some(low), Some(high)] if l.identifiable => format!("{low:.3} to {high:.3}"),
+            _ => "cannot be identified from such trials".to_string(),
+        };
+        text += &format!("{:<13} {:>9.3}   {interval}\n", l.name, l.value);
+    }
+    text += &format!(
+        "{} real interactions, {} simulated rollouts, {:.1} s; ended: {:?}\n",
+        report.real_interactions,
+        report.rollouts,
+        report.seconds.unwrap_or_default(),
+        report.stopped
+    );
+    text
+}

@@ -1,0 +1,83 @@
+//! Commands, their shared options, and what they print.
+
+mod estimate;
+mod measure;
+mod output;
+mod parse;
+mod rollout;
+mod tasks;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+use iplw::error::{Error, Result};
+
+/// Worlds to act in, latent factors to estimate, policies to transfer.
+///
+/// Start with `iplw run`: a hidden world, its latents estimated, a policy trained in the grounded simulation
+/// and transferred. `iplw serve` puts the same worlds behind HTTP.
+#[derive(Parser)]
+#[command(name = "iplw", version, max_term_width = 110)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Roll scenes out: one scene a line in, one result a line out.
+    Rollout(rollout::Args),
+    /// List tasks, splits and action spaces.
+    Tasks(tasks::Args),
+    /// Measure trials in a hidden world: writes scene.json and trials.csv.
+    Measure(measure::Args),
+    /// Estimate the latent factors of a hidden real world.
+    Estimate(estimate::Args),
+}
+
+/// Parses the command line, runs the command, turns errors into exit codes.
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let done = match cli.command {
+        Command::Rollout(args) => rollout::run(&args),
+        Command::Tasks(args) => tasks::run(&args),
+        Command::Measure(args) => measure::run(&args),
+        Command::Estimate(args) => estimate::run(&args),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("iplw: {error}");
+            ExitCode::from(exit_code(&error))
+        }
+    }
+}
+
+/// 2 for what the user can put right in the input, 1 for the rest.
+fn exit_code(error: &Error) -> u8 {
+    match error {
+        Error::Input(_) | Error::NotFound { .. } | Error::Refused { .. } => 2,
+        Error::Io { .. }
+        | Error::Budget { .. }
+        | Error::Capacity { .. }
+        | Error::Cancelled
+        | Error::Failed(_) => 1,
+    }
+}
+
+/// Tasks of a family, or the single task `family:number`.
+fn tasks_named(name: &str) -> Result<(Vec<iplw::task::Task>, &'static iplw::task::Family)> {
+    let family = iplw::task::family(name.split(':').next().unwrap_or(name))?;
+    let all = (family.tasks)();
+    if name == family.name {
+        return Ok((all, family));
+    }
+    match all.into_iter().find(|t| t.id == name) {
+        Some(task) => Ok((vec![task], family)),
+        None => Err(Error::NotFound {
+            kind: "task",
+            id: name.into(),
+            known: vec![format!("{}:000 and on", family.name)],
+        }),
+    }
+}

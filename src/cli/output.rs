@@ -1,0 +1,82 @@
+//! Writing files whole or not at all, and progress on a terminal.
+
+use std::io::Write;
+use std::path::Path;
+use std::sync::Mutex;
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use iplw::error::{Error, Result};
+use iplw::progress::Progress;
+
+/// Writes a file by way of a temporary one beside it, so that a reader sees the old or the new, never a half.
+pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
+    if let Some(parent) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
+        std::fs::create_dir_all(parent).map_err(|e| Error::io(parent, e))?;
+    }
+    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let beside = path.with_file_name(format!(".{name}.{}.part", std::process::id()));
+    let written = std::fs::File::create(&beside)
+        .and_then(|mut file| file.write_all(bytes).and_then(|()| file.sync_all()))
+        .and_then(|()| std::fs::rename(&beside, path));
+    if written.is_err() {
+        let _ = std::fs::remove_file(&beside);
+    }
+    written.map_err(|e| Error::io(path, e))
+}
+
+/// Writes to standard output; a reader that went away (`| head`) is no error.
+pub fn print(text: &str) -> Result<()> {
+    let mut out = std::io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(Error::Io { path: "standard output".into(), message: e.to_string() })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// A bar on stderr when it is a terminal, a line per stage otherwise.
+pub struct Bar {
+    bar: ProgressBar,
+    stage: Mutex<String>,
+    plain: bool,
+}
+
+impl Bar {
+    /// A bar that shows itself once there is something to tell.
+    pub fn new() -> Bar {
+        let plain = !std::io::IsTerminal::is_terminal(&std::io::stderr());
+        let bar = ProgressBar::with_draw_target(Some(1), ProgressDrawTarget::stderr_with_hz(8));
+        let style = ProgressStyle::with_template("  {wide_msg} {bar:24} {percent:>3}% {elapsed} left {eta}")
+            .expect("the template is a constant that parses");
+        bar.set_style(style);
+        bar.enable_steady_tick(Duration::from_millis(250));
+        if plain {
+            bar.set_draw_target(ProgressDrawTarget::hidden());
+        }
+        Bar { bar, stage: Mutex::new(String::new()), plain }
+    }
+
+    /// Takes the bar away.
+    pub fn clear(&self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+impl Progress for Bar {
+    fn report(&self, stage: &str, done: u64, total: u64) -> Result<()> {
+        let mut current = self.stage.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        if *current != stage {
+            *current = stage.to_string();
+            if self.plain {
+                eprintln!("  {stage}");
+            }
+            self.bar.reset();
+            self.bar.set_message(stage.to_string());
+        }
+        self.bar.set_length(total.max(1));
+        self.bar.set_position(done);
+        Ok(())
+    }
+}

@@ -1,0 +1,65 @@
+//! Small languages of the command line: `linear_drag:c=0.223`, `damping=0.8,friction=0.5`.
+
+use std::collections::BTreeMap;
+
+use iplw::error::{Error, Result};
+use iplw::task::scene::EffectTerm;
+use iplw::world::{Engine, effect};
+
+/// `name:parameter=value,...` as an effect.
+pub fn effect(text: &str) -> Result<EffectTerm> {
+    let (name, rest) = text.split_once(':').unwrap_or((text, ""));
+    let parameters = pairs("--effect", rest)?
+        .into_iter()
+        .map(|(k, v)| Ok((k.clone(), number(&format!("--effect {name}:{k}"), &v)?)))
+        .collect::<Result<BTreeMap<_, _>>>()?;
+    let term = EffectTerm { name: name.to_string(), parameters };
+    effect::resolve(&term, "--effect")?;
+    Ok(term)
+}
+
+/// What `--real` says of a hidden world, laid over a base.
+pub fn real(text: &str, base: iplw::reality::HiddenConfig) -> Result<iplw::reality::HiddenConfig> {
+    let mut config = base;
+    for (key, value) in pairs("--real", text)? {
+        let field = format!("--real {key}");
+        match key.as_str() {
+            "damping" => {
+                let kept = number(&field, &value)?;
+                if !(kept > 0.0 && kept <= 1.0) {
+                    return Err(Error::input(field, kept, "a kept share of velocity per second in (0, 1]"));
+                }
+                config.effects = if kept < 1.0 { vec![effect::damping(kept)] } else { Vec::new() };
+            }
+            "density" | "mass" => config.latents.density = Some(number(&field, &value)?),
+            "friction" => config.latents.friction = Some(number(&field, &value)?),
+            "restitution" => config.latents.restitution = Some(number(&field, &value)?),
+            "noise" => config.noise = number(&field, &value)?,
+            "engine" => config.engine = Engine::from_name(&value)?,
+            _ => {
+                let allowed = "damping, density, friction, restitution, noise, engine";
+                return Err(Error::input("--real", format!("{key:?}"), allowed));
+            }
+        }
+    }
+    config.latents.validate()?;
+    Ok(config)
+}
+
+fn pairs(option: &str, text: &str) -> Result<Vec<(String, String)>> {
+    text.split(',')
+        .map(str::trim)
+        .filter(|part| !part.is_empty())
+        .map(|part| match part.split_once('=') {
+            Some((k, v)) => Ok((k.trim().to_string(), v.trim().to_string())),
+            None => Err(Error::input(option, format!("{part:?}"), "name=value, separated by commas")),
+        })
+        .collect()
+}
+
+fn number(field: &str, text: &str) -> Result<f64> {
+    match text.parse::<f64>() {
+        Ok(v) if v.is_finite() => Ok(v),
+        _ => Err(Error::input(field, format!("{text:?}"), "a finite number")),
+    }
+}

@@ -1,0 +1,96 @@
+//! `iplw tasks`: what there is to do.
+
+use iplw::error::{Error, Result};
+use iplw::reality::certify::certify;
+use iplw::task::{FAMILIES, Family, Split, family};
+use serde_json::{Value, json};
+
+use super::output;
+
+/// Without a name, every family; with one, its tasks.
+#[derive(clap::Args)]
+pub struct Args {
+    /// bowling or basketball.
+    name: Option<String>,
+    /// Print JSON: tasks with scenes and certificates, splits, action space.
+    #[arg(long)]
+    json: bool,
+    /// Search the family's tasks anew and print their certificates (takes minutes).
+    #[arg(long)]
+    certify: bool,
+    /// Seed of that search.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+}
+
+pub fn run(args: &Args) -> Result<()> {
+    let families: Vec<&Family> = match &args.name {
+        Some(name) => vec![family(name)?],
+        None => FAMILIES.to_vec(),
+    };
+    if args.certify {
+        let [family] = families.as_slice() else {
+            return Err(Error::input("name", "missing", "one family to certify: bowling or basketball"));
+        };
+        let bar = output::Bar::new();
+        let rows = certify(family, args.seed, &bar)?;
+        bar.clear();
+        let lines: Vec<String> = rows.iter().map(|r| json!(r).to_string()).collect();
+        return output::print(&format!("[\n{}\n]\n", lines.join(",\n")));
+    }
+    if args.json {
+        let all: Vec<Value> = families.iter().map(|f| describe(f)).collect();
+        let document = if args.name.is_some() { all[0].clone() } else { json!({"families": all}) };
+        return output::print(&format!("{document:#}\n"));
+    }
+    let mut text = String::new();
+    for f in families {
+        let tasks = (f.tasks)();
+        let count = |s: Split| tasks.iter().filter(|t| t.split == s).count();
+        let (train, validation, test) = (count(Split::Train), count(Split::Validation), count(Split::Test));
+        text += &format!("{}: {}\n", f.name, f.about);
+        text += &format!("  {} tasks: {train} train, {validation} validation, {test} test\n", tasks.len());
+        if let Some(task) = tasks.first() {
+            text += &format!("  {} discrete actions; components:\n", task.actions().count());
+            for c in &task.actions().components {
+                let set = format!("{:?}", c.set).to_lowercase();
+                text += &format!("    {}.{set} from {:.3} to {:.3}\n", c.target, c.low, c.high);
+            }
+        }
+        if args.name.is_some() {
+            text += "  task            split       solving share (real, undamped)\n";
+            for t in &tasks {
+                let shares = t.certificate.as_ref().map_or((f64::NAN, f64::NAN), |c| {
+                    (100.0 * c.solving_share, 100.0 * c.solving_share_undamped)
+                });
+                text += &format!(
+                    "  {:<15} {:<11} {:5.1} %  {:5.1} %\n",
+                    t.id,
+                    t.split.name(),
+                    shares.0,
+                    shares.1
+                );
+            }
+        }
+    }
+    output::print(&text)
+}
+
+fn describe(family: &Family) -> Value {
+    let tasks = (family.tasks)();
+    let ids = |s: Split| tasks.iter().filter(|t| t.split == s).map(|t| t.id.clone()).collect::<Vec<_>>();
+    json!({
+        "name": family.name,
+        "about": family.about,
+        "splits": {"train": ids(Split::Train), "validation": ids(Split::Validation), "test": ids(Split::Test)},
+        "action_space": tasks.first().map(|t| json!({
+            "dimension": t.actions().dimension(),
+            "count": t.actions().count(),
+            "components": t.actions().components,
+            "discrete": t.actions().discrete,
+        })),
+        "tasks": tasks.iter().map(|t| json!({
+            "id": t.id, "split": t.split, "scene": t.scene, "certificate": t.certificate,
+        })).collect::<Vec<_>>(),
+    })
+}
