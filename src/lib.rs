@@ -31,6 +31,7 @@ pub mod estimate;
 pub mod experiment;
 pub mod explore;
 pub mod json;
+pub mod picture;
 pub mod progress;
 pub mod reality;
 pub mod residual;

@@ -1,0 +1,359 @@
+//! A trajectory as pictures: a strip of frames, one picture with trails, a film that plays in real time.
+//!
+//! Between two samples a body is drawn where its sampled velocities and the scene's gravity say it was: one
+//! parabola if both ends agree on it, two that meet where it bounced, and a straight line where neither holds
+//! (or no velocity was measured). The samples themselves are always met exactly.
+
+use std::fmt::Write;
+
+use super::scene::{Look, Style, View, body_colour, document, draw_body, draw_statics, scene_svg, title};
+use super::svg::{decimals, px};
+use crate::task::Scene;
+use crate::trajectory::{Track, Trajectory};
+
+/// Up to `style.frames` moments in a grid, each with the trails that led to it. Moments are spread evenly
+/// over a mean of time and distance travelled, so that a long rest does not fill the strip.
+pub fn filmstrip_svg(scene: &Scene, trajectory: &Trajectory, style: &Style) -> String {
+    if trajectory.times.is_empty() {
+        return scene_svg(scene, style);
+    }
+    let moments = moments(trajectory, style.frames.clamp(1, 64));
+    let width = f64::from(style.width.clamp(16, 4096));
+    let columns = moments.len().clamp(1, 4);
+    let rows = moments.len().div_ceil(columns).max(1);
+    let gap = (width * 0.008).max(1.0);
+    let view = View::new(scene, Some(trajectory), (width - gap * (columns as f64 - 1.0)) / columns as f64);
+    let caption = (view.width * 0.075).clamp(8.0, 18.0);
+    let (tall, line) = (view.height + caption * 1.5, view.pen(1.0));
+    let paths = paths(scene, trajectory);
+
+    let mut body = String::new();
+    for (k, sample) in moments.iter().enumerate() {
+        let (x, y) = ((k % columns) as f64 * (view.width + gap), (k / columns) as f64 * (tall + gap));
+        let (w, h) = (px(view.width), px(view.height));
+        // A nested <svg> cuts off what lies outside the frame, without ids that could clash.
+        let _ = writeln!(
+            body,
+            "<svg x=\"{}\" y=\"{}\" width=\"{w}\" height=\"{h}\" viewBox=\"0 0 {w} {h}\">",
+            px(x),
+            px(y)
+        );
+        draw_statics(&mut body, scene, &view);
+        for (i, path) in paths.iter().enumerate() {
+            draw_trail(&mut body, scene, i, path, trajectory.times[*sample], &view);
+        }
+        for i in 0..scene.bodies.len() {
+            if let Some((p, angle)) = state(scene, trajectory, i, *sample) {
+                draw_body(&mut body, scene, i, p, angle, &view, Look::Solid);
+            }
+        }
+        let _ = writeln!(
+            body,
+            "<rect width=\"{w}\" height=\"{h}\" fill=\"none\" stroke=\"#C5CAD0\" stroke-width=\"{}\"/></svg>\n\
+             <text x=\"{}\" y=\"{}\" text-anchor=\"middle\" font-family=\"sans-serif\" font-size=\"{}\" \
+             fill=\"#333333\">{} s</text>",
+            px(line),
+            px(x + view.width / 2.0),
+            px(y + view.height + caption * 1.15),
+            px(caption),
+            decimals(trajectory.times[*sample], 2)
+        );
+    }
+    let height = rows as f64 * tall + (rows as f64 - 1.0) * gap;
+    document(width, height, &title(scene), &body)
+}
+
+/// One picture: outlines at the start, trails, bodies at the end.
+pub fn trails_svg(scene: &Scene, trajectory: &Trajectory, style: &Style) -> String {
+    if trajectory.times.is_empty() {
+        return scene_svg(scene, style);
+    }
+    let view = View::new(scene, Some(trajectory), f64::from(style.width.clamp(16, 4096)));
+    let mut body = String::new();
+    draw_statics(&mut body, scene, &view);
+    let last = trajectory.times.len().saturating_sub(1);
+    for (sample, look) in [(0, Look::Ghost), (last, Look::Solid)] {
+        for (i, path) in paths(scene, trajectory).iter().enumerate() {
+            if look == Look::Solid {
+                draw_trail(&mut body, scene, i, path, f64::INFINITY, &view);
+            }
+        }
+        for i in 0..scene.bodies.len() {
+            if let Some((p, angle)) = state(scene, trajectory, i, sample) {
+                draw_body(&mut body, scene, i, p, angle, &view, look);
+            }
+        }
+    }
+    document(view.width, view.height, &title(scene), &body)
+}
+
+/// A film that plays in real time in any browser (SMIL), rests for a second at the end, and starts over.
+/// Where films do not play (PNG), it shows the start.
+pub fn animation_svg(scene: &Scene, trajectory: &Trajectory, style: &Style) -> String {
+    let view = View::new(scene, Some(trajectory), f64::from(style.width.clamp(16, 4096)));
+    let mut body = String::new();
+    draw_statics(&mut body, scene, &view);
+    let start = trajectory.times.first().copied().unwrap_or(0.0);
+    let length = trajectory.times.last().copied().unwrap_or(0.0) - start;
+    let whole = length + REST;
+    let paths = paths(scene, trajectory);
+    for i in 0..scene.bodies.len() {
+        let Some(path) = paths.get(i).filter(|p| !p.is_empty()) else {
+            if let Some(p) = scene.bodies[i].position {
+                draw_body(&mut body, scene, i, p, scene.bodies[i].angle, &view, Look::Solid);
+            }
+            continue;
+        };
+        let first = path[0];
+        let origin = view.at([0.0, 0.0]);
+        let mut shape = String::new();
+        draw_body(&mut shape, scene, i, [0.0, 0.0], 0.0, &view, Look::Solid);
+        // Drawn about the world's origin, shifted to the picture's corner, turned, and carried along.
+        let carried = |k: &Knot| {
+            let p = view.at(k.at);
+            format!("{} {}", px(p[0]), px(p[1]))
+        };
+        let turned = |k: &Knot| decimals(-k.angle.to_degrees(), 1);
+        let (ct, cv) = frames(path, &|k| (k.t - start) / whole, &carried);
+        let (rt, rv) = frames(path, &|k| (k.t - start) / whole, &turned);
+        let _ = writeln!(
+            body,
+            "<g transform=\"translate({c})\">\n<animateTransform attributeName=\"transform\" \
+             type=\"translate\" dur=\"{d}s\" repeatCount=\"indefinite\" keyTimes=\"{ct}\" values=\"{cv}\"/>\n\
+             <g transform=\"rotate({r})\">\n<animateTransform attributeName=\"transform\" type=\"rotate\" \
+             dur=\"{d}s\" repeatCount=\"indefinite\" keyTimes=\"{rt}\" values=\"{rv}\"/>\n\
+             <g transform=\"translate({ox} {oy})\">\n{shape}</g></g></g>",
+            c = carried(&first),
+            r = turned(&first),
+            d = decimals(whole, 4),
+            ox = px(-origin[0]),
+            oy = px(-origin[1]),
+        );
+    }
+    document(view.width, view.height, &title(scene), &body)
+}
+
+/// `keyTimes` (shares of the film, from 0 to 1) and `values` of a path; what stands still is said once.
+fn frames(path: &[Knot], share: &dyn Fn(&Knot) -> f64, value: &dyn Fn(&Knot) -> String) -> (String, String) {
+    let mut keys: Vec<(f64, String)> = path.iter().map(|k| (share(k).clamp(0.0, 1.0), value(k))).collect();
+    if let (Some(first), Some(last)) = (keys.first().cloned(), keys.last().cloned()) {
+        if first.0 > 0.0 {
+            keys.insert(0, (0.0, first.1));
+        }
+        keys.push((1.0, last.1));
+    }
+    let needed =
+        |i: usize| i == 0 || i + 1 >= keys.len() || keys[i].1 != keys[i - 1].1 || keys[i].1 != keys[i + 1].1;
+    let kept: Vec<usize> = (0..keys.len()).filter(|i| needed(*i)).collect();
+    let join = |write: &dyn Fn(usize) -> String| kept.iter().map(|i| write(*i)).collect::<Vec<_>>().join(";");
+    (join(&|i| decimals(keys[i].0, 5)), join(&|i| keys[i].1.clone()))
+}
+
+/// How long a film rests at its end, s.
+const REST: f64 = 1.0;
+/// Longest time between two drawn points of a moving body, s.
+const FINE: f64 = 1.0 / 30.0;
+
+/// A drawn point of a body's path.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Knot {
+    t: f64,
+    at: [f64; 2],
+    angle: f64,
+    /// Whether nothing is known about the way from the knot before.
+    jump: bool,
+}
+
+/// One path for each body of the scene; empty where nothing was seen of it.
+fn paths(scene: &Scene, trajectory: &Trajectory) -> Vec<Vec<Knot>> {
+    let find = |name: &str| trajectory.track(name);
+    scene
+        .bodies
+        .iter()
+        .map(|b| find(&b.name).map_or(Vec::new(), |t| path(t, &trajectory.times, scene.gravity, b.angle)))
+        .collect()
+}
+
+fn path(track: &Track, times: &[f64], gravity: [f64; 2], rest_angle: f64) -> Vec<Knot> {
+    let mut knots: Vec<Knot> = Vec::new();
+    let mut last: Option<usize> = None;
+    for i in 0..times.len().min(track.x.len()).min(track.y.len()) {
+        let at = [track.x[i], track.y[i]];
+        if !(times[i].is_finite() && at[0].is_finite() && at[1].is_finite()) {
+            continue;
+        }
+        let seen_angle = track.angle.get(i).copied().filter(|a| a.is_finite());
+        let angle = seen_angle.unwrap_or_else(|| knots.last().map_or(rest_angle, |k| k.angle));
+        let here = Knot { t: times[i], at, angle, jump: last.is_some_and(|l| l + 1 != i) };
+        if let (Some(before), Some(l)) = (knots.last().copied(), last)
+            && !here.jump
+            && here.t > before.t
+        {
+            between(&mut knots, before, here, velocity(track, l), velocity(track, i), gravity);
+        }
+        if knots.last().is_none_or(|k| here.t > k.t) {
+            knots.push(here);
+        }
+        last = Some(i);
+    }
+    knots
+}
+
+fn velocity(track: &Track, i: usize) -> Option<[f64; 2]> {
+    let v = [*track.vx.get(i)?, *track.vy.get(i)?];
+    v.iter().all(|c| c.is_finite()).then_some(v)
+}
+
+/// Adds the points between two samples (neither of them included).
+fn between(
+    knots: &mut Vec<Knot>,
+    a: Knot,
+    b: Knot,
+    va: Option<[f64; 2]>,
+    vb: Option<[f64; 2]>,
+    gravity: [f64; 2],
+) {
+    let (Some(va), Some(vb)) = (va, vb) else { return };
+    let dt = b.t - a.t;
+    let pieces = ((dt / FINE).ceil() as usize).clamp(1, 60);
+    let chord = length(sub(b.at, a.at));
+    let step = |k: usize| dt * k as f64 / pieces as f64;
+    // The mean of both velocities covers the way exactly if acceleration was constant.
+    let mean = [(va[0] + vb[0]) / 2.0 * dt, (va[1] + vb[1]) / 2.0 * dt];
+    let way = (length(va) + length(vb)) / 2.0 * dt;
+    let smooth = length(sub(mean, sub(b.at, a.at))) <= 0.05 * way + 1e-9;
+    let forth = |t: f64| [0, 1].map(|d| a.at[d] + va[d] * t + gravity[d] * t * t / 2.0);
+    let back = |t: f64| {
+        let r = dt - t;
+        [0, 1].map(|d| b.at[d] - vb[d] * r + gravity[d] * r * r / 2.0)
+    };
+    let place: Box<dyn Fn(f64) -> [f64; 2]> = if smooth {
+        Box::new(move |t| hermite(a.at, va, b.at, vb, t / dt, dt))
+    } else {
+        let apart = |t: f64| length(sub(forth(t), back(t)));
+        let meet =
+            (0..=128).map(|k| dt * f64::from(k) / 128.0).min_by(|s, t| apart(*s).total_cmp(&apart(*t)));
+        match meet {
+            Some(meet) if apart(meet) <= 0.1 * way.max(chord) => {
+                // The small gap where both meet is shared out along the way.
+                let miss = sub(back(meet), forth(meet));
+                let blend = move |t: f64| {
+                    if t <= meet {
+                        let share = if meet > 0.0 { 0.5 * t / meet } else { 0.0 };
+                        let p = forth(t);
+                        [p[0] + miss[0] * share, p[1] + miss[1] * share]
+                    } else {
+                        let share = 0.5 * (dt - t) / (dt - meet);
+                        let p = back(t);
+                        [p[0] - miss[0] * share, p[1] - miss[1] * share]
+                    }
+                };
+                let turn = |t: f64| a.angle + (b.angle - a.angle) * t / dt;
+                let mut all: Vec<f64> = (1..pieces).map(step).collect();
+                all.push(meet);
+                all.sort_by(f64::total_cmp);
+                all.retain(|t| *t > 0.0 && *t < dt);
+                all.dedup();
+                knots.extend(all.iter().map(|t| Knot {
+                    t: a.t + t,
+                    at: blend(*t),
+                    angle: turn(*t),
+                    jump: false,
+                }));
+                return;
+            }
+            _ => return,
+        }
+    };
+    for k in 1..pieces {
+        let t = step(k);
+        let angle = a.angle + (b.angle - a.angle) * t / dt;
+        knots.push(Knot { t: a.t + t, at: place(t), angle, jump: false });
+    }
+}
+
+/// The cubic through two points with given velocities, at share `s` of the time `dt` between them.
+fn hermite(a: [f64; 2], va: [f64; 2], b: [f64; 2], vb: [f64; 2], s: f64, dt: f64) -> [f64; 2] {
+    let (s2, s3) = (s * s, s * s * s);
+    [0, 1].map(|d| {
+        (2.0 * s3 - 3.0 * s2 + 1.0) * a[d]
+            + (s3 - 2.0 * s2 + s) * dt * va[d]
+            + (3.0 * s2 - 2.0 * s3) * b[d]
+            + (s3 - s2) * dt * vb[d]
+    })
+}
+
+/// The path of body `index` up to time `until`, fading nowhere: a thin line of its colour.
+fn draw_trail(out: &mut String, scene: &Scene, index: usize, path: &[Knot], until: f64, view: &View) {
+    let (mut d, mut last) = (String::new(), String::new());
+    for k in path.iter().take_while(|k| k.t <= until + 1e-9) {
+        let p = view.at(k.at);
+        let here = format!("{} {}", px(p[0]), px(p[1]));
+        if here != last || k.jump {
+            let _ = write!(d, "{}{here}", if d.is_empty() || k.jump { "M" } else { "L" });
+            last = here;
+        }
+    }
+    if d.contains('L') {
+        let _ = writeln!(
+            out,
+            "<path d=\"{d}\" fill=\"none\" stroke=\"{}\" stroke-opacity=\"0.6\" stroke-width=\"{}\" \
+             stroke-linejoin=\"round\" stroke-linecap=\"round\"/>",
+            body_colour(scene, index),
+            px(view.pen(1.8))
+        );
+    }
+}
+
+/// Where body `index` was at `sample`, m and rad: as seen, or as the scene has it if it has no track.
+fn state(scene: &Scene, trajectory: &Trajectory, index: usize, sample: usize) -> Option<([f64; 2], f64)> {
+    let body = &scene.bodies[index];
+    let Some(track) = trajectory.track(&body.name) else {
+        return Some((body.position?, body.angle));
+    };
+    let p = [*track.x.get(sample)?, *track.y.get(sample)?];
+    let angle = track.angle.get(sample).copied().filter(|a| a.is_finite()).unwrap_or(body.angle);
+    p.iter().all(|v| v.is_finite()).then_some((p, angle))
+}
+
+/// Indices of at most `n` samples, first and last included.
+fn moments(trajectory: &Trajectory, n: usize) -> Vec<usize> {
+    let count = trajectory.times.len();
+    if count <= n || n < 2 {
+        return (0..count.min(n)).collect();
+    }
+    let span = trajectory.times[count - 1] - trajectory.times[0];
+    let travelled = |i: usize| -> f64 {
+        let ways = trajectory.bodies.iter().filter_map(|t| {
+            let d = [t.x.get(i)? - t.x.get(i - 1)?, t.y.get(i)? - t.y.get(i - 1)?];
+            Some(length(d)).filter(|l| l.is_finite())
+        });
+        ways.sum()
+    };
+    let mut way = vec![0.0; count];
+    for i in 1..count {
+        way[i] = way[i - 1] + travelled(i);
+    }
+    let progress = |i: usize| {
+        let time = (trajectory.times[i] - trajectory.times[0]) / span.max(f64::MIN_POSITIVE);
+        let distance = if way[count - 1] > 0.0 { way[i] / way[count - 1] } else { time };
+        (time + distance) / 2.0
+    };
+    let mut chosen = vec![0];
+    for k in 1..n {
+        let wanted = k as f64 / (n - 1) as f64;
+        let least = chosen[chosen.len() - 1] + 1;
+        let most = count - (n - k);
+        let best = (least..=most)
+            .min_by(|a, b| (progress(*a) - wanted).abs().total_cmp(&(progress(*b) - wanted).abs()));
+        chosen.extend(best);
+    }
+    chosen
+}
+
+fn sub(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
+    [a[0] - b[0], a[1] - b[1]]
+}
+fn length(v: [f64; 2]) -> f64 {
+    (v[0] * v[0] + v[1] * v[1]).sqrt()
+}

@@ -1,0 +1,22 @@
+//! Scenes, films and plots as SVG and PNG, and the self-contained HTML report.
+//!
+//! Data in, strings out: the same data gives the same bytes on every machine. Names come from users, so every
+//! text is escaped. Pictures of scenes hold no text unless [`Style::names`] asks for it, since PNG is drawn
+//! without fonts.
+//!
+//! [`scene_svg`] draws a scene, [`filmstrip_svg`], [`trails_svg`] and [`animation_svg`] a trajectory in it,
+//! [`plot`] draws numbers, [`svg_to_png`] makes pixels of any of them, and [`Report`] binds them into a page.
+
+pub mod film;
+pub mod plot;
+pub mod png;
+pub mod report;
+pub mod scene;
+mod svg;
+
+pub use film::{animation_svg, filmstrip_svg, trails_svg};
+pub use png::{svg_to_png, svg_to_rgb};
+
+pub use report::{Block, Report, Section};
+pub use scene::{Style, scene_svg};
+pub use svg::{colour, escape};

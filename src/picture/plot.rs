@@ -1,0 +1,534 @@
+//! Plots as SVG, by plotters: lines with bands, bars, points, heat maps; readable on white, colours of Okabe
+//! and Ito (2008) and a heat scale that is safe for the colour-blind too.
+//!
+//! Points that are not finite are left out; a plot without any says so. The same data gives the same bytes:
+//! text is placed by counting characters, never by asking which fonts a machine has.
+
+use plotters::coord::Shift;
+use plotters::coord::types::RangedCoordf64;
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+
+use super::svg::{PALETTE, channels, decimals, escape};
+
+/// One line or cloud of points.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Series {
+    /// Shown in the legend.
+    pub name: String,
+    /// (x, y) in the units of the axes.
+    pub points: Vec<(f64, f64)>,
+    /// (low, high) around each point's y, say a 95 % interval; one for each point.
+    pub band: Option<Vec<(f64, f64)>>,
+}
+
+/// Bars that stand together under one label.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Group {
+    /// Shown under the bars.
+    pub name: String,
+    /// One bar for each entry; entries of the same name have the same colour in all groups.
+    pub bars: Vec<Bar>,
+}
+
+/// One bar.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Bar {
+    /// Shown in the legend.
+    pub name: String,
+    /// Height.
+    pub value: f64,
+    /// (low, high), drawn as an error bar.
+    pub interval: Option<(f64, f64)>,
+}
+
+/// Values over a plane.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Heatmap {
+    /// Shown under the plot.
+    pub x_label: String,
+    /// Shown beside the plot.
+    pub y_label: String,
+    /// Shown beside the colour scale.
+    pub value_label: String,
+    /// (columns,) rising centres of the cells.
+    pub x: Vec<f64>,
+    /// (rows,) rising centres of the cells.
+    pub y: Vec<f64>,
+    /// (rows, columns) values; what is not finite stays grey.
+    pub values: Vec<Vec<f64>>,
+    /// Points to mark, with a name: the truth, the estimate.
+    pub marks: Vec<(f64, f64, String)>,
+}
+
+/// Lines through points, each with its band.
+pub fn lines(title: &str, x_label: &str, y_label: &str, series: &[Series]) -> String {
+    xy_plot(title, x_label, y_label, series, true)
+}
+
+/// Points; a band is drawn as an error bar on each.
+pub fn scatter(title: &str, x_label: &str, y_label: &str, series: &[Series]) -> String {
+    xy_plot(title, x_label, y_label, series, false)
+}
+
+/// Groups of bars from zero, with error bars.
+pub fn bars(title: &str, y_label: &str, groups: &[Group]) -> String {
+    let all = || groups.iter().flat_map(|g| &g.bars).filter(|b| drawable(b.value));
+    let mut names: Vec<&str> = Vec::new();
+    for bar in groups.iter().flat_map(|g| &g.bars) {
+        if !names.contains(&bar.name.as_str()) {
+            names.push(&bar.name);
+        }
+    }
+    let heights = all().flat_map(|b| {
+        let (low, high) = finite_pair(b.interval).unwrap_or((b.value, b.value));
+        [b.value, low, high]
+    });
+    let Some((low, high)) = range(heights.chain([0.0])).filter(|_| all().next().is_some()) else {
+        return empty(title);
+    };
+    let pad = (high - low) * 0.05;
+    let y = (if low < 0.0 { low - pad } else { 0.0 })..(if high > 0.0 { high + pad } else { 0.0 });
+    let legend: Vec<(String, RGBColor)> =
+        names.iter().enumerate().map(|(i, n)| (n.to_string(), paint(i))).collect();
+    let shown = if names.len() > 1 { legend.clone() } else { Vec::new() };
+    picture(title, &shown, |area| {
+        let count = groups.len().max(1);
+        let mut chart = ChartBuilder::on(area)
+            .margin(units(8))
+            .margin_top(units(4))
+            .set_label_area_size(LabelAreaPosition::Left, units(label_room(&y, 6)))
+            .set_label_area_size(LabelAreaPosition::Bottom, units(30))
+            .build_cartesian_2d(0.0..count as f64, y.clone())?;
+        chart
+            .configure_mesh()
+            .disable_x_mesh()
+            .disable_x_axis()
+            .bold_line_style(GRID)
+            .light_line_style(TRANSPARENT)
+            .axis_style(ShapeStyle::from(&INK).stroke_width(units(1)))
+            .y_labels(6)
+            .y_label_formatter(&|v| tick(*v))
+            .label_style(text(12))
+            .y_desc(y_label)
+            .axis_desc_style(text(13))
+            .draw()?;
+        for (g, group) in groups.iter().enumerate() {
+            let width = 0.8 / group.bars.len().max(1) as f64;
+            for (i, bar) in group.bars.iter().enumerate().filter(|(_, b)| drawable(b.value)) {
+                let colour = legend.iter().find(|(n, _)| *n == bar.name).map_or(INK, |(_, c)| *c);
+                let left = g as f64 + 0.1 + i as f64 * width;
+                let inset = width * 0.06;
+                chart.draw_series([Rectangle::new(
+                    [(left + inset, 0.0), (left + width - inset, bar.value)],
+                    colour.filled(),
+                )])?;
+                if let Some((low, high)) = finite_pair(bar.interval) {
+                    error_bar(&mut chart, left + width / 2.0, low, high, INK)?;
+                }
+            }
+        }
+        chart.draw_series([PathElement::new(
+            vec![(0.0, 0.0), (count as f64, 0.0)],
+            INK.stroke_width(units(1)),
+        )])?;
+        let (plot_width, _) = chart.plotting_area().dim_in_pixel();
+        let most = ((f64::from(plot_width) / count as f64) / (f64::from(units(12)) * 0.56)) as usize;
+        for (g, group) in groups.iter().enumerate() {
+            let at = chart.backend_coord(&(g as f64 + 0.5, y.start));
+            let style = text(12).pos(pos(HPos::Center, VPos::Top)).color(&INK);
+            area.draw_text(&shortened(&group.name, most.max(3)), &style, (at.0, at.1 + units(8) as i32))?;
+        }
+        Ok(())
+    })
+}
+
+/// Coloured cells with a scale beside them.
+pub fn heatmap(title: &str, map: &Heatmap) -> String {
+    let finite = map.values.iter().flatten().copied().filter(|v| drawable(*v));
+    let well_formed = map.values.len() == map.y.len()
+        && map.values.iter().all(|row| row.len() == map.x.len())
+        && map.x.iter().chain(&map.y).all(|v| drawable(*v));
+    let Some((low, high)) = range(finite).filter(|_| well_formed) else {
+        return empty(title);
+    };
+    let (xs, ys) = (cell_edges(&map.x), cell_edges(&map.y));
+    let (x, y) = (xs[0]..xs[xs.len() - 1], ys[0]..ys[ys.len() - 1]);
+    let share = move |v: f64| if high > low { (v - low) / (high - low) } else { 0.5 };
+    let legend: Vec<(String, RGBColor)> =
+        map.marks.iter().enumerate().map(|(i, m)| (m.2.clone(), MARKS[i % MARKS.len()])).collect();
+    picture(title, &legend, |area| {
+        let (width, _) = area.dim_in_pixel();
+        let (plot, scale) = area.split_horizontally(width - units(104));
+        let mut chart = ChartBuilder::on(&plot)
+            .margin(units(8))
+            .margin_top(units(4))
+            .set_label_area_size(LabelAreaPosition::Left, units(label_room(&y, 6)))
+            .set_label_area_size(LabelAreaPosition::Bottom, units(44))
+            .build_cartesian_2d(x.clone(), y.clone())?;
+        let mut mesh = chart.configure_mesh();
+        mesh.disable_mesh();
+        finish_axes(&mut mesh, &map.x_label, &map.y_label)?;
+        for (row, values) in map.values.iter().enumerate() {
+            for (column, v) in values.iter().enumerate() {
+                let colour = if drawable(*v) { heat(share(*v)) } else { RGBColor(205, 205, 205) };
+                chart.draw_series([Rectangle::new(
+                    [(xs[column], ys[row]), (xs[column + 1], ys[row + 1])],
+                    colour.filled(),
+                )])?;
+            }
+        }
+        for (i, (mx, my, _)) in map.marks.iter().enumerate() {
+            if x.contains(mx) && y.contains(my) {
+                let colour = MARKS[i % MARKS.len()];
+                chart.draw_series([
+                    Circle::new((*mx, *my), units(6), WHITE.filled()),
+                    Circle::new((*mx, *my), units(4), colour.filled()),
+                ])?;
+            }
+        }
+        let mut bar = ChartBuilder::on(&scale)
+            .margin(units(8))
+            .margin_top(units(4))
+            .margin_bottom(units(52))
+            .set_label_area_size(LabelAreaPosition::Right, units(66))
+            .build_cartesian_2d(0.0..1.0, 0.0..1.0)?;
+        const STEPS: u32 = 64;
+        for k in 0..STEPS {
+            let (from, to) = (f64::from(k) / f64::from(STEPS), f64::from(k + 1) / f64::from(STEPS));
+            bar.draw_series([Rectangle::new([(0.0, from), (1.0, to)], heat((from + to) / 2.0).filled())])?;
+        }
+        bar.configure_mesh()
+            .disable_mesh()
+            .disable_x_axis()
+            .axis_style(ShapeStyle::from(&INK).stroke_width(units(1)))
+            .y_labels(5)
+            .y_label_formatter(&|s| tick(low + s * (high - low)))
+            .label_style(text(12))
+            .y_desc(map.value_label.as_str())
+            .axis_desc_style(text(13))
+            .draw()?;
+        Ok(())
+    })
+}
+
+/// Size of a plot, px.
+const SIZE: (u32, u32) = (720, 440);
+/// plotters counts in whole pixels: plots are drawn this many times as large and shown at their size.
+const FINE: u32 = 4;
+const INK: RGBColor = RGBColor(0x33, 0x37, 0x3D);
+const GRID: RGBColor = RGBColor(0xE3, 0xE6, 0xEA);
+/// Colours of marks on a heat map: seen on every shade of it.
+const MARKS: [RGBColor; 4] = [
+    RGBColor(0xD5, 0x1F, 0x3A),
+    RGBColor(0x00, 0x72, 0xB2),
+    RGBColor(0x11, 0x11, 0x11),
+    RGBColor(0xCC, 0x79, 0xA7),
+];
+
+type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
+type Drawn = Result<(), Box<dyn std::error::Error>>;
+
+fn xy_plot(title: &str, x_label: &str, y_label: &str, series: &[Series], joined: bool) -> String {
+    let clean: Vec<Series> = series.iter().map(finite_only).collect();
+    let xs = clean.iter().flat_map(|s| s.points.iter().map(|p| p.0));
+    let ys = clean.iter().flat_map(|s| {
+        let bands = s.band.iter().flatten().flat_map(|b| [b.0, b.1]);
+        s.points.iter().map(|p| p.1).chain(bands.collect::<Vec<_>>())
+    });
+    let (Some(x), Some(y)) = (range(xs), range(ys)) else {
+        return empty(title);
+    };
+    let (x, y) = (widened(x, if joined { 0.0 } else { 0.04 }), widened(y, 0.05));
+    let legend: Vec<(String, RGBColor)> =
+        clean.iter().enumerate().map(|(i, s)| (s.name.clone(), paint(i))).collect();
+    let shown = if clean.len() > 1 { legend } else { Vec::new() };
+    picture(title, &shown, |area| {
+        let mut chart = ChartBuilder::on(area)
+            .margin(units(8))
+            .margin_top(units(4))
+            .margin_right(units(20))
+            .set_label_area_size(LabelAreaPosition::Left, units(label_room(&y, 6)))
+            .set_label_area_size(LabelAreaPosition::Bottom, units(44))
+            .build_cartesian_2d(x.clone(), y.clone())?;
+        let mut mesh = chart.configure_mesh();
+        mesh.bold_line_style(ShapeStyle::from(&GRID).stroke_width(units(1))).light_line_style(TRANSPARENT);
+        finish_axes(&mut mesh, x_label, y_label)?;
+        for (i, s) in clean.iter().enumerate() {
+            draw_band(&mut chart, s, paint(i), joined)?;
+        }
+        for (i, s) in clean.iter().enumerate() {
+            let colour = paint(i);
+            if joined {
+                chart.draw_series([PathElement::new(s.points.clone(), colour.stroke_width(units(2)))])?;
+            }
+            if !joined || s.points.len() <= 30 {
+                let size = units(3);
+                chart
+                    .draw_series(s.points.iter().map(|p| Circle::new(*p, size, colour.mix(0.85).filled())))?;
+            }
+        }
+        Ok(())
+    })
+}
+
+fn draw_band(chart: &mut Chart, s: &Series, colour: RGBColor, joined: bool) -> Drawn {
+    let Some(band) = &s.band else { return Ok(()) };
+    if joined {
+        let low = s.points.iter().zip(band).map(|(p, b)| (p.0, b.0));
+        let high = s.points.iter().zip(band).map(|(p, b)| (p.0, b.1));
+        let ring: Vec<(f64, f64)> = low.chain(high.rev()).collect();
+        chart.draw_series([Polygon::new(ring, colour.mix(0.2).filled())])?;
+    } else {
+        for (p, b) in s.points.iter().zip(band) {
+            error_bar(chart, p.0, b.0, b.1, colour)?;
+        }
+    }
+    Ok(())
+}
+
+fn error_bar(chart: &mut Chart, x: f64, low: f64, high: f64, colour: RGBColor) -> Drawn {
+    let style = colour.stroke_width(units(1) + units(1) / 2);
+    let (range, (width, _)) = (chart.x_range(), chart.plotting_area().dim_in_pixel());
+    let cap = (range.end - range.start) * f64::from(units(4)) / f64::from(width.max(1));
+    chart.draw_series([
+        PathElement::new(vec![(x, low), (x, high)], style),
+        PathElement::new(vec![(x - cap, low), (x + cap, low)], style),
+        PathElement::new(vec![(x - cap, high), (x + cap, high)], style),
+    ])?;
+    Ok(())
+}
+
+fn finish_axes(
+    mesh: &mut plotters::chart::MeshStyle<RangedCoordf64, RangedCoordf64, SVGBackend>,
+    x_label: &str,
+    y_label: &str,
+) -> Drawn {
+    mesh.axis_style(ShapeStyle::from(&INK).stroke_width(units(1)))
+        .x_labels(8)
+        .y_labels(6)
+        .x_label_formatter(&|v| tick(*v))
+        .y_label_formatter(&|v| tick(*v))
+        .label_style(text(12))
+        .x_desc(x_label)
+        .y_desc(y_label)
+        .axis_desc_style(text(13))
+        .draw()?;
+    Ok(())
+}
+
+/// Title, legend, and what `draw` puts under them.
+fn picture(title: &str, legend: &[(String, RGBColor)], draw: impl FnOnce(&Area) -> Drawn) -> String {
+    let mut svg = String::new();
+    let drawn = (|| -> Drawn {
+        let root = SVGBackend::with_string(&mut svg, (SIZE.0 * FINE, SIZE.1 * FINE)).into_drawing_area();
+        root.fill(&WHITE)?;
+        let heading = text(16).pos(pos(HPos::Left, VPos::Center)).color(&INK);
+        root.draw_text(&shortened(title, 84), &heading, (units(14) as i32, units(18) as i32))?;
+        let bottom = draw_legend(&root, legend, 32)?;
+        let (_, under) = root.split_vertically(units(bottom));
+        draw(&under)?;
+        root.present()?;
+        Ok(())
+    })();
+    match drawn {
+        Ok(()) => shown_at_size(&svg, title),
+        // A range that plotters cannot divide; said rather than hidden.
+        Err(e) => notice(title, &format!("this plot could not be drawn: {e}")),
+    }
+}
+
+/// Draws the legend in rows from `top` px down; returns where the plot may begin, px.
+fn draw_legend(
+    root: &Area,
+    legend: &[(String, RGBColor)],
+    top: u32,
+) -> Result<u32, Box<dyn std::error::Error>> {
+    let named: Vec<(String, RGBColor)> =
+        legend.iter().filter(|(n, _)| !n.is_empty()).map(|(n, c)| (shortened(n, 60), *c)).collect();
+    let (mut x, mut y) = (16, top);
+    for (name, colour) in &named {
+        let wide = 22 + (name.chars().count() as f64 * 12.0 * 0.6) as u32 + 14;
+        if x > 16 && x + wide > SIZE.0 {
+            (x, y) = (16, y + 18);
+        }
+        let (left, middle) = (units(x) as i32, units(y + 8) as i32);
+        let half = units(5) as i32;
+        root.draw(&Rectangle::new(
+            [(left, middle - half), (left + 2 * half, middle + half)],
+            colour.filled(),
+        ))?;
+        let style = text(12).pos(pos(HPos::Left, VPos::Center)).color(&INK);
+        root.draw_text(name, &style, (left + units(16) as i32, middle))?;
+        x += wide;
+    }
+    Ok(if named.is_empty() { top } else { y + 20 })
+}
+
+/// The drawing at a quarter of its coordinates, scaling down on narrow screens.
+fn shown_at_size(svg: &str, title: &str) -> String {
+    let inside = svg.split_once('>').map_or("", |(_, rest)| rest).trim_start();
+    let inside = inside.trim_end().strip_suffix("</svg>").unwrap_or(inside);
+    format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{}\" height=\"{}\" viewBox=\"0 0 {} {}\" \
+         role=\"img\">\n<title>{}</title>\n{inside}</svg>\n",
+        SIZE.0,
+        SIZE.1,
+        SIZE.0 * FINE,
+        SIZE.1 * FINE,
+        escape(title)
+    )
+}
+
+fn empty(title: &str) -> String {
+    notice(title, "no data to plot")
+}
+
+/// A plot's frame with a sentence in it.
+fn notice(title: &str, sentence: &str) -> String {
+    let (w, h) = SIZE;
+    format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{w}\" height=\"{h}\" viewBox=\"0 0 {w} {h}\" \
+         role=\"img\">\n<title>{t}</title>\n<rect width=\"{w}\" height=\"{h}\" fill=\"#FFFFFF\"/>\n\
+         <rect x=\"14\" y=\"34\" width=\"{}\" height=\"{}\" fill=\"none\" stroke=\"#C5CAD0\"/>\n\
+         <text x=\"14\" y=\"23\" font-family=\"sans-serif\" font-size=\"16\" fill=\"#33373D\">{t}</text>\n\
+         <text x=\"{}\" y=\"{}\" text-anchor=\"middle\" font-family=\"sans-serif\" font-size=\"14\" \
+         fill=\"#666C75\">{}</text>\n</svg>\n",
+        w - 28,
+        h - 48,
+        w / 2,
+        h / 2,
+        escape(sentence),
+        t = escape(&shortened(title, 84)),
+    )
+}
+
+fn units(px: u32) -> u32 {
+    px * FINE
+}
+
+/// Text of `px` height; plotters draws a font of size s at s / 1.24.
+fn text(px: u32) -> TextStyle<'static> {
+    ("sans-serif", f64::from(units(px)) * 1.24).into_font().color(&INK)
+}
+
+fn pos(h: HPos, v: VPos) -> Pos {
+    Pos::new(h, v)
+}
+
+fn paint(index: usize) -> RGBColor {
+    // Blue first: the best contrast for the plot of one series.
+    const ORDER: [usize; 7] = [1, 0, 3, 4, 2, 5, 6];
+    let [r, g, b] = channels(PALETTE[ORDER[index % ORDER.len()]]);
+    RGBColor(r, g, b)
+}
+
+/// Dark blue over green to yellow for 0 to 1; corner points read off the viridis map (Smith and van der Walt).
+fn heat(share: f64) -> RGBColor {
+    const STOPS: [[f64; 3]; 6] = [
+        [68.0, 1.0, 84.0],
+        [65.0, 68.0, 135.0],
+        [42.0, 120.0, 142.0],
+        [34.0, 168.0, 132.0],
+        [122.0, 209.0, 81.0],
+        [253.0, 231.0, 37.0],
+    ];
+    let s = share.clamp(0.0, 1.0) * (STOPS.len() - 1) as f64;
+    let k = (s as usize).min(STOPS.len() - 2);
+    let mix = |c: usize| (STOPS[k][c] + (s - k as f64) * (STOPS[k + 1][c] - STOPS[k][c])).round() as u8;
+    RGBColor(mix(0), mix(1), mix(2))
+}
+
+/// A number under a tick mark: short, without the noise of binary fractions.
+fn tick(v: f64) -> String {
+    let size = v.abs();
+    if size < 1e-12 {
+        "0".into()
+    } else if !(1e-3..1e5).contains(&size) {
+        let text = format!("{v:.2e}");
+        match text.split_once('e') {
+            Some((m, e)) if m.contains('.') => {
+                format!("{}e{e}", m.trim_end_matches('0').trim_end_matches('.'))
+            }
+            _ => text,
+        }
+    } else if size < 0.1 {
+        decimals(v, 5)
+    } else if size < 100.0 {
+        decimals(v, 3)
+    } else {
+        decimals(v, 1)
+    }
+}
+
+/// Room for the numbers and the description beside an axis, px.
+fn label_room(y: &std::ops::Range<f64>, ticks: usize) -> u32 {
+    use plotters::coord::ranged1d::Ranged;
+    let axis: RangedCoordf64 = y.clone().into();
+    let longest = axis.key_points(ticks).into_iter().map(|v| tick(v).chars().count()).max().unwrap_or(4);
+    34 + 7 * longest as u32
+}
+
+fn shortened(text: &str, most: usize) -> String {
+    if text.chars().count() <= most {
+        return text.to_string();
+    }
+    text.chars().take(most.saturating_sub(1)).chain(['\u{2026}']).collect()
+}
+
+fn finite_only(s: &Series) -> Series {
+    let kept: Vec<usize> =
+        (0..s.points.len()).filter(|i| drawable(s.points[*i].0) && drawable(s.points[*i].1)).collect();
+    // Where a band is missing it has no width.
+    let around = |b: &Vec<(f64, f64)>, i: usize| {
+        finite_pair(b.get(i).copied()).unwrap_or((s.points[i].1, s.points[i].1))
+    };
+    Series {
+        name: s.name.clone(),
+        points: kept.iter().map(|i| s.points[*i]).collect(),
+        band: s.band.as_ref().map(|b| kept.iter().map(|i| around(b, *i)).collect()),
+    }
+}
+
+/// Whether a value can stand on an axis; beyond 1e100 the arithmetic of axes overflows.
+fn drawable(v: f64) -> bool {
+    v.abs() <= 1e100
+}
+
+fn finite_pair(pair: Option<(f64, f64)>) -> Option<(f64, f64)> {
+    pair.filter(|(low, high)| drawable(*low) && drawable(*high))
+}
+
+/// Smallest and largest of the finite values; none if there is none.
+fn range(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
+    values
+        .filter(|v| drawable(*v))
+        .fold(None, |r, v| Some(r.map_or((v, v), |(low, high): (f64, f64)| (low.min(v), high.max(v)))))
+}
+
+/// The range with `share` of its length added at both ends, and some length in any case.
+fn widened((low, high): (f64, f64), share: f64) -> std::ops::Range<f64> {
+    let length = high - low;
+    // Numbers that differ by less cannot be told apart on an axis.
+    let least = low.abs().max(high.abs()).max(1e-9) * 1e-9;
+    if length <= least {
+        let pad = low.abs().max(1.0) * 0.5;
+        return low - pad..high + pad;
+    }
+    low - share * length..high + share * length
+}
+
+/// Edges of cells with the given centres.
+fn cell_edges(centres: &[f64]) -> Vec<f64> {
+    let n = centres.len();
+    if n == 1 {
+        let half = (centres[0].abs() * 0.05).max(0.5);
+        return vec![centres[0] - half, centres[0] + half];
+    }
+    let middle = |i: usize| (centres[i - 1] + centres[i]) / 2.0;
+    let mut edges = vec![centres[0] - (centres[1] - centres[0]) / 2.0];
+    edges.extend((1..n).map(middle));
+    edges.push(centres[n - 1] + (centres[n - 1] - centres[n - 2]) / 2.0);
+    edges
+}

@@ -1,0 +1,365 @@
+//! A scene as SVG: y up, one pixel scale for both axes, bodies in colour, what never moves in grey.
+
+use std::fmt::Write;
+
+use super::svg::{colour, darker, escape, is_light, points, px};
+use crate::task::geometry::Bounds;
+use crate::task::scene::{Goal, Shape, Static};
+use crate::task::{Scene, scene::Body};
+use crate::trajectory::Trajectory;
+
+/// How pictures of scenes look.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Style {
+    /// Width of the picture, px; brought into 16 to 4096.
+    pub width: u32,
+    /// Writes each body's name beside it (text is not drawn in PNG).
+    pub names: bool,
+    /// Most frames of a filmstrip; brought into 1 to 64.
+    pub frames: usize,
+}
+
+impl Default for Style {
+    fn default() -> Self {
+        Style { width: 640, names: false, frames: 8 }
+    }
+}
+
+/// The scene as it stands; bodies without a position are left out.
+pub fn scene_svg(scene: &Scene, style: &Style) -> String {
+    let view = View::new(scene, None, f64::from(style.width.clamp(16, 4096)));
+    let mut body = String::new();
+    draw_statics(&mut body, scene, &view);
+    for (i, b) in scene.bodies.iter().enumerate() {
+        if let Some(position) = b.position {
+            draw_body(&mut body, scene, i, position, b.angle, &view, Look::Solid);
+        }
+    }
+    if style.names {
+        draw_names(&mut body, scene, &view);
+    }
+    document(view.width, view.height, &title(scene), &body)
+}
+
+/// What part of the world is seen, and where it lands in the picture.
+#[derive(Clone, Debug)]
+pub(super) struct View {
+    /// World box seen, m.
+    pub bounds: Bounds,
+    /// px
+    pub width: f64,
+    /// px
+    pub height: f64,
+    /// px per m
+    pub scale: f64,
+}
+
+/// How a body is drawn.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum Look {
+    /// In full colour.
+    Solid,
+    /// Where it was: outline and a breath of colour.
+    Ghost,
+}
+
+/// A picture is at most this many times as high as wide, and at most twice this as wide as high.
+const TALLEST: f64 = 1.6;
+/// Statics may widen the view up to this many times what moves needs; beyond that they are cut off.
+const WIDEST: f64 = 3.0;
+
+impl View {
+    /// A view `width` px wide of everything that matters: bodies, goal, what an action may place, all places
+    /// of `film`, and the statics as far as they are not much larger than that.
+    pub fn new(scene: &Scene, film: Option<&Trajectory>, width: f64) -> View {
+        let mut b = focus(scene, film);
+        let size = (b[2] - b[0]).max(b[3] - b[1]);
+        let reach = [b[0] - WIDEST * size, b[1] - WIDEST * size, b[2] + WIDEST * size, b[3] + WIDEST * size];
+        let moving = b;
+        for fixed in &scene.statics {
+            match fixed.shape.convex() {
+                Some(shape) => {
+                    let s = shape.placed(fixed.position, fixed.angle).bounds();
+                    let fits = s[0] >= reach[0] && s[1] >= reach[1] && s[2] <= reach[2] && s[3] <= reach[3];
+                    if fits {
+                        b = join(b, s);
+                    } else {
+                        let near = |low: f64, high: f64, c: f64| c.clamp(low, high);
+                        let centre = [(moving[0] + moving[2]) / 2.0, (moving[1] + moving[3]) / 2.0];
+                        let p = [near(s[0], s[2], centre[0]), near(s[1], s[3], centre[1])];
+                        let seen =
+                            p[0] >= reach[0] && p[1] >= reach[1] && p[0] <= reach[2] && p[1] <= reach[3];
+                        if seen {
+                            b = join(b, [p[0], p[1], p[0], p[1]]);
+                        }
+                    }
+                }
+                None => {
+                    let p = nearest_on_halfspace(fixed, [(moving[0] + moving[2]) / 2.0, moving[1]]);
+                    if p[0] >= reach[0] && p[1] >= reach[1] && p[0] <= reach[2] && p[1] <= reach[3] {
+                        b = join(b, [p[0], p[1], p[0], p[1]]);
+                    }
+                }
+            }
+        }
+        let (mut w, mut h) = ((b[2] - b[0]).max(1e-9), (b[3] - b[1]).max(1e-9));
+        let pad = 0.03 * w.max(h);
+        (w, h) = (w + 2.0 * pad, h + 2.0 * pad);
+        let (w, h) = (w.max(h / TALLEST), h.max(w / (2.0 * TALLEST)));
+        let centre = [(b[0] + b[2]) / 2.0, (b[1] + b[3]) / 2.0];
+        let bounds = [centre[0] - w / 2.0, centre[1] - h / 2.0, centre[0] + w / 2.0, centre[1] + h / 2.0];
+        let scale = width / w;
+        View { bounds, width, height: (h * scale).round().max(1.0), scale }
+    }
+
+    /// Where a point of the world lands, px.
+    pub fn at(&self, p: [f64; 2]) -> [f64; 2] {
+        [(p[0] - self.bounds[0]) * self.scale, (self.bounds[3] - p[1]) * self.scale]
+    }
+
+    /// Width of a line that looks `share` of a 640 px picture's pixel wide, px.
+    pub fn pen(&self, share: f64) -> f64 {
+        share * (self.width / 640.0).clamp(0.3, 3.0)
+    }
+}
+
+/// A whole SVG document around `body`.
+pub(super) fn document(width: f64, height: f64, title: &str, body: &str) -> String {
+    let (w, h) = (px(width), px(height));
+    format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{w}\" height=\"{h}\" viewBox=\"0 0 {w} {h}\" \
+         role=\"img\">\n<title>{}</title>\n<rect width=\"{w}\" height=\"{h}\" fill=\"#FFFFFF\"/>\n{body}</svg>\n",
+        escape(title)
+    )
+}
+
+/// The picture's title for screen readers.
+pub(super) fn title(scene: &Scene) -> String {
+    if scene.name.is_empty() { "scene".into() } else { scene.name.clone() }
+}
+
+/// Statics, the goal's region and the bounds an action must keep to.
+pub(super) fn draw_statics(out: &mut String, scene: &Scene, view: &View) {
+    for fixed in &scene.statics {
+        let _ = write!(out, "<g><title>{}</title>", escape(&fixed.name));
+        let wanted = goal_names(scene).contains(&fixed.name.as_str());
+        let (stroke, pen) = if wanted { ("#111111", 2.5) } else { ("#7A818A", 0.8) };
+        let paint = format!("fill=\"#A9B0B8\" stroke=\"{stroke}\" stroke-width=\"{}\"", px(view.pen(pen)));
+        match &fixed.shape {
+            Shape::Halfspace { .. } => {
+                let seen = halfspace_seen(fixed, view);
+                if seen.len() > 2 {
+                    let _ = write!(out, "<polygon points=\"{}\" {paint}/>", points(&seen));
+                }
+            }
+            shape => draw_shape(out, shape, fixed.position, fixed.angle, view, &paint, "#A9B0B8"),
+        }
+        out.push_str("</g>\n");
+    }
+    if let Some(Goal::Inside { region, .. }) = &scene.goal {
+        let corners: Vec<[f64; 2]> = region.iter().map(|p| view.at(*p)).collect();
+        let dash = px(view.pen(5.0));
+        let _ = writeln!(
+            out,
+            "<polygon points=\"{}\" fill=\"#2FA04A\" fill-opacity=\"0.22\" stroke=\"#1E7A35\" \
+             stroke-width=\"{}\" stroke-dasharray=\"{dash} {dash}\"><title>goal</title></polygon>",
+            points(&corners),
+            px(view.pen(1.5))
+        );
+    }
+}
+
+/// Body number `index` with its frame's origin at `position` (m), turned by `angle` (rad).
+pub(super) fn draw_body(
+    out: &mut String,
+    scene: &Scene,
+    index: usize,
+    position: [f64; 2],
+    angle: f64,
+    view: &View,
+    look: Look,
+) {
+    let Some(body) = scene.bodies.get(index) else { return };
+    let fill = body_colour(scene, index);
+    let wanted = goal_names(scene).contains(&body.name.as_str());
+    let (stroke, pen) = match (look, wanted) {
+        (Look::Solid, true) => ("#111111".to_string(), 2.5),
+        (Look::Solid, false) => (darker(fill), 1.2),
+        (Look::Ghost, _) => (fill.to_string(), 1.2),
+    };
+    let opacity = if look == Look::Ghost { " fill-opacity=\"0.15\"" } else { "" };
+    let paint =
+        format!("fill=\"{fill}\"{opacity} stroke=\"{stroke}\" stroke-width=\"{}\"", px(view.pen(pen)));
+    let _ = write!(out, "<g><title>{}</title>", escape(&body.name));
+    draw_shape(out, &body.shape, position, angle, view, &paint, fill);
+    if let Some(radius) = spoke(body, view) {
+        let (sin, cos) = libm::sincos(angle);
+        let (from, to) =
+            (view.at(position), view.at([position[0] + radius * cos, position[1] + radius * sin]));
+        let ink = match look {
+            Look::Ghost => fill,
+            Look::Solid if is_light(fill) => "#333333",
+            Look::Solid => "#FFFFFF",
+        };
+        let _ = write!(
+            out,
+            "<line x1=\"{}\" y1=\"{}\" x2=\"{}\" y2=\"{}\" stroke=\"{ink}\" stroke-width=\"{}\" \
+             stroke-linecap=\"round\"/>",
+            px(from[0]),
+            px(from[1]),
+            px(to[0]),
+            px(to[1]),
+            px(view.pen(1.6).min(radius * view.scale / 3.0))
+        );
+    }
+    out.push_str("</g>\n");
+}
+
+/// Colour of body number `index`; colours from the palette are dealt among bodies without a colour word.
+pub(super) fn body_colour(scene: &Scene, index: usize) -> &'static str {
+    let plain = |b: &Body| colour(&b.name, 0) != colour(&b.name, 1);
+    let before = scene.bodies[..index].iter().filter(|b| plain(b)).count();
+    colour(&scene.bodies[index].name, before)
+}
+
+/// Names of the bodies and statics a goal is about.
+pub(super) fn goal_names(scene: &Scene) -> Vec<&str> {
+    match &scene.goal {
+        Some(Goal::Contact { bodies, .. }) => bodies.iter().map(String::as_str).collect(),
+        Some(Goal::Inside { body, .. }) => vec![body.as_str()],
+        None => Vec::new(),
+    }
+}
+
+/// Length of the line that shows a disc's angle, m; none where it would be too small to see.
+fn spoke(body: &Body, view: &View) -> Option<f64> {
+    match body.shape {
+        Shape::Disc { radius } if radius * view.scale > 2.5 => Some(radius * 0.82),
+        _ => None,
+    }
+}
+
+fn draw_shape(
+    out: &mut String,
+    shape: &Shape,
+    position: [f64; 2],
+    angle: f64,
+    view: &View,
+    paint: &str,
+    fill: &str,
+) {
+    let Some(core) = shape.convex() else { return };
+    let placed: Vec<[f64; 2]> = core.placed(position, angle).points.iter().map(|p| view.at(*p)).collect();
+    let _ = match (placed.as_slice(), core.radius * view.scale) {
+        ([c], r) => write!(
+            out,
+            "<circle cx=\"{}\" cy=\"{}\" r=\"{}\" {paint}/>",
+            px(c[0]),
+            px(c[1]),
+            px(r.max(SMALLEST))
+        ),
+        // A rounded segment is a line as thick as it is; the paint's own stroke would outline nothing.
+        ([a, b], r) => write!(
+            out,
+            "<line x1=\"{}\" y1=\"{}\" x2=\"{}\" y2=\"{}\" stroke=\"{}\" stroke-width=\"{}\" \
+             stroke-linecap=\"round\"/>",
+            px(a[0]),
+            px(a[1]),
+            px(b[0]),
+            px(b[1]),
+            darker(fill),
+            px((2.0 * r).max(view.pen(2.0)))
+        ),
+        (corners, _) => {
+            write!(out, "<polygon points=\"{}\" {paint} stroke-linejoin=\"round\"/>", points(corners))
+        }
+    };
+}
+
+/// Smallest drawn radius of a disc, px: a ball in a large hall stays visible.
+const SMALLEST: f64 = 1.5;
+
+fn draw_names(out: &mut String, scene: &Scene, view: &View) {
+    for b in &scene.bodies {
+        let (Some(position), Some(core)) = (b.position, b.shape.convex()) else { continue };
+        let box_ = core.placed(position, b.angle).bounds();
+        let p = view.at([(box_[0] + box_[2]) / 2.0, box_[3]]);
+        let size = view.pen(13.0).max(8.0);
+        let _ = writeln!(
+            out,
+            "<text x=\"{}\" y=\"{}\" text-anchor=\"middle\" font-family=\"sans-serif\" font-size=\"{}\" \
+             fill=\"#222222\">{}</text>",
+            px(p[0]),
+            px((p[1] - size * 0.4).max(size)),
+            px(size),
+            escape(&b.name)
+        );
+    }
+}
+
+/// The part of a halfspace within the view, px.
+fn halfspace_seen(fixed: &Static, view: &View) -> Vec<[f64; 2]> {
+    let Shape::Halfspace { normal, offset } = &fixed.shape else { return Vec::new() };
+    let above = |p: [f64; 2]| {
+        normal[0] * (p[0] - fixed.position[0]) + normal[1] * (p[1] - fixed.position[1]) - offset
+    };
+    // A little beyond the picture, so that only the surface shows an outline.
+    let pad = 0.02 * (view.bounds[2] - view.bounds[0]);
+    let b = view.bounds;
+    let corners = [
+        [b[0] - pad, b[1] - pad],
+        [b[2] + pad, b[1] - pad],
+        [b[2] + pad, b[3] + pad],
+        [b[0] - pad, b[3] + pad],
+    ];
+    let mut seen = Vec::new();
+    for i in 0..4 {
+        let (p, q) = (corners[i], corners[(i + 1) % 4]);
+        let (dp, dq) = (above(p), above(q));
+        if dp <= 0.0 {
+            seen.push(view.at(p));
+        }
+        if (dp < 0.0) != (dq < 0.0) && dp != dq {
+            let t = dp / (dp - dq);
+            seen.push(view.at([p[0] + t * (q[0] - p[0]), p[1] + t * (q[1] - p[1])]));
+        }
+    }
+    seen
+}
+
+fn nearest_on_halfspace(fixed: &Static, p: [f64; 2]) -> [f64; 2] {
+    let Shape::Halfspace { normal, offset } = &fixed.shape else { return p };
+    let above = normal[0] * (p[0] - fixed.position[0]) + normal[1] * (p[1] - fixed.position[1]) - offset;
+    [p[0] - above * normal[0], p[1] - above * normal[1]]
+}
+
+/// The smallest box around bodies, goal, the action's bounds and all places of `film`, m.
+fn focus(scene: &Scene, film: Option<&Trajectory>) -> Bounds {
+    let mut found: Option<Bounds> = scene.action.as_ref().and_then(|a| a.bounds);
+    let mut add = |s: Bounds| {
+        if s.iter().all(|v| v.is_finite()) {
+            found = Some(found.map_or(s, |b| join(b, s)));
+        }
+    };
+    for b in &scene.bodies {
+        let Some(core) = b.shape.convex() else { continue };
+        if let Some(position) = b.position {
+            add(core.placed(position, b.angle).bounds());
+        }
+        if let Some(track) = film.and_then(|f| f.track(&b.name)) {
+            let r = core.bounds();
+            let reach = r.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+            for (x, y) in track.x.iter().zip(&track.y) {
+                add([x - reach, y - reach, x + reach, y + reach]);
+            }
+        }
+    }
+    if let Some(Goal::Inside { region, .. }) = &scene.goal {
+        region.iter().for_each(|p| add([p[0], p[1], p[0], p[1]]));
+    }
+    found.unwrap_or_else(|| scene.extent())
+}
+
+fn join(a: Bounds, b: Bounds) -> Bounds {
+    [a[0].min(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].max(b[3])]
+}
