@@ -1,0 +1,249 @@
+//! The story in one run: a hidden world, exploration, estimate, policies, transfer, a table.
+//!
+//! Source: Semage et al., the jump-start comparison of their bowling experiment, with the baselines domain
+//! randomisation and true latents.
+//!
+//! Differences from the source: policies rank the test tasks' actions right after transfer (the jump start)
+//! and do not learn on; a row for random ranking shows the floor, and one for the true latents *and* the true
+//! unmodelled effect shows what a perfect simulation would bring.
+
+use serde::{Deserialize, Serialize};
+
+use super::{EstimateConfig, EstimateReport, estimate};
+use crate::error::{Result, within};
+use crate::policy::{
+    EvaluateConfig, Evaluation, LabelConfig, Policy, Random, TrainConfig, Training, evaluate, label, train,
+};
+use crate::progress::Progress;
+use crate::reality::{HiddenConfig, HiddenWorld, Reality, Trial, Truth};
+use crate::rng;
+use crate::task::scene::EffectTerm;
+use crate::task::{Split, Task, split};
+use crate::world::Latents;
+
+/// What is run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct QuickstartConfig {
+    /// Name of the task family.
+    pub family: String,
+    /// One repetition of the whole story for each.
+    pub seeds: Vec<u64>,
+    /// The estimation; its seed is replaced by each of `seeds`.
+    pub estimate: EstimateConfig,
+    /// How training actions are labelled.
+    pub label: LabelConfig,
+    /// How policies are trained.
+    pub train: TrainConfig,
+    /// How they are tried out.
+    pub evaluate: EvaluateConfig,
+}
+
+/// The result: one row per way of getting a policy.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct QuickstartReport {
+    pub rows: Vec<Row>,
+    /// One estimation per seed.
+    pub estimates: Vec<EstimateReport>,
+    /// What was hidden, revealed after everything else was done.
+    pub truth: Truth,
+    /// (stage, seconds), summed over seeds.
+    pub seconds: Vec<(String, f64)>,
+    pub config: QuickstartConfig,
+    pub version: String,
+}
+
+/// One way of getting a policy, and how it did on the test tasks of the real world.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Row {
+    /// Which way.
+    pub method: Method,
+    /// AUCCESS for each seed, [0, 1].
+    pub auccess: Vec<f64>,
+    /// (100,) share of test tasks solved within k attempts, averaged over seeds.
+    pub curve: Vec<f64>,
+    /// Real interactions spent before the policy was tried, for each seed.
+    pub real_interactions: Vec<u64>,
+}
+
+/// A way of getting a policy.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Method {
+    /// Actions in random order.
+    Random,
+    /// Trained in simulations with random latents.
+    DomainRandomisation,
+    /// Trained in the simulation grounded by the workflow.
+    Iplw,
+    /// Trained in a simulation with the true latents.
+    TrueLatents,
+    /// Trained in a simulation with the true latents and the true unmodelled effects.
+    TruePhysics,
+}
+
+/// What the story leaves besides numbers, from the first seed.
+pub struct Keepsakes {
+    /// Trials of the exploration.
+    pub trials: Vec<Trial>,
+    /// The policy trained in the grounded simulation.
+    pub policy: Box<dyn Policy>,
+}
+
+impl Method {
+    /// For tables.
+    pub fn title(self) -> &'static str {
+        match self {
+            Method::Random => "random ranking",
+            Method::DomainRandomisation => "domain randomisation",
+            Method::Iplw => "IPLW",
+            Method::TrueLatents => "true latents",
+            Method::TruePhysics => "true latents and effects",
+        }
+    }
+}
+
+impl Row {
+    /// Mean AUCCESS over seeds and its standard error (`None` for a single seed).
+    pub fn mean(&self) -> (f64, Option<f64>) {
+        let n = self.auccess.len() as f64;
+        let mean = self.auccess.iter().sum::<f64>() / n;
+        let variance = self.auccess.iter().map(|a| (a - mean).powi(2)).sum::<f64>() / (n - 1.0);
+        (mean, (n > 1.0).then(|| (variance / n).sqrt()))
+    }
+}
+
+/// Runs the story against hidden worlds made from `hidden`. `clock` gives seconds from any origin.
+pub fn quickstart(
+    tasks: &[Task],
+    hidden: &HiddenConfig,
+    config: &QuickstartConfig,
+    clock: &dyn Fn() -> f64,
+    progress: &dyn Progress,
+) -> Result<(QuickstartReport, Keepsakes)> {
+    within("seeds", config.seeds.len() as f64, 1.0, 1000.0)?;
+    config.estimate.validate()?;
+    let training = split(tasks, Split::Train);
+    let test = split(tasks, Split::Test);
+    let mut stopwatch = Stopwatch { clock, laps: Vec::new() };
+    let truth = HiddenWorld::new(hidden.clone())?.reveal();
+    let mut rows: Vec<(Row, Vec<Evaluation>)> = Vec::new();
+    let (mut estimates, mut keepsakes) = (Vec::new(), None);
+    for (n, seed) in config.seeds.iter().enumerate() {
+        let staged = Named { inner: progress, name: format!("seed {} of {}", n + 1, config.seeds.len()) };
+        let mut world = HiddenWorld::new(HiddenConfig { seed: *seed, ..hidden.clone() })?;
+        let setup = EstimateConfig { seed: *seed, ..config.estimate.clone() };
+        let (report, trials) =
+            stopwatch.time("explore, measure, estimate", || estimate(&training, &mut world, &setup, &staged))?;
+        let spent = world.interactions();
+        let found = Latents::of(report.values());
+        for (method, schooling) in [
+            (Method::Random, None),
+            (Method::DomainRandomisation, Some(Training::paper_randomised())),
+            (Method::Iplw, Some(fixed(found, &[]))),
+            (Method::TrueLatents, Some(fixed(truth.latents, &[]))),
+            (Method::TruePhysics, Some(fixed(truth.latents, &truth.effects))),
+        ] {
+            let named = Named { inner: &staged, name: method.title().into() };
+            let policy: Box<dyn Policy> = match &schooling {
+                None => Box::new(Random::new(*seed)),
+                Some(schooling) => {
+                    let labels = LabelConfig { seed: rng::derive(*seed, "label", 0), ..config.label.clone() };
+                    let data =
+                        stopwatch.time("label actions", || label(&training, schooling, &labels, &named))?;
+                    let setup = TrainConfig { seed: *seed, ..config.train.clone() };
+                    let (dqn, _) = stopwatch.time("train policies", || train(&data, &setup, &named))?;
+                    Box::new(dqn)
+                }
+            };
+            let evaluation = stopwatch.time("transfer and evaluate", || {
+                try_out(policy.as_ref(), &test, hidden, &config.evaluate, &named)
+            })?;
+            let interactions = if method == Method::Iplw { spent } else { 0 };
+            take_down(&mut rows, method, evaluation, interactions);
+            if method == Method::Iplw && keepsakes.is_none() {
+                keepsakes = Some(Keepsakes { trials: trials.clone(), policy });
+            }
+        }
+        estimates.push(report);
+    }
+    let rows = rows.into_iter().map(|(row, evaluations)| averaged(row, &evaluations)).collect();
+    let report = QuickstartReport {
+        rows,
+        estimates,
+        truth,
+        seconds: stopwatch.laps,
+        config: config.clone(),
+        version: env!("CARGO_PKG_VERSION").into(),
+    };
+    Ok((report, keepsakes.expect("at least one seed was run")))
+}
+
+/// Tries a policy's ranking on the real world; attempts are the agent's own, on a world of its own.
+pub fn try_out(
+    policy: &dyn Policy,
+    tasks: &[Task],
+    hidden: &HiddenConfig,
+    config: &EvaluateConfig,
+    progress: &dyn Progress,
+) -> Result<Evaluation> {
+    let mut world = HiddenWorld::new(hidden.clone())?;
+    let mut attempt = |task: &Task, actions: &[crate::task::ValidAction]| {
+        let tried = world.measure(task, actions)?;
+        Ok(tried.iter().map(|a| a.trajectory.as_ref().map(|t| t.solved())).collect())
+    };
+    evaluate(policy, tasks, config, &mut attempt, progress)
+}
+
+fn fixed(latents: Latents, effects: &[EffectTerm]) -> Training {
+    Training::Fixed { latents, effects: effects.to_vec() }
+}
+
+fn take_down(rows: &mut Vec<(Row, Vec<Evaluation>)>, method: Method, evaluation: Evaluation, interactions: u64) {
+    let at = rows.iter().position(|(r, _)| r.method == method).unwrap_or_else(|| {
+        let row = Row { method, auccess: Vec::new(), curve: Vec::new(), real_interactions: Vec::new() };
+        rows.push((row, Vec::new()));
+        rows.len() - 1
+    });
+    rows[at].0.auccess.push(evaluation.auccess);
+    rows[at].0.real_interactions.push(interactions);
+    rows[at].1.push(evaluation);
+}
+
+fn averaged(mut row: Row, evaluations: &[Evaluation]) -> Row {
+    let n = evaluations.len() as f64;
+    let attempts = evaluations[0].curve.len();
+    row.curve = (0..attempts).map(|k| evaluations.iter().map(|e| e.curve[k]).sum::<f64>() / n).collect();
+    row
+}
+
+/// Sums seconds by stage.
+struct Stopwatch<'a> {
+    clock: &'a dyn Fn() -> f64,
+    laps: Vec<(String, f64)>,
+}
+
+impl Stopwatch<'_> {
+    fn time<T>(&mut self, stage: &str, work: impl FnOnce() -> T) -> T {
+        let start = (self.clock)();
+        let result = work();
+        let took = (self.clock)() - start;
+        match self.laps.iter_mut().find(|(name, _)| name == stage) {
+            Some((_, sum)) => *sum += took,
+            None => self.laps.push((stage.to_string(), took)),
+        }
+        result
+    }
+}
+
+/// Puts a name before every stage.
+struct Named<'a> {
+    inner: &'a dyn Progress,
+    name: String,
+}
+
+impl Progress for Named<'_> {
+    fn report(&self, stage: &str, done: u64, total: u64) -> Result<()> {
+        self.inner.report(&format!("{}: {stage}", self.name), done, total)
+    }
+}
