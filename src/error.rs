@@ -56,7 +56,8 @@ impl fmt::Display for Input {
             write!(f, "`{}`", self.field)?;
         }
         if !self.value.is_empty() {
-            write!(f, " is {}", self.value)?;
+            f.write_str(if self.field.is_empty() { "" } else { " is " })?;
+            f.write_str(&self.value)?;
         }
         if !(self.field.is_empty() && self.value.is_empty()) {
             f.write_str("; ")?;

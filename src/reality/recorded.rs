@@ -29,22 +29,20 @@ pub fn read_trials(path: &Path, scene: &Scene) -> Result<Vec<Trial>> {
 
 /// Parses trials; each starts from `scene` in the trial's setting with bodies at their first observation.
 pub fn trials_from_csv(text: &str, scene: &Scene) -> Result<Vec<Trial>> {
-    if !text.is_empty() && !text.ends_with('\n') {
-        let line = text.lines().count();
-        let last = text.lines().last().unwrap_or_default();
-        let allowed = "a complete last line, ended by a newline (is the file cut off?)";
-        return Err(refuse(line, "", &format!("{last:?}"), allowed));
-    }
-    let mut lines = text.lines().enumerate().map(|(i, l)| (i + 1, l.trim_end_matches('\r')));
-    let (_, header) = lines.next().ok_or_else(|| refuse(1, "", "an empty file", "a header line"))?;
-    let columns = Columns::from_header(header.trim_start_matches('\u{feff}'))?;
+    let mut reader = csv::ReaderBuilder::new().has_headers(false).flexible(true).from_reader(text.as_bytes());
+    let mut records = reader.records();
+    let header = records.next().ok_or_else(|| refuse(1, "", "an empty file", "a header line"))?;
+    let columns = Columns::from_header(&header.map_err(|e| unreadable(&e))?)?;
     let mut trials: Vec<Trial> = Vec::new();
     let mut finished = HashSet::new();
-    for (number, line) in lines {
-        if line.trim().is_empty() {
-            continue;
-        }
-        let row = columns.row(number, line)?;
+    let mut last = (0, Vec::new());
+    for record in records {
+        let record = record.map_err(|e| unreadable(&e))?;
+        let number = record.position().map_or(0, |p| p.line() as usize);
+        let row = columns.row(number, &record)?;
+        let digits = record.get(columns.count - 1).map(decimals);
+        last.0 = number;
+        last.1.extend(digits);
         if trials.last().is_none_or(|t| t.name != row.trial) {
             if !finished.insert(row.trial.clone()) {
                 let allowed = "rows of a trial on end; this trial already ended above";
@@ -67,6 +65,11 @@ pub fn trials_from_csv(text: &str, scene: &Scene) -> Result<Vec<Trial>> {
             ));
         }
         add(trial, &row, number)?;
+    }
+    if !text.ends_with('\n') && looks_cut(&last.1) {
+        let allowed =
+            "a complete last line; it has fewer digits than those above and no newline: is the file cut off?";
+        return Err(refuse(last.0, "", "", allowed));
     }
     if trials.is_empty() {
         return Err(refuse(2, "", "no observation", "at least one row below the header"));
@@ -103,12 +106,11 @@ struct Columns {
 }
 
 impl Columns {
-    fn from_header(header: &str) -> Result<Columns> {
-        let cells = split(header, 1)?;
+    fn from_header(cells: &csv::StringRecord) -> Result<Columns> {
         let known: Vec<&str> = REQUIRED.iter().chain(&OPTIONAL).copied().collect();
         let mut at = [None; 10];
         for (i, cell) in cells.iter().enumerate() {
-            let name = cell.trim();
+            let name = cell.trim().trim_start_matches('\u{feff}');
             let Some(k) = known.iter().position(|n| *n == name) else {
                 return Err(refuse(
                     1,
@@ -132,8 +134,7 @@ impl Columns {
         Ok(Columns { at, count: cells.len() })
     }
 
-    fn row(&self, line: usize, text: &str) -> Result<Row> {
-        let cells = split(text, line)?;
+    fn row(&self, line: usize, cells: &csv::StringRecord) -> Result<Row> {
         if cells.len() != self.count {
             let allowed = format!("{} cells as in the header", self.count);
             return Err(refuse(line, "", &format!("{} cells", cells.len()), &allowed));
@@ -233,28 +234,24 @@ fn start_from_first_observation(trial: &mut Trial) {
     }
 }
 
-/// Cells of a CSV line; double quotes protect commas, and a doubled quote is a quote.
-fn split(line: &str, number: usize) -> Result<Vec<String>> {
-    let mut cells = vec![String::new()];
-    let mut quoted = false;
-    let mut chars = line.chars().peekable();
-    while let Some(c) = chars.next() {
-        let cell = cells.last_mut().expect("starts with one cell");
-        match c {
-            '"' if quoted && chars.peek() == Some(&'"') => {
-                chars.next();
-                cell.push('"');
-            }
-            '"' => quoted = !quoted,
-            ',' if !quoted => cells.push(String::new()),
-            c => cell.push(c),
+/// Digits behind the decimal point.
+fn decimals(cell: &str) -> usize {
+    cell.split_once('.').map_or(0, |(_, digits)| digits.len())
+}
+
+/// Whether the last of a column's numbers lost digits that all others have.
+fn looks_cut(digits: &[usize]) -> bool {
+    match digits.split_last() {
+        Some((last, [first, rest @ ..])) if rest.len() >= 2 => {
+            rest.iter().all(|d| d == first) && last < first
         }
+        _ => false,
     }
-    if quoted {
-        Err(refuse(number, "", "an open quote", "quotes closed on the same line"))
-    } else {
-        Ok(cells)
-    }
+}
+
+fn unreadable(error: &csv::Error) -> Error {
+    let line = error.position().map_or(0, |p| p.line() as usize);
+    refuse(line, "", "", &format!("comma-separated values ({error})"))
 }
 
 fn quoted(text: &str) -> String {
