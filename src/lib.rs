@@ -32,6 +32,7 @@ pub mod experiment;
 pub mod explore;
 pub mod json;
 pub mod picture;
+pub mod policy;
 pub mod progress;
 pub mod reality;
 pub mod residual;

@@ -1,0 +1,235 @@
+//! Labelled actions: which random actions solve which tasks in a simulated world.
+//!
+//! Source: Semage et al., pretraining in simulation; PHYRE's DQN learns from random actions likewise.
+//! Differences from the source: labels come from valid discrete actions only (an action that cannot be placed
+//! is never an attempt), and a task with few solving actions is drawn from further, up to a bound.
+
+use rand::RngExt;
+use rand::seq::SliceRandom;
+use serde::{Deserialize, Serialize};
+
+use super::features::Features;
+use crate::error::{Error, Result};
+use crate::progress::Progress;
+use crate::rng;
+use crate::task::scene::EffectTerm;
+use crate::task::{Placement, Scene, Task, ValidAction};
+use crate::world::{Engine, Latents, Rollout, simulate_map};
+
+/// Tasks and labelled actions on them.
+#[derive(Clone, Debug, Default)]
+pub struct Dataset {
+    pub tasks: Vec<Task>,
+    pub rows: Vec<Example>,
+}
+
+/// One action's outcome.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Example {
+    /// Index into the dataset's tasks.
+    pub task: usize,
+    pub action: ValidAction,
+    /// Whether it solved the task.
+    pub solved: bool,
+}
+
+/// The physics that labels come from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Training {
+    /// One world: an estimate, or the truth for an oracle.
+    Fixed { latents: Latents, effects: Vec<EffectTerm> },
+    /// Domain randomisation: every rollout draws its latents uniformly from these `[low, high]`.
+    Randomised { density: [f64; 2], friction: [f64; 2], restitution: [f64; 2], effects: Vec<EffectTerm> },
+}
+
+/// How many actions are labelled.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LabelConfig {
+    /// Valid actions labelled for each task, at least (fewer only if it has no more).
+    pub per_task: usize,
+    /// A task with fewer solving actions than this gets further ones...
+    pub enough_solving: usize,
+    /// ... until it has this many actions.
+    pub most_per_task: usize,
+    pub engine: Engine,
+    pub seed: u64,
+}
+
+/// Rollouts between two reports of progress.
+const CHUNK: usize = 1024;
+
+/// Draws random valid discrete actions of each task and simulates them. The result depends on the seed and
+/// neither on the number of threads nor on the order of the tasks in `tasks`.
+pub fn label(
+    tasks: &[Task],
+    training: &Training,
+    config: &LabelConfig,
+    progress: &dyn Progress,
+) -> Result<Dataset> {
+    let mut draws: Vec<Draw> = tasks.iter().map(|task| Draw::new(task, config.seed)).collect();
+    let mut found: Vec<Vec<(ValidAction, bool)>> = vec![Vec::new(); tasks.len()];
+    let mut round = vec![config.per_task; tasks.len()];
+    let (mut done, mut total) = (0u64, (config.per_task * tasks.len()) as u64);
+    loop {
+        let mut jobs: Vec<Job> = Vec::new();
+        for (t, draw) in draws.iter_mut().enumerate() {
+            jobs.extend(draw.take(t, round[t], training)?);
+        }
+        if jobs.is_empty() {
+            break;
+        }
+        for chunk in jobs.chunks(CHUNK) {
+            progress.report("label", done, total)?;
+            for (job, solved) in chunk.iter().zip(simulate(chunk, training.effects(), config.engine)?) {
+                found[job.task].push((job.action.clone(), solved));
+            }
+            done += chunk.len() as u64;
+        }
+        for (t, rows) in found.iter().enumerate() {
+            let solving = rows.iter().filter(|(_, solved)| *solved).count();
+            let short = solving < config.enough_solving && !draws[t].exhausted();
+            let more = if short { config.most_per_task.saturating_sub(rows.len()) } else { 0 };
+            round[t] = more.min(config.per_task.max(1));
+        }
+        total = done + round.iter().sum::<usize>() as u64;
+    }
+    progress.report("label", done, done)?;
+    let rows = found.into_iter().enumerate().flat_map(|(task, rows)| {
+        rows.into_iter().map(move |(action, solved)| Example { task, action, solved })
+    });
+    Ok(Dataset { tasks: tasks.to_vec(), rows: rows.collect() })
+}
+
+impl Training {
+    /// Domain randomisation over the paper's ranges: mass [0.1, 20], friction [0, 3], restitution [0, 1].
+    pub fn paper_randomised() -> Training {
+        Training::Randomised {
+            density: [0.1, 20.0],
+            friction: [0.0, 3.0],
+            restitution: [0.0, 1.0],
+            effects: Vec::new(),
+        }
+    }
+
+    /// Effects beyond a scene's own.
+    pub fn effects(&self) -> &[EffectTerm] {
+        match self {
+            Training::Fixed { effects, .. } | Training::Randomised { effects, .. } => effects,
+        }
+    }
+
+    /// Errors unless all values are allowed.
+    pub fn validate(&self) -> Result<()> {
+        match self {
+            Training::Fixed { latents, .. } => latents.validate(),
+            Training::Randomised { density, friction, restitution, .. } => {
+                let ranges = [("density", density), ("friction", friction), ("restitution", restitution)];
+                for (name, [low, high]) in ranges {
+                    if !(low.is_finite() && high.is_finite() && low <= high) {
+                        let value = format!("[{low}, {high}]");
+                        return Err(Error::input(name, value, "[low, high] with low not above high"));
+                    }
+                }
+                Latents::of([density[0], friction[0], restitution[0]]).validate()?;
+                Latents::of([density[1], friction[1], restitution[1]]).validate()
+            }
+        }
+    }
+
+    fn draw(&self, rng: &mut rng::Stream) -> Latents {
+        match self {
+            Training::Fixed { latents, .. } => *latents,
+            Training::Randomised { density, friction, restitution, .. } => {
+                Latents::of([density, friction, restitution].map(|[low, high]| {
+                    let share: f64 = rng.random();
+                    low + share * (high - low)
+                }))
+            }
+        }
+    }
+}
+
+impl Default for LabelConfig {
+    /// About 20 to 30 solving actions for a task of which 1 in 10 solves; rarer ones are searched ten times as long.
+    fn default() -> Self {
+        LabelConfig { per_task: 300, enough_solving: 15, most_per_task: 1500, engine: Engine::Auto, seed: 0 }
+    }
+}
+
+impl Dataset {
+    /// Errors unless every example's task exists.
+    pub fn validate(&self) -> Result<()> {
+        for (i, row) in self.rows.iter().enumerate() {
+            let Some(task) = self.tasks.get(row.task) else {
+                let allowed = format!("an index below {}", self.tasks.len());
+                return Err(Error::input(format!("rows[{i}].task"), row.task, allowed));
+            };
+            task.actions().validate(row.action.values()).map_err(|e| e.under(&format!("rows[{i}]")))?;
+        }
+        Ok(())
+    }
+
+    /// Number of solving examples.
+    pub fn solving(&self) -> usize {
+        self.rows.iter().filter(|r| r.solved).count()
+    }
+
+    /// Features of every task and of every example.
+    pub(super) fn features(&self) -> (Vec<Vec<f32>>, Vec<Vec<f32>>) {
+        use rayon::prelude::*;
+        let features: Vec<Features> = self.tasks.iter().map(Features::new).collect();
+        let rows = self.rows.par_iter().map(|r| features[r.task].action(&r.action)).collect();
+        (features.iter().map(Features::scene).collect(), rows)
+    }
+}
+
+/// A placed action to be simulated.
+struct Job {
+    task: usize,
+    action: ValidAction,
+    scene: Box<Scene>,
+    latents: Latents,
+}
+
+fn simulate(jobs: &[Job], effects: &[EffectTerm], engine: Engine) -> Result<Vec<bool>> {
+    let rollouts: Vec<Rollout> =
+        jobs.iter().map(|j| Rollout { scene: &j.scene, latents: j.latents, effects, stop: true }).collect();
+    simulate_map(&rollouts, engine, |_, trajectory| trajectory.solved())
+}
+
+/// A task's discrete actions in random order.
+struct Draw<'a> {
+    task: &'a Task,
+    order: Vec<u32>,
+    next: usize,
+    latents: rng::Stream,
+}
+
+impl<'a> Draw<'a> {
+    fn new(task: &'a Task, seed: u64) -> Draw<'a> {
+        let own = rng::derive(seed, &task.id, 0);
+        // At most a million: checked with the scene.
+        let mut order: Vec<u32> = (0..task.actions().count() as u32).collect();
+        order.shuffle(&mut rng::stream(own, "label actions"));
+        Draw { task, order, next: 0, latents: rng::stream(own, "label latents") }
+    }
+
+    fn exhausted(&self) -> bool {
+        self.next >= self.order.len()
+    }
+
+    /// The next `count` valid actions.
+    fn take(&mut self, task: usize, count: usize, training: &Training) -> Result<Vec<Job>> {
+        let mut jobs = Vec::new();
+        while jobs.len() < count && !self.exhausted() {
+            let action = self.task.actions().at(self.order[self.next] as usize)?;
+            self.next += 1;
+            if let Placement::Valid(scene) = self.task.place(&action) {
+                jobs.push(Job { task, action, scene, latents: training.draw(&mut self.latents) });
+            }
+        }
+        Ok(jobs)
+    }
+}

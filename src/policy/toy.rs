@@ -1,0 +1,78 @@
+//! Tasks without physics, for tests: a disc is placed above a resting ball and a rule of geometry decides what
+//! solves. The rule mirrors itself from task to task, so a policy that learned one task by heart fails the next.
+
+use super::data::{Dataset, Example};
+use crate::task::action::{ActionSpace, Component, Discrete, Quantity};
+use crate::task::scene::{Body, Goal, Scene, Shape};
+use crate::task::{Split, Task, ValidAction};
+
+/// A 10 m wide scene with a ball at `x` (share of the width) and a partner on the roomier side.
+pub fn task(x: f64) -> Task {
+    let ball = |name: &str, position: Option<[f64; 2]>| Body {
+        name: name.into(),
+        shape: Shape::Disc { radius: 0.5 },
+        mass: None,
+        density: None,
+        friction: 0.5,
+        restitution: 0.5,
+        position,
+        angle: 0.0,
+        velocity: [0.0; 2],
+        angular_velocity: 0.0,
+    };
+    let partner = if x < 0.5 { x + 0.35 } else { x - 0.35 };
+    let set = |set, low, high| Component { target: "red".into(), set, low, high };
+    let scene = Scene {
+        name: format!("toy {x}"),
+        bodies: vec![
+            ball("green", Some([10.0 * x, 0.5])),
+            ball("blue", Some([10.0 * partner, 0.5])),
+            ball("red", None),
+        ],
+        goal: Some(Goal::Contact {
+            bodies: ["green".into(), "blue".into()],
+            hold_s: 0.0,
+            tolerance: 0.01,
+            stop: None,
+        }),
+        action: Some(ActionSpace {
+            components: vec![
+                set(Quantity::X, 0.0, 10.0),
+                set(Quantity::Y, 2.0, 10.0),
+                set(Quantity::Radius, 0.1, 1.0),
+            ],
+            bounds: Some([-1.0, 0.0, 11.0, 11.0]),
+            discrete: Discrete::Sequence { count: 5000 },
+        }),
+        ..Scene::empty()
+    };
+    scene.validate().expect("a toy scene is valid");
+    Task { id: format!("toy:{x}"), family: "toy".into(), split: Split::Train, scene, certificate: None }
+}
+
+/// The rule: red falls on green's half away from blue, and is not too small.
+pub fn solves(task: &Task, action: &ValidAction) -> bool {
+    let x = |i: usize| task.scene.bodies[i].position.map_or(0.0, |p| p[0]);
+    let v = action.values();
+    let radius = 0.1 + 0.9 * v[2];
+    let offset = (10.0 * v[0] - x(0)) / (radius + 0.5) * (x(0) - x(1)).signum();
+    (0.1..0.7).contains(&offset) && radius > 0.3
+}
+
+/// `per_task` labelled actions of each task.
+pub fn dataset(tasks: &[Task], per_task: usize) -> Dataset {
+    let mut rows = Vec::new();
+    for (t, task) in tasks.iter().enumerate() {
+        for i in 0..per_task {
+            let action = task.actions().at((i * 37 + t * 101) % 5000).expect("an index below 5000");
+            let solved = solves(task, &action);
+            rows.push(Example { task: t, action, solved });
+        }
+    }
+    Dataset { tasks: tasks.to_vec(), rows }
+}
+
+/// `n` tasks with the ball at different places.
+pub fn tasks(n: usize) -> Vec<Task> {
+    (0..n).map(|i| task(0.06 + 0.88 * (i as f64 + 0.5) / n as f64)).collect()
+}
