@@ -7,6 +7,8 @@
 //! Differences from the source: [`EstimateConfig::memory`] decides whether a round's fit sees all trials so far
 //! (default) or only its own; the loop also ends when the estimate has settled or the budget is spent.
 
+pub mod quickstart;
+
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result, within};

@@ -4,8 +4,24 @@ use std::path::{Path, PathBuf};
 
 /// Rooms in order: each may use itself and those before it.
 const ROOMS: [&str; 18] = [
-    "error", "json", "rng", "progress", "trajectory", "task", "world", "residual", "reality", "explore", "estimate",
-    "discover", "policy", "picture", "experiment", "store", "job", "session",
+    "error",
+    "json",
+    "rng",
+    "progress",
+    "trajectory",
+    "task",
+    "world",
+    "residual",
+    "reality",
+    "explore",
+    "estimate",
+    "discover",
+    "policy",
+    "picture",
+    "experiment",
+    "store",
+    "job",
+    "session",
 ];
 /// Uses anything; nothing uses it.
 const LAST: &str = "serve";
@@ -71,7 +87,9 @@ fn hidden_physics_is_read_only_in_reality() {
 /// The check itself can fail.
 #[test]
 fn uses_are_found() {
-    let found = uses("use crate::task::Scene;\nlet x = crate::{world::Engine, serve};\n// crate::policy in a comment\n");
+    let found = uses(
+        "use crate::task::Scene;\nlet x = crate::{world::Engine, serve};\n// crate::policy in a comment\n",
+    );
     assert_eq!(found, ["task", "world", "serve"]);
 }
 
@@ -111,7 +129,9 @@ fn uses(text: &str) -> Vec<String> {
     let mut found = Vec::new();
     for line in code(text) {
         for part in line.split("crate::").skip(1) {
-            let word = |s: &str| s.trim().chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect::<String>();
+            let word = |s: &str| {
+                s.trim().chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect::<String>()
+            };
             if let Some(group) = part.strip_prefix('{') {
                 let group = group.split('}').next().unwrap_or_default();
                 found.extend(group.split(',').map(word));

@@ -64,7 +64,9 @@ pub fn experiment(args: &ExperimentArgs) -> Result<()> {
             iplw::error::within("--seeds", args.seeds as f64, 1.0, 1000.0)?;
             story(&args.task, (0..args.seeds).collect(), args.quick, &args.out)
         }
-        other => Err(Error::NotFound { kind: "experiment", id: other.into(), known: vec!["quickstart".into()] }),
+        other => {
+            Err(Error::NotFound { kind: "experiment", id: other.into(), known: vec!["quickstart".into()] })
+        }
     }
 }
 
@@ -89,7 +91,10 @@ fn story(name: &str, seeds: Vec<u64>, quick: bool, out: &Path) -> Result<()> {
             seed: 0,
         },
         train,
-        evaluate: EvaluateConfig { candidates: if quick { 2000 } else { 10_000 }, ..EvaluateConfig::phyre(0) },
+        evaluate: EvaluateConfig {
+            candidates: if quick { 2000 } else { 10_000 },
+            ..EvaluateConfig::phyre(0)
+        },
     };
     let bar = output::Bar::new();
     let started = Instant::now();
@@ -118,7 +123,8 @@ fn text_table(report: &QuickstartReport) -> String {
             Some(e) => format!("{mean:.3} +- {e:.3}"),
             None => format!("{mean:.3}"),
         };
-        let spent: u64 = row.real_interactions.iter().sum::<u64>() / row.real_interactions.len().max(1) as u64;
+        let spent: u64 =
+            row.real_interactions.iter().sum::<u64>() / row.real_interactions.len().max(1) as u64;
         text += &format!(
             "{:<27} {:<16} {:>9.0} %  {:>9.0} %   {spent:>12}\n",
             row.method.title(),
@@ -139,7 +145,8 @@ fn text_table(report: &QuickstartReport) -> String {
             text += &format!("{:<14} {:<15.3} {interval:<19} {truth}\n", factor.name, l.value);
         }
     }
-    let effects: Vec<String> = report.truth.effects.iter().map(|e| format!("{} {:?}", e.name, e.parameters)).collect();
+    let effects: Vec<String> =
+        report.truth.effects.iter().map(|e| format!("{} {:?}", e.name, e.parameters)).collect();
     text += &format!("hidden and not in the simulation: {}\n", effects.join(", "));
     text += "\nstage                          seconds\n";
     for (stage, seconds) in &report.seconds {
@@ -205,7 +212,8 @@ fn html(
     solved_plot: &str,
 ) -> Result<String> {
     let of = |m: Method| report.rows.iter().find(|r| r.method == m).map_or(f64::NAN, |r| r.mean().0);
-    let spent = report.estimates.iter().map(|e| e.real_interactions).sum::<u64>() / report.estimates.len() as u64;
+    let spent =
+        report.estimates.iter().map(|e| e.real_interactions).sum::<u64>() / report.estimates.len() as u64;
     let lead = format!(
         "A policy trained in a simulation grounded by {spent} measurements of a hidden world reaches AUCCESS {:.3} \
          on tasks it has never seen; {:.3} with domain randomisation, {:.3} with the true latents, {:.3} by chance.",
@@ -240,8 +248,12 @@ fn html(
         ],
     };
     let latents = Section { heading: "Latent factors".into(), blocks: latent_blocks(report) };
-    let mut films = Section { heading: "What the policy does".into(), blocks: films(keepsakes, tasks, hidden)? };
-    films.blocks.insert(0, Block::Text("The policy's first choice on some test tasks, carried out in the hidden world.".into()));
+    let mut films =
+        Section { heading: "What the policy does".into(), blocks: films(keepsakes, tasks, hidden)? };
+    films.blocks.insert(
+        0,
+        Block::Text("The policy's first choice on some test tasks, carried out in the hidden world.".into()),
+    );
     let mut explored = Vec::new();
     for trial in keepsakes.trials.iter().take(3) {
         explored.push(Block::Svg {
@@ -258,7 +270,10 @@ fn html(
                 rows: report.seconds.iter().map(|(s, t)| vec![s.clone(), format!("{t:.1}")]).collect(),
                 note: format!("iplw {}, seeds {:?}.", report.version, report.config.seeds),
             },
-            Block::Code(serde_json::to_string_pretty(&json!(report.config)).map_err(|e| Error::Failed(e.to_string()))?),
+            Block::Code(
+                serde_json::to_string_pretty(&json!(report.config))
+                    .map_err(|e| Error::Failed(e.to_string()))?,
+            ),
         ],
     };
     let page = Report {
@@ -279,10 +294,17 @@ fn latent_blocks(report: &QuickstartReport) -> Vec<Block> {
                 _ => "not identifiable from such trials".to_string(),
             };
             let truth = report.truth.latents.values()[i].map_or("-".into(), |v| format!("{v:.3}"));
-            rows.push(vec![format!("{} ({})", factor.name, factor.unit), seed.to_string(), format!("{:.3}", l.value), interval, truth]);
+            rows.push(vec![
+                format!("{} ({})", factor.name, factor.unit),
+                seed.to_string(),
+                format!("{:.3}", l.value),
+                interval,
+                truth,
+            ]);
         }
     }
-    let hidden: Vec<String> = report.truth.effects.iter().map(|e| format!("{} {:?}", e.name, e.parameters)).collect();
+    let hidden: Vec<String> =
+        report.truth.effects.iter().map(|e| format!("{} {:?}", e.name, e.parameters)).collect();
     let series: Vec<Series> = (1..3)
         .flat_map(|i| {
             report.config.seeds.iter().zip(&report.estimates).map(move |(seed, e)| Series {
@@ -303,7 +325,12 @@ fn latent_blocks(report: &QuickstartReport) -> Vec<Block> {
             ),
         },
         Block::Svg {
-            svg: plot::lines("Estimates by round", "round of exploring, measuring and fitting", "value", &series),
+            svg: plot::lines(
+                "Estimates by round",
+                "round of exploring, measuring and fitting",
+                "value",
+                &series,
+            ),
             caption: String::new(),
         },
     ]
@@ -314,11 +341,15 @@ fn films(keepsakes: &Keepsakes, tasks: &[Task], hidden: &HiddenConfig) -> Result
     let mut world = HiddenWorld::new(hidden.clone())?;
     let mut blocks = Vec::new();
     for task in split(tasks, Split::Test).iter().take(3) {
-        let candidates = (0..task.actions().count().min(50_000)).map(|i| task.actions().at(i)).collect::<Result<Vec<_>>>()?;
+        let candidates = (0..task.actions().count().min(50_000))
+            .map(|i| task.actions().at(i))
+            .collect::<Result<Vec<_>>>()?;
         let order = iplw::policy::rank(keepsakes.policy.as_ref(), task, &candidates, iplw::policy::CHUNK)?;
         for index in order {
             let attempt = world.measure(task, &[candidates[index].clone()])?.pop();
-            let Some((Ok(scene), Some(film))) = attempt.map(|a| (a.placement, a.trajectory)) else { continue };
+            let Some((Ok(scene), Some(film))) = attempt.map(|a| (a.placement, a.trajectory)) else {
+                continue;
+            };
             let outcome = if film.solved() { "solved" } else { "not solved" };
             blocks.push(Block::Svg {
                 svg: filmstrip_svg(&scene, &film, &Style { width: 960, ..Style::default() }),

@@ -1,6 +1,7 @@
 //! Commands, their shared options, and what they print.
 
 mod estimate;
+mod experiment;
 mod measure;
 mod output;
 mod parse;
@@ -25,6 +26,10 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
+    /// The story: hidden world, exploration, estimate, policies, transfer, report.
+    Run(experiment::RunArgs),
+    /// Experiments with their baselines, over several seeds.
+    Experiment(experiment::ExperimentArgs),
     /// Roll scenes out: one scene a line in, one result a line out.
     Rollout(rollout::Args),
     /// List tasks, splits and action spaces.
@@ -39,6 +44,8 @@ enum Command {
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
     let done = match cli.command {
+        Command::Run(args) => experiment::run(&args),
+        Command::Experiment(args) => experiment::experiment(&args),
         Command::Rollout(args) => rollout::run(&args),
         Command::Tasks(args) => tasks::run(&args),
         Command::Measure(args) => measure::run(&args),

@@ -133,8 +133,8 @@ pub fn quickstart(
         let staged = Named { inner: progress, name: format!("seed {} of {}", n + 1, config.seeds.len()) };
         let mut world = HiddenWorld::new(HiddenConfig { seed: *seed, ..hidden.clone() })?;
         let setup = EstimateConfig { seed: *seed, ..config.estimate.clone() };
-        let (report, trials) =
-            stopwatch.time("explore, measure, estimate", || estimate(&training, &mut world, &setup, &staged))?;
+        let (report, trials) = stopwatch
+            .time("explore, measure, estimate", || estimate(&training, &mut world, &setup, &staged))?;
         let spent = world.interactions();
         let found = Latents::of(report.values());
         for (method, schooling) in [
@@ -146,7 +146,7 @@ pub fn quickstart(
         ] {
             let named = Named { inner: &staged, name: method.title().into() };
             let policy: Box<dyn Policy> = match &schooling {
-                None => Box::new(Random::new(*seed)),
+                None => Box::new(Random { seed: *seed }),
                 Some(schooling) => {
                     let labels = LabelConfig { seed: rng::derive(*seed, "label", 0), ..config.label.clone() };
                     let data =
@@ -199,7 +199,12 @@ fn fixed(latents: Latents, effects: &[EffectTerm]) -> Training {
     Training::Fixed { latents, effects: effects.to_vec() }
 }
 
-fn take_down(rows: &mut Vec<(Row, Vec<Evaluation>)>, method: Method, evaluation: Evaluation, interactions: u64) {
+fn take_down(
+    rows: &mut Vec<(Row, Vec<Evaluation>)>,
+    method: Method,
+    evaluation: Evaluation,
+    interactions: u64,
+) {
     let at = rows.iter().position(|(r, _)| r.method == method).unwrap_or_else(|| {
         let row = Row { method, auccess: Vec::new(), curve: Vec::new(), real_interactions: Vec::new() };
         rows.push((row, Vec::new()));

@@ -203,7 +203,7 @@ pub fn heatmap(title: &str, map: &Heatmap) -> String {
             .disable_x_axis()
             .axis_style(ShapeStyle::from(&INK).stroke_width(units(1)))
             .y_labels(5)
-            .y_label_formatter(&|s| tick(low + s * (high - low)))
+            .y_label_formatter(&|s: &f64| tick(low + *s * (high - low)))
             .label_style(text(12))
             .y_desc(map.value_label.as_str())
             .axis_desc_style(text(13))
