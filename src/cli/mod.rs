@@ -7,6 +7,7 @@ mod output;
 mod parse;
 mod rollout;
 mod tasks;
+mod train;
 
 use std::process::ExitCode;
 
@@ -38,6 +39,10 @@ enum Command {
     Measure(measure::Args),
     /// Estimate the latent factors of a hidden real world.
     Estimate(estimate::Args),
+    /// Train a policy in simulation; writes its weights.
+    Train(train::TrainArgs),
+    /// Try a policy in a hidden world.
+    Evaluate(train::EvaluateArgs),
 }
 
 /// Parses the command line, runs the command, turns errors into exit codes.
@@ -50,6 +55,8 @@ pub fn main() -> ExitCode {
         Command::Tasks(args) => tasks::run(&args),
         Command::Measure(args) => measure::run(&args),
         Command::Estimate(args) => estimate::run(&args),
+        Command::Train(args) => train::train_policy(&args),
+        Command::Evaluate(args) => train::evaluate_policy(&args),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

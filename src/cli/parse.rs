@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use iplw::error::{Error, Result};
 use iplw::task::scene::EffectTerm;
-use iplw::world::{Engine, effect};
+use iplw::world::{Engine, Latents, effect};
 
 /// `name:parameter=value,...` as an effect.
 pub fn effect(text: &str) -> Result<EffectTerm> {
@@ -46,6 +46,22 @@ pub fn real(text: &str, base: iplw::reality::HiddenConfig) -> Result<iplw::reali
     Ok(config)
 }
 
+/// `density=..,friction=..,restitution=..`; what is not named is left to the scene.
+pub fn latents(text: &str) -> Result<Latents> {
+    let mut latents = Latents::default();
+    for (key, value) in pairs("--latents", text)? {
+        let v = Some(number(&format!("--latents {key}"), &value)?);
+        match key.as_str() {
+            "density" | "mass" => latents.density = v,
+            "friction" => latents.friction = v,
+            "restitution" => latents.restitution = v,
+            _ => return Err(Error::input("--latents", format!("{key:?}"), "density, friction, restitution")),
+        }
+    }
+    latents.validate()?;
+    Ok(latents)
+}
+
 fn pairs(option: &str, text: &str) -> Result<Vec<(String, String)>> {
     text.split(',')
         .map(str::trim)
@@ -61,5 +77,22 @@ fn number(field: &str, text: &str) -> Result<f64> {
     match text.parse::<f64>() {
         Ok(v) if v.is_finite() => Ok(v),
         _ => Err(Error::input(field, format!("{text:?}"), "a finite number")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn small_languages_are_parsed_and_bounded() {
+        assert_eq!(latents("friction=0.5").unwrap(), Latents { friction: Some(0.5), ..Latents::default() });
+        assert_eq!(effect("linear_drag:c=0.2").unwrap().parameters["c"], 0.2);
+        for bad in ["friction=-1", "grip=1", "friction", "friction=nan", "friction=1e999"] {
+            assert!(latents(bad).is_err(), "{bad}");
+        }
+        for bad in ["drag", "linear_drag:k=1", "linear_drag:c=-1", "linear_drag:c"] {
+            assert!(effect(bad).is_err(), "{bad}");
+        }
     }
 }

@@ -1,0 +1,149 @@
+//! `iplw train` and `iplw evaluate`: a policy as a safetensors file, and how it does in a hidden world.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use iplw::error::{Error, Result};
+use iplw::experiment::quickstart::try_out;
+use iplw::policy::{Dqn, EvaluateConfig, LabelConfig, TrainConfig, Training, label, train};
+use iplw::reality::standard;
+use iplw::task::{Split, split};
+use iplw::world::Engine;
+use serde_json::json;
+
+use super::{output, parse, tasks_named};
+
+/// Labels random actions of the training tasks in a simulation and trains a policy on them.
+#[derive(clap::Args)]
+pub struct TrainArgs {
+    /// bowling or basketball.
+    #[arg(long, default_value = "bowling")]
+    task: String,
+    /// Latents of the simulation, `density=..,friction=..,restitution=..`; the scene's own where not given.
+    #[arg(long, default_value = "")]
+    latents: String,
+    /// Train under domain randomisation over the paper's ranges instead of at `--latents`.
+    #[arg(long, conflicts_with = "latents")]
+    randomised: bool,
+    /// Effect of the simulation, `name:parameter=value,...`; may be repeated.
+    #[arg(long = "effect", value_name = "EFFECT")]
+    effects: Vec<String>,
+    /// Labelled actions per training task.
+    #[arg(long, default_value_t = 300)]
+    per_task: usize,
+    #[arg(long, default_value_t = 1000)]
+    batches: usize,
+    #[arg(long, default_value_t = 16)]
+    batch_size: usize,
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// File for the weights (safetensors).
+    #[arg(long, default_value = "policy.safetensors")]
+    out: PathBuf,
+}
+
+/// Lets a policy rank the actions of each task and tries them in the hidden world, best first, up to 100.
+#[derive(clap::Args)]
+pub struct EvaluateArgs {
+    /// bowling, basketball, or one task such as bowling:017.
+    #[arg(long, default_value = "bowling")]
+    task: String,
+    /// File of weights that `iplw train` wrote.
+    #[arg(long)]
+    policy: PathBuf,
+    /// train, validation or test.
+    #[arg(long, default_value = "test")]
+    split: String,
+    /// The hidden world, over the family's own: `damping=0.8,density=..,friction=..,restitution=..`.
+    #[arg(long, default_value = "")]
+    real: String,
+    /// Actions ranked per task.
+    #[arg(long, default_value_t = 10_000)]
+    candidates: usize,
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Print the result as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn train_policy(args: &TrainArgs) -> Result<()> {
+    let (tasks, _) = tasks_named(&args.task)?;
+    iplw::error::within("--per-task", args.per_task as f64, 1.0, 50_000.0)?;
+    let effects = args.effects.iter().map(|e| parse::effect(e)).collect::<Result<Vec<_>>>()?;
+    let training = if args.randomised {
+        match Training::paper_randomised() {
+            Training::Randomised { density, friction, restitution, .. } => {
+                Training::Randomised { density, friction, restitution, effects }
+            }
+            fixed @ Training::Fixed { .. } => fixed,
+        }
+    } else {
+        Training::Fixed { latents: parse::latents(&args.latents)?, effects }
+    };
+    let labels = LabelConfig {
+        per_task: args.per_task,
+        enough_solving: 5,
+        most_per_task: 4 * args.per_task,
+        engine: Engine::Auto,
+        seed: args.seed,
+    };
+    let config = TrainConfig {
+        batches: args.batches,
+        batch_size: args.batch_size,
+        seed: args.seed,
+        ..TrainConfig::paper_bowling()
+    };
+    config.validate()?;
+    let bar = output::Bar::new();
+    let started = Instant::now();
+    let data = label(&split(&tasks, Split::Train), &training, &labels, &bar)?;
+    let labelled = started.elapsed().as_secs_f64();
+    let (policy, log) = train(&data, &config, &bar)?;
+    bar.clear();
+    let weights = iplw::policy::Policy::to_safetensors(&policy)
+        .ok_or_else(|| Error::Failed("the policy has no weights to write".into()))?;
+    output::write_whole(&args.out, &weights)?;
+    let tail = &log.loss[log.loss.len().saturating_sub(100)..];
+    output::print(&format!(
+        "{} actions labelled ({} solve) in {labelled:.1} s, {} batches in {:.1} s\nmean loss of the last {} batches: {:.3} nats\nweights: {}\n",
+        data.rows.len(),
+        data.solving(),
+        log.loss.len(),
+        started.elapsed().as_secs_f64() - labelled,
+        tail.len(),
+        tail.iter().sum::<f32>() / tail.len().max(1) as f32,
+        args.out.display()
+    ))
+}
+
+pub fn evaluate_policy(args: &EvaluateArgs) -> Result<()> {
+    let (tasks, family) = tasks_named(&args.task)?;
+    iplw::error::within("--candidates", args.candidates as f64, 1.0, 1e6)?;
+    let which = [Split::Train, Split::Validation, Split::Test];
+    let Some(part) = which.into_iter().find(|s| s.name() == args.split) else {
+        return Err(Error::input("--split", format!("{:?}", args.split), "train, validation or test"));
+    };
+    let bytes = std::fs::read(&args.policy).map_err(|e| Error::io(&args.policy, e))?;
+    let policy = Dqn::from_safetensors(&bytes).map_err(|e| e.at(args.policy.display()))?;
+    let chosen = if tasks.len() > 1 { split(&tasks, part) } else { tasks };
+    policy.fits(&chosen[0]).map_err(|e| e.at(args.policy.display()))?;
+    let hidden = parse::real(&args.real, standard(family))?;
+    let config = EvaluateConfig { candidates: args.candidates, ..EvaluateConfig::phyre(args.seed) };
+    let bar = output::Bar::new();
+    let found = try_out(&policy, &chosen, &hidden, &config, &bar)?;
+    bar.clear();
+    if args.json {
+        let rows: Vec<_> =
+            chosen.iter().zip(&found.solved_at).map(|(t, k)| json!({"task": t.id, "solved_at": k})).collect();
+        let document =
+            json!({"auccess": found.auccess, "solved_within": found.curve.to_vec(), "tasks": rows});
+        return output::print(&format!("{document:#}\n"));
+    }
+    let mut text = format!("AUCCESS {:.3} on {} tasks\n", found.auccess, chosen.len());
+    for (task, k) in chosen.iter().zip(&found.solved_at) {
+        let at = k.map_or("not within 100".to_string(), |k| format!("at attempt {k}"));
+        text += &format!("  {:<16} {at}\n", task.id);
+    }
+    output::print(&text)
+}
