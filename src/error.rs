@@ -17,6 +17,12 @@ pub enum Error {
     /// The request is understood and will not be carried out.
     #[error("{reason}")]
     Refused { reason: String },
+    /// A real or sealed world keeps its physics to itself.
+    #[error("{reason}")]
+    Sealed { reason: String },
+    /// One request asks for more work or data than is given at a time.
+    #[error("{what}: {asked} asked for, at most {limit} at a time; {advice}")]
+    TooLarge { what: &'static str, asked: u64, limit: u64, advice: &'static str },
     /// The real world's budget of interactions does not cover the request.
     #[error("budget of {limit} real interactions: {spent} spent, {asked} asked for; ask for at most {}", limit.saturating_sub(*spent))]
     Budget { limit: u64, spent: u64, asked: u64 },

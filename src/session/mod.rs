@@ -1,0 +1,696 @@
+//! Gymnasium's reset and step over a task and a world, without any transport.
+//!
+//! A [`World`] is what a client acts in: a set of tasks, the physics (a simulation whose latents may be set, or
+//! a hidden real one) and the state of the current episode. All of its methods take `&self`: clients may share
+//! a world, and counting and episodes stay right.
+//!
+//! | phase | `step` | after |
+//! |---|---|---|
+//! | `New` | refused | `reset` makes it `Ready` |
+//! | `Ready` | a valid action is an attempt and ends the episode; an unplaceable one changes nothing | `Done` or `Ready` |
+//! | `Done` | refused | `reset` makes it `Ready` |
+
+mod catalogue;
+pub mod observation;
+mod registry;
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use rand::RngExt;
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result, within};
+use crate::reality::{Attempt, HiddenConfig, HiddenWorld, Reality, standard};
+use crate::rng::{self, Stream};
+use crate::task::scene::EffectTerm;
+use crate::task::{ActionSpace, Placement, Scene, Split, Task, ValidAction};
+use crate::trajectory::{End, Trajectory};
+use crate::world::{Engine, Latents, Rollout, chosen, effect, simulate_map};
+pub use catalogue::{Catalogue, TaskSet};
+pub use registry::{Listed, Registry, RegistryConfig};
+
+/// What a world is made from.
+pub struct WorldConfig {
+    /// What may be asked in it.
+    pub tasks: TaskSet,
+    /// Simulated or real.
+    pub kind: Kind,
+    /// Engine that integrates.
+    pub engine: Engine,
+    /// Latent factors; where `None`, a simulation starts from the family's prior mean and a real world has the
+    /// family's standard truth (a custom scene its own coefficients).
+    pub latents: Latents,
+    /// Effects; `None` is none for a simulation and the family's standard ones for a real world.
+    pub effects: Option<Vec<EffectTerm>>,
+    /// Standard deviation of observation noise, m; real worlds only.
+    pub noise: f64,
+    /// Most valid attempts; real worlds only.
+    pub budget: Option<u64>,
+    /// Whether latents and effects are kept secret and cannot be set; default true for a real world.
+    pub sealed: Option<bool>,
+    /// Seed of the stream that unseeded resets draw tasks from, and of observation noise.
+    pub seed: u64,
+}
+
+/// Whether a world is simulated or stands for the real one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Kind {
+    Sim,
+    Real,
+}
+
+/// An action as a client gives it.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Action {
+    /// Components in [0, 1].
+    Vector(Vec<f64>),
+    /// Number of a discrete action.
+    Index(u64),
+}
+
+/// Where an episode stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Phase {
+    /// Never reset.
+    New,
+    /// Waiting for an action.
+    Ready,
+    /// Ended by an attempt.
+    Done,
+}
+
+/// A world in which tasks can be attempted.
+pub struct World {
+    tasks: TaskSet,
+    kind: Kind,
+    engine: Engine,
+    sealed: bool,
+    seed: u64,
+    budget: Option<u64>,
+    /// Of a simulation, or of a real world that is not sealed.
+    effects: Vec<EffectTerm>,
+    hidden: Option<Mutex<HiddenWorld>>,
+    /// Held through a whole reset or step, so that one action ends one episode.
+    turn: Mutex<()>,
+    /// Held only for moments; the last lock taken.
+    state: Mutex<State>,
+}
+
+struct State {
+    /// Of a simulation, or of a real world that is not sealed.
+    latents: Latents,
+    phase: Phase,
+    task: Option<usize>,
+    episodes: u64,
+    interactions: u64,
+    resets: Stream,
+}
+
+/// A world as it may be shown.
+pub struct Description {
+    pub task: String,
+    pub kind: Kind,
+    pub engine: Engine,
+    pub sealed: bool,
+    /// `None` if sealed.
+    pub latents: Option<Latents>,
+    /// `None` if sealed.
+    pub effects: Option<Vec<EffectTerm>>,
+    /// Valid attempts so far, by steps, rollouts, films and jobs.
+    pub interactions: u64,
+    pub budget: Option<u64>,
+    pub seed: u64,
+    /// Of all tasks of the world.
+    pub actions: ActionSpace,
+    /// Names of the observation's features.
+    pub features: Vec<String>,
+    /// Id of the current task.
+    pub current: Option<String>,
+    pub phase: Phase,
+    /// Resets so far.
+    pub episodes: u64,
+}
+
+/// What to reset to.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Reset {
+    /// Starts the world's stream of tasks anew.
+    pub seed: Option<u64>,
+    /// Id of the task; drawn from the stream if absent.
+    pub task: Option<String>,
+    /// Part of the family to draw from; train, or all tasks if the world has none there.
+    pub split: Option<Split>,
+}
+
+/// The start of an episode.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Start {
+    /// (n_features,) in [0, 1].
+    pub observation: Vec<f64>,
+    pub task: String,
+    pub split: Split,
+}
+
+/// What a step brought: Gymnasium's tuple (never truncated) and what else there is to know.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Step {
+    /// (n_features,) in [0, 1], of the final state.
+    pub observation: Vec<f64>,
+    /// 1 if solved, else 0.
+    pub reward: f64,
+    pub terminated: bool,
+    /// Why the action could not be placed, if so.
+    pub invalid: Option<String>,
+    pub solved: bool,
+    /// Simulated time steps.
+    pub steps: u32,
+    pub task: String,
+    /// Valid attempts in this world so far.
+    pub interactions: u64,
+    pub collisions: u32,
+    pub rolling_steps: u32,
+    pub end: Option<End>,
+}
+
+/// A batch of attempts outside any episode.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Batch {
+    pub actions: Vec<Action>,
+    /// Id of the task; the current one if absent.
+    pub task: Option<String>,
+    /// Whether results carry samples.
+    pub trajectories: bool,
+    /// Whether a rollout ends when the goal is reached; real worlds always do.
+    pub stop: bool,
+}
+
+/// What a batch brought.
+pub struct Rolled {
+    /// Name of the engine that ran.
+    pub engine: &'static str,
+    pub task: String,
+    /// Valid attempts in this world so far.
+    pub interactions: u64,
+    /// Valid attempts among the results.
+    pub valid: u64,
+    /// In the order of the actions: a trajectory (without samples unless asked for), or why not.
+    pub results: Vec<std::result::Result<Trajectory, String>>,
+}
+
+/// Most actions in one batch.
+pub const MOST_ACTIONS: usize = 4096;
+/// Most sampled body states in one answer; 8 numbers each, so that an answer stays below half a gigabyte.
+const MOST_SAMPLES: u64 = 4_000_000;
+/// Most body-time-steps in one request: about a minute on two cores.
+const MOST_WORK: u64 = 100_000_000;
+
+impl World {
+    /// Makes a world; errors name what in `config` is out of range.
+    pub fn new(config: WorldConfig) -> Result<World> {
+        let sealed = config.sealed.unwrap_or(config.kind == Kind::Real);
+        for task in config.tasks.tasks.iter() {
+            affordable(&task.scene, 1, true)?;
+        }
+        config.latents.validate()?;
+        let (latents, effects, hidden) = match config.kind {
+            Kind::Sim => {
+                if config.noise != 0.0 {
+                    return Err(Error::input("noise", config.noise, "0 for a simulated world"));
+                }
+                if let Some(budget) = config.budget {
+                    return Err(Error::input(
+                        "budget",
+                        budget,
+                        "null for a simulated world: it costs nothing",
+                    ));
+                }
+                let effects = config.effects.unwrap_or_default();
+                for (i, term) in effects.iter().enumerate() {
+                    effect::resolve(term, &format!("effects[{i}]"))?;
+                }
+                let prior = config.tasks.family.map(|f| Latents::of(f.prior.map(|p| p.0)));
+                (config.latents.or(prior.unwrap_or_default()), effects, None)
+            }
+            Kind::Real => {
+                let base = config.tasks.family.map_or_else(bare, standard);
+                let hidden = HiddenConfig {
+                    latents: config.latents.or(base.latents),
+                    effects: config.effects.unwrap_or(base.effects),
+                    engine: config.engine,
+                    noise: within("noise", config.noise, 0.0, 1e3)?,
+                    budget: config.budget,
+                    seed: config.seed,
+                };
+                let shown = (!sealed).then(|| (hidden.latents, hidden.effects.clone()));
+                let (latents, effects) = shown.unwrap_or_default();
+                (latents, effects, Some(Mutex::new(HiddenWorld::new(hidden)?)))
+            }
+        };
+        Ok(World {
+            tasks: config.tasks,
+            kind: config.kind,
+            engine: config.engine,
+            sealed,
+            seed: config.seed,
+            budget: config.budget,
+            effects,
+            hidden,
+            turn: Mutex::new(()),
+            state: Mutex::new(State {
+                latents,
+                phase: Phase::New,
+                task: None,
+                episodes: 0,
+                interactions: 0,
+                resets: rng::stream(config.seed, "reset"),
+            }),
+        })
+    }
+
+    /// Starts an episode.
+    pub fn reset(&self, reset: &Reset) -> Result<Start> {
+        let given = reset.task.as_deref().map(|id| self.tasks.find(id)).transpose()?;
+        let pool = self.pool(reset.split)?;
+        if let (Some(task), Some(split)) = (given, reset.split)
+            && !pool.contains(&task)
+        {
+            let own = self.tasks.tasks[task].split.name();
+            return Err(Error::input(
+                "split",
+                format!("{:?}", split.name()),
+                format!("{own:?}, where the task is"),
+            ));
+        }
+        let _turn = lock(&self.turn);
+        let mut state = lock(&self.state);
+        if let Some(seed) = reset.seed {
+            state.resets = rng::stream(seed, "reset");
+        }
+        let task = match given {
+            Some(task) => task,
+            None => pool[state.resets.random_range(0..pool.len())],
+        };
+        state.task = Some(task);
+        state.phase = Phase::Ready;
+        state.episodes += 1;
+        let task = &self.tasks.tasks[task];
+        Ok(Start {
+            observation: observation::observe(&task.scene, None),
+            task: task.id.clone(),
+            split: task.split,
+        })
+    }
+
+    /// Carries out one action; see the table of phases.
+    pub fn step(&self, action: &Action) -> Result<Step> {
+        let _turn = lock(&self.turn);
+        let (task, latents) = {
+            let state = lock(&self.state);
+            let task = match (state.phase, state.task) {
+                (Phase::Ready, Some(task)) => task,
+                (Phase::Done, _) => return Err(refused("the episode has ended; reset the world first")),
+                _ => return Err(refused("no episode has begun; reset the world first")),
+            };
+            (&self.tasks.tasks[task], state.latents)
+        };
+        let action = action.resolve(task.actions(), "action")?;
+        let (mut results, interactions) = self.attempt(task, &[action], latents, true, |t| t)?;
+        let result = results.pop().ok_or_else(|| Error::Failed("an attempt without a result".into()))?;
+        let step = Step {
+            observation: observation::observe(&task.scene, result.as_ref().ok()),
+            reward: 0.0,
+            terminated: false,
+            invalid: None,
+            solved: false,
+            steps: 0,
+            task: task.id.clone(),
+            interactions,
+            collisions: 0,
+            rolling_steps: 0,
+            end: None,
+        };
+        match result {
+            Err(reason) => Ok(Step { invalid: Some(reason), ..step }),
+            Ok(trajectory) => {
+                lock(&self.state).phase = Phase::Done;
+                Ok(Step {
+                    reward: f64::from(u8::from(trajectory.solved())),
+                    terminated: true,
+                    solved: trajectory.solved(),
+                    steps: trajectory.outcome.steps,
+                    collisions: trajectory.collisions,
+                    rolling_steps: trajectory.rolling_steps,
+                    end: Some(trajectory.outcome.end),
+                    ..step
+                })
+            }
+        }
+    }
+
+    /// Sets those latent factors that are given; refused by a real or sealed world.
+    pub fn set_latents(&self, latents: Latents) -> Result<()> {
+        if self.kind == Kind::Real || self.sealed {
+            return Err(Error::Sealed {
+                reason: "the latents of a real or sealed world cannot be set; \
+                         set them in a simulated world and compare"
+                    .into(),
+            });
+        }
+        latents.validate()?;
+        let mut state = lock(&self.state);
+        state.latents = latents.or(state.latents);
+        Ok(())
+    }
+
+    /// Attempts many actions on a task, leaving the episode as it is.
+    pub fn rollout(&self, batch: &Batch) -> Result<Rolled> {
+        let (task, latents) = self.task_or_current(batch.task.as_deref())?;
+        if batch.actions.len() > MOST_ACTIONS {
+            return Err(Error::TooLarge {
+                what: "actions",
+                asked: batch.actions.len() as u64,
+                limit: MOST_ACTIONS as u64,
+                advice: "send several batches",
+            });
+        }
+        if self.kind == Kind::Real && !batch.stop {
+            return Err(Error::input("stop", false, "true: a real world ends with its goal"));
+        }
+        let actions: Vec<ValidAction> = batch
+            .actions
+            .iter()
+            .enumerate()
+            .map(|(i, a)| a.resolve(task.actions(), &format!("actions[{i}]")))
+            .collect::<Result<_>>()?;
+        // A real world keeps all samples while it measures.
+        affordable(&task.scene, actions.len() as u64, batch.trajectories || self.kind == Kind::Real)?;
+        let keep = |mut t: Trajectory| {
+            if !batch.trajectories {
+                (t.times, t.bodies, t.events) = Default::default();
+            }
+            t
+        };
+        let (results, interactions) = self.attempt(task, &actions, latents, batch.stop, keep)?;
+        Ok(Rolled {
+            engine: self.engine_for(task, &actions),
+            task: task.id.clone(),
+            interactions,
+            valid: results.iter().filter(|r| r.is_ok()).count() as u64,
+            results,
+        })
+    }
+
+    /// The scene of a task (the current one if `task` is absent) as it stands, or with an action placed in it.
+    pub fn scene(&self, task: Option<&str>, action: Option<&Action>) -> Result<Scene> {
+        let task = match self.task_or_current(task) {
+            Ok((task, _)) => task,
+            // A world never reset shows its first task.
+            Err(Error::Refused { .. }) => &self.tasks.tasks[0],
+            Err(e) => return Err(e),
+        };
+        let Some(action) = action else { return Ok(task.scene.clone()) };
+        match task.place(&action.resolve(task.actions(), "action")?) {
+            Placement::Valid(scene) => Ok(*scene),
+            Placement::Invalid(reason) => Err(unplaceable(action, &reason)),
+        }
+    }
+
+    /// The placed scene and the trajectory of one action, for a film; an attempt like any other.
+    pub fn film(&self, task: Option<&str>, action: &Action) -> Result<(Scene, Trajectory)> {
+        let (task, latents) = self.task_or_current(task)?;
+        let scene = self.scene(Some(&task.id), Some(action))?;
+        let resolved = action.resolve(task.actions(), "action")?;
+        let (mut results, _) = self.attempt(task, &[resolved], latents, true, |t| t)?;
+        match results.pop() {
+            Some(Ok(trajectory)) => Ok((scene, trajectory)),
+            Some(Err(reason)) => Err(unplaceable(action, &reason)),
+            None => Err(Error::Failed("an attempt without a result".into())),
+        }
+    }
+
+    /// The world as it may be shown.
+    pub fn describe(&self) -> Description {
+        let state = lock(&self.state);
+        let first = &self.tasks.tasks[0];
+        Description {
+            task: self.tasks.name.clone(),
+            kind: self.kind,
+            engine: self.engine,
+            sealed: self.sealed,
+            latents: (!self.sealed).then_some(state.latents),
+            effects: (!self.sealed).then(|| self.effects.clone()),
+            interactions: state.interactions,
+            budget: self.budget,
+            seed: self.seed,
+            actions: first.actions().clone(),
+            features: observation::names(&first.scene),
+            current: state.task.map(|t| self.tasks.tasks[t].id.clone()),
+            phase: state.phase,
+            episodes: state.episodes,
+        }
+    }
+
+    /// Simulated or real.
+    pub fn kind(&self) -> Kind {
+        self.kind
+    }
+
+    /// The tasks the world may be reset to.
+    pub fn tasks(&self) -> &TaskSet {
+        &self.tasks
+    }
+
+    /// Valid attempts so far.
+    pub fn interactions(&self) -> u64 {
+        lock(&self.state).interactions
+    }
+
+    /// Attempts actions in this world's physics and counts the valid ones.
+    pub fn attempts(
+        &self,
+        task: &Task,
+        actions: &[ValidAction],
+    ) -> Result<Vec<std::result::Result<Trajectory, String>>> {
+        let latents = lock(&self.state).latents;
+        Ok(self.attempt(task, actions, latents, true, |t| t)?.0)
+    }
+
+    /// Results in the order of the actions, and the count of valid attempts after them.
+    #[allow(clippy::type_complexity)]
+    fn attempt(
+        &self,
+        task: &Task,
+        actions: &[ValidAction],
+        latents: Latents,
+        stop: bool,
+        keep: impl Fn(Trajectory) -> Trajectory + Sync,
+    ) -> Result<(Vec<std::result::Result<Trajectory, String>>, u64)> {
+        if let Some(hidden) = &self.hidden {
+            let mut hidden = lock(hidden);
+            let attempts = hidden.measure(task, actions)?;
+            let interactions = hidden.interactions();
+            lock(&self.state).interactions = interactions;
+            drop(hidden);
+            let results = attempts.into_iter().map(|a| match (a.placement, a.trajectory) {
+                (Err(reason), _) => Err(reason),
+                (Ok(_), Some(trajectory)) => Ok(keep(trajectory)),
+                (Ok(_), None) => Err("nothing was observed".into()),
+            });
+            return Ok((results.collect(), interactions));
+        }
+        let placements: Vec<Placement> = actions.iter().map(|a| task.place(a)).collect();
+        let rollouts: Vec<Rollout> = placements
+            .iter()
+            .filter_map(|p| match p {
+                Placement::Valid(scene) => Some(Rollout { scene, latents, effects: &self.effects, stop }),
+                Placement::Invalid(_) => None,
+            })
+            .collect();
+        let valid = rollouts.len() as u64;
+        let mut simulated = simulate_map(&rollouts, self.engine, |_, t| keep(t))?.into_iter();
+        let results = placements
+            .iter()
+            .map(|p| match p {
+                Placement::Invalid(reason) => Err(reason.clone()),
+                Placement::Valid(_) => simulated.next().ok_or_else(|| "nothing was simulated".into()),
+            })
+            .collect();
+        let mut state = lock(&self.state);
+        state.interactions += valid;
+        Ok((results, state.interactions))
+    }
+
+    /// Name of the engine that runs the first placeable of the actions.
+    fn engine_for(&self, task: &Task, actions: &[ValidAction]) -> &'static str {
+        let placed = actions.iter().find_map(|a| match task.place(a) {
+            Placement::Valid(scene) => Some(scene),
+            Placement::Invalid(_) => None,
+        });
+        let engine = placed.and_then(|scene| {
+            let rollout =
+                Rollout { scene: &scene, latents: Latents::default(), effects: &self.effects, stop: true };
+            chosen(self.engine, &rollout).ok()
+        });
+        engine.unwrap_or(self.engine).name()
+    }
+
+    /// Indices of the tasks a reset draws from; never empty.
+    fn pool(&self, split: Option<Split>) -> Result<Vec<usize>> {
+        let of = |s: Split| -> Vec<usize> {
+            (0..self.tasks.tasks.len()).filter(|i| self.tasks.tasks[*i].split == s).collect()
+        };
+        match split {
+            Some(split) => Some(of(split)).filter(|pool| !pool.is_empty()).ok_or_else(|| {
+                let there: Vec<String> = [Split::Train, Split::Validation, Split::Test]
+                    .into_iter()
+                    .filter(|s| !of(*s).is_empty())
+                    .map(|s| format!("{:?}", s.name()))
+                    .collect();
+                Error::input(
+                    "split",
+                    format!("{:?}", split.name()),
+                    format!("{} in this world", there.join(", ")),
+                )
+            }),
+            None => Ok(Some(of(Split::Train))
+                .filter(|pool| !pool.is_empty())
+                .unwrap_or_else(|| (0..self.tasks.tasks.len()).collect())),
+        }
+    }
+
+    fn task_or_current(&self, id: Option<&str>) -> Result<(&Task, Latents)> {
+        let state = lock(&self.state);
+        let index = match id {
+            Some(id) => self.tasks.find(id)?,
+            None if self.tasks.tasks.len() == 1 => 0,
+            None => state
+                .task
+                .ok_or_else(|| refused("no current task; reset the world first, or name a `task`"))?,
+        };
+        Ok((&self.tasks.tasks[index], state.latents))
+    }
+}
+
+/// A shared world as a reality: what is measured through it counts on the world.
+pub struct SharedReality<'a>(pub &'a World);
+
+impl Reality for SharedReality<'_> {
+    fn measure(&mut self, task: &Task, actions: &[ValidAction]) -> Result<Vec<Attempt>> {
+        let results = self.0.attempts(task, actions)?;
+        let attempt = |(action, result): (&ValidAction, std::result::Result<Trajectory, String>)| match result
+        {
+            Err(reason) => Attempt { placement: Err(reason), trajectory: None },
+            Ok(trajectory) => {
+                let placement = match task.place(action) {
+                    Placement::Valid(scene) => Ok(scene),
+                    Placement::Invalid(reason) => Err(reason),
+                };
+                Attempt { placement, trajectory: Some(trajectory) }
+            }
+        };
+        Ok(actions.iter().zip(results).map(attempt).collect())
+    }
+
+    fn interactions(&self) -> u64 {
+        self.0.interactions()
+    }
+
+    fn budget(&self) -> Option<u64> {
+        self.0.budget
+    }
+}
+
+impl Action {
+    /// The action in `space`; `field` is what an error calls it.
+    pub fn resolve(&self, space: &ActionSpace, field: &str) -> Result<ValidAction> {
+        let resolved = match self {
+            Action::Vector(values) => space.validate(values),
+            Action::Index(index) => space.at(usize::try_from(*index).unwrap_or(usize::MAX)),
+        };
+        resolved.map_err(|e| match e {
+            Error::Input(mut input) => {
+                input.field = format!("{field}{}", input.field.strip_prefix("action").unwrap_or_default());
+                Error::Input(input)
+            }
+            other => other,
+        })
+    }
+}
+
+impl Phase {
+    /// The name used on the wire.
+    pub fn name(self) -> &'static str {
+        match self {
+            Phase::New => "new",
+            Phase::Ready => "ready",
+            Phase::Done => "done",
+        }
+    }
+}
+
+impl Kind {
+    /// The name used on the wire.
+    pub fn name(self) -> &'static str {
+        match self {
+            Kind::Sim => "sim",
+            Kind::Real => "real",
+        }
+    }
+}
+
+/// A real world of a custom scene: the scene's own coefficients and effects.
+fn bare() -> HiddenConfig {
+    HiddenConfig {
+        latents: Latents::default(),
+        effects: Vec::new(),
+        engine: Engine::Auto,
+        noise: 0.0,
+        budget: None,
+        seed: 0,
+    }
+}
+
+/// Errors if `rollouts` of `scene` are more than one request may cost.
+fn affordable(scene: &Scene, rollouts: u64, samples_kept: bool) -> Result<()> {
+    let bodies = scene.bodies.len() as u64;
+    let work = rollouts.saturating_mul(u64::from(scene.steps)).saturating_mul(bodies);
+    if work > MOST_WORK {
+        let advice = "take fewer actions, steps or bodies";
+        return Err(Error::TooLarge {
+            what: "bodies x time steps x actions",
+            asked: work,
+            limit: MOST_WORK,
+            advice,
+        });
+    }
+    let each = u64::from(scene.steps / scene.observe_every.max(1)) + 2;
+    let samples = rollouts.saturating_mul(each).saturating_mul(bodies);
+    if samples_kept && samples > MOST_SAMPLES {
+        let advice = "take fewer actions or a larger `observe_every`";
+        return Err(Error::TooLarge {
+            what: "sampled body states",
+            asked: samples,
+            limit: MOST_SAMPLES,
+            advice,
+        });
+    }
+    Ok(())
+}
+
+fn unplaceable(action: &Action, reason: &str) -> Error {
+    let value = match action {
+        Action::Vector(values) => format!("{values:?}"),
+        Action::Index(index) => index.to_string(),
+    };
+    Error::input("action", value, format!("an action that can be placed ({reason})"))
+}
+
+fn refused(reason: &str) -> Error {
+    Error::Refused { reason: reason.into() }
+}
+
+/// A panic elsewhere leaves the data as it was after the last completed statement: still usable.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -1,0 +1,179 @@
+//! What lasts: jobs and policies, in SQLite (WAL) with weights as files beside it.
+//!
+//! A data directory holds `iplw.sqlite`, `policies/` and `lock`. One server at a time: the lock is the
+//! operating system's, so it goes with the process however that ends. Without a directory everything is kept
+//! in memory by the same code.
+
+mod blobs;
+mod jobs;
+mod policies;
+
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io::{Read, Write};
+use std::path::Path;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use rusqlite::Connection;
+
+use crate::error::{Error, Result};
+use blobs::Blobs;
+pub use jobs::{JobRow, JobState};
+pub use policies::PolicyRow;
+
+/// An open store.
+pub struct Store {
+    connection: Mutex<Connection>,
+    blobs: Blobs,
+    /// Held as long as the store is open.
+    _lock: Option<File>,
+}
+
+/// Version of the tables; a file with a later one is refused.
+const SCHEMA: i64 = 1;
+
+const TABLES: &str = "
+    CREATE TABLE job (
+        number INTEGER PRIMARY KEY AUTOINCREMENT,
+        kind TEXT NOT NULL,
+        state TEXT NOT NULL,
+        config TEXT NOT NULL,
+        result TEXT,
+        error TEXT,
+        seed TEXT NOT NULL,
+        version TEXT NOT NULL,
+        stage TEXT NOT NULL DEFAULT '',
+        done INTEGER NOT NULL DEFAULT 0,
+        total INTEGER NOT NULL DEFAULT 0,
+        events INTEGER NOT NULL DEFAULT 0
+    ) STRICT;
+    CREATE TABLE policy (
+        number INTEGER PRIMARY KEY AUTOINCREMENT,
+        id TEXT NOT NULL UNIQUE,
+        task TEXT NOT NULL,
+        training TEXT NOT NULL,
+        about TEXT NOT NULL,
+        config TEXT NOT NULL,
+        job TEXT,
+        version TEXT NOT NULL,
+        blob TEXT NOT NULL,
+        bytes INTEGER NOT NULL
+    ) STRICT;
+";
+
+impl Store {
+    /// A store that is gone when it is dropped.
+    pub fn in_memory() -> Result<Store> {
+        let connection = Connection::open_in_memory().map_err(|e| failed("the store in memory", &e))?;
+        Store { connection: Mutex::new(connection), blobs: Blobs::memory(), _lock: None }.ready(":memory:")
+    }
+
+    /// Opens or makes the store in `directory`; refuses if another server has it open.
+    pub fn open(directory: &Path) -> Result<Store> {
+        std::fs::create_dir_all(directory).map_err(|e| Error::io(directory, e))?;
+        let lock = locked(directory)?;
+        let file = directory.join("iplw.sqlite");
+        let place = file.display().to_string();
+        let connection = Connection::open(&file).map_err(|e| failed(&place, &e))?;
+        let blobs = Blobs::directory(&directory.join("policies"))?;
+        Store { connection: Mutex::new(connection), blobs, _lock: Some(lock) }.ready(&place)
+    }
+
+    fn ready(self, place: &str) -> Result<Store> {
+        {
+            let c = self.connection();
+            let fail = |e: rusqlite::Error| failed(place, &e);
+            // A database in memory has no log; the pragma's answer is the mode that holds.
+            c.query_row("PRAGMA journal_mode = WAL", [], |row| row.get::<_, String>(0)).map_err(fail)?;
+            c.pragma_update(None, "synchronous", "FULL").map_err(fail)?;
+            let version: i64 = c.query_row("PRAGMA user_version", [], |row| row.get(0)).map_err(fail)?;
+            match version {
+                0 => c
+                    .execute_batch(&format!("BEGIN; {TABLES} PRAGMA user_version = {SCHEMA}; COMMIT;"))
+                    .map_err(fail)?,
+                SCHEMA => {}
+                later => {
+                    return Err(Error::Refused {
+                        reason: format!(
+                            "{place} was written by a later version of this program (tables {later}, \
+                             here {SCHEMA}); use that version, or another data directory"
+                        ),
+                    });
+                }
+            }
+        }
+        self.sweep_blobs()?;
+        Ok(self)
+    }
+
+    fn connection(&self) -> MutexGuard<'_, Connection> {
+        self.connection.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Takes the directory's lock and writes this process's number into it.
+fn locked(directory: &Path) -> Result<File> {
+    let path = directory.join("lock");
+    let mut file = OpenOptions::new()
+        .read(true)
+        .write(true)
+        .create(true)
+        .truncate(false)
+        .open(&path)
+        .map_err(|e| Error::io(&path, e))?;
+    match file.try_lock() {
+        Ok(()) => {}
+        Err(TryLockError::WouldBlock) => {
+            let mut owner = String::new();
+            // Who it is only makes the message better; that someone has it is known.
+            let _ = file.read_to_string(&mut owner);
+            let owner =
+                if owner.trim().is_empty() { String::new() } else { format!(" (process {})", owner.trim()) };
+            return Err(Error::Refused {
+                reason: format!(
+                    "data directory {} is in use by another server{owner}; stop that one, or give another --data-dir",
+                    directory.display()
+                ),
+            });
+        }
+        Err(TryLockError::Error(e)) => return Err(Error::io(&path, e)),
+    }
+    file.set_len(0).map_err(|e| Error::io(&path, e))?;
+    writeln!(file, "{}", std::process::id()).map_err(|e| Error::io(&path, e))?;
+    Ok(file)
+}
+
+fn failed(place: &str, error: &rusqlite::Error) -> Error {
+    Error::Io { path: place.to_string(), message: error.to_string() }
+}
+
+fn sql(error: rusqlite::Error) -> Error {
+    failed("the store", &error)
+}
+
+/// JSON that this program wrote itself.
+fn json(text: &str) -> serde_json::Value {
+    serde_json::from_str(text).unwrap_or(serde_json::Value::Null)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_second_server_is_refused_until_the_first_is_gone() {
+        let dir = tempfile::tempdir().unwrap();
+        let first = Store::open(dir.path()).unwrap();
+        let refused = Store::open(dir.path()).err().unwrap();
+        assert!(refused.to_string().contains("in use by another server"), "{refused}");
+        drop(first);
+        Store::open(dir.path()).unwrap();
+    }
+
+    #[test]
+    fn a_later_schema_is_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        Store::open(dir.path()).unwrap().connection().pragma_update(None, "user_version", 99).unwrap();
+        let refused = Store::open(dir.path()).err().unwrap();
+        assert!(refused.to_string().contains("later version"), "{refused}");
+    }
+}

@@ -1,0 +1,168 @@
+//! Policies as rows, their weights as blobs.
+
+use rusqlite::{OptionalExtension, Row, params};
+use serde_json::Value;
+
+use super::{Store, json, sql};
+use crate::error::Result;
+
+/// One policy as stored.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PolicyRow {
+    /// Letters, digits, `.`, `_`, `-`.
+    pub id: String,
+    /// Family it scores actions of.
+    pub task: String,
+    /// How it came about: `fixed`, `randomised` or `uploaded`.
+    pub training: String,
+    /// The policy's own words about itself.
+    pub about: String,
+    /// What it was trained with.
+    pub config: Value,
+    /// Id of the job that trained it.
+    pub job: Option<String>,
+    /// Version of the program that stored it.
+    pub version: String,
+    /// Size of its weights.
+    pub bytes: u64,
+}
+
+impl Store {
+    /// Stores a policy and its weights under `policy.id`, or replaces those there; whether it is new.
+    pub fn put_policy(&self, policy: &PolicyRow, weights: &[u8]) -> Result<bool> {
+        // A fresh name each time: until the row changes, the old weights stay whole and readable.
+        let c = self.connection();
+        let next: i64 =
+            c.query_row("SELECT coalesce(max(number), 0) + 1 FROM policy", [], |r| r.get(0)).map_err(sql)?;
+        let old = c
+            .query_row("SELECT blob FROM policy WHERE id = ?1", [&policy.id], |r| r.get::<_, String>(0))
+            .optional()
+            .map_err(sql)?;
+        let blob = format!("{}.{next}.safetensors", policy.id);
+        self.blobs.write(&blob, weights)?;
+        c.execute(
+            "INSERT OR REPLACE INTO policy (number, id, task, training, about, config, job, version, blob, bytes) \
+             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10)",
+            params![
+                next,
+                policy.id,
+                policy.task,
+                policy.training,
+                policy.about,
+                policy.config.to_string(),
+                policy.job,
+                env!("CARGO_PKG_VERSION"),
+                blob,
+                weights.len() as i64,
+            ],
+        )
+        .map_err(sql)?;
+        let new = old.is_none();
+        if let Some(old) = old {
+            self.blobs.retain(|name| name != old)?;
+        }
+        Ok(new)
+    }
+
+    /// The policy called `id`.
+    pub fn policy(&self, id: &str) -> Result<Option<PolicyRow>> {
+        self.connection()
+            .query_row(&format!("SELECT {COLUMNS} FROM policy WHERE id = ?1"), [id], row)
+            .optional()
+            .map_err(sql)
+    }
+
+    /// Its weights.
+    pub fn weights(&self, id: &str) -> Result<Option<Vec<u8>>> {
+        // The connection stays locked while the file is read: nobody replaces it meanwhile.
+        let c = self.connection();
+        let blob: Option<String> = c
+            .query_row("SELECT blob FROM policy WHERE id = ?1", [id], |r| r.get(0))
+            .optional()
+            .map_err(sql)?;
+        blob.map(|name| self.blobs.read(&name)).transpose()
+    }
+
+    /// All policies, oldest first.
+    pub fn policies(&self) -> Result<Vec<PolicyRow>> {
+        let c = self.connection();
+        let mut query = c.prepare(&format!("SELECT {COLUMNS} FROM policy ORDER BY number")).map_err(sql)?;
+        let rows = query.query_map([], row).map_err(sql)?;
+        rows.collect::<rusqlite::Result<_>>().map_err(sql)
+    }
+
+    /// Forgets a policy and its weights; whether there was one.
+    pub fn remove_policy(&self, id: &str) -> Result<bool> {
+        let c = self.connection();
+        let blob: Option<String> = c
+            .query_row("DELETE FROM policy WHERE id = ?1 RETURNING blob", [id], |r| r.get(0))
+            .optional()
+            .map_err(sql)?;
+        match blob {
+            Some(blob) => self.blobs.retain(|name| name != blob).map(|()| true),
+            None => Ok(false),
+        }
+    }
+
+    /// Removes weights that no row names: what a crash between two writes may leave.
+    pub(super) fn sweep_blobs(&self) -> Result<()> {
+        let c = self.connection();
+        let mut query = c.prepare("SELECT blob FROM policy").map_err(sql)?;
+        let names: Vec<String> =
+            query.query_map([], |r| r.get(0)).map_err(sql)?.collect::<rusqlite::Result<_>>().map_err(sql)?;
+        self.blobs.retain(|name| names.iter().any(|n| n == name))
+    }
+}
+
+const COLUMNS: &str = "id, task, training, about, config, job, version, bytes";
+
+fn row(row: &Row) -> rusqlite::Result<PolicyRow> {
+    Ok(PolicyRow {
+        id: row.get(0)?,
+        task: row.get(1)?,
+        training: row.get(2)?,
+        about: row.get(3)?,
+        config: json(&row.get::<_, String>(4)?),
+        job: row.get(5)?,
+        version: row.get(6)?,
+        bytes: row.get::<_, i64>(7)? as u64,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn named(id: &str) -> PolicyRow {
+        PolicyRow {
+            id: id.into(),
+            task: "bowling".into(),
+            training: "fixed".into(),
+            about: "a policy".into(),
+            config: Value::Null,
+            job: None,
+            version: env!("CARGO_PKG_VERSION").into(),
+            bytes: 3,
+        }
+    }
+
+    #[test]
+    fn weights_survive_a_restart_and_replacing_leaves_one_file() {
+        let dir = tempfile::tempdir().unwrap();
+        {
+            let store = Store::open(dir.path()).unwrap();
+            assert!(store.put_policy(&named("a"), &[1, 2, 3]).unwrap());
+            assert!(store.put_policy(&named("b"), &[9]).unwrap());
+            assert!(!store.put_policy(&named("a"), &[4, 5, 6]).unwrap());
+        }
+        // What a crash may leave behind is swept.
+        std::fs::write(dir.path().join("policies/c.9.safetensors.part"), [0]).unwrap();
+        let store = Store::open(dir.path()).unwrap();
+        assert_eq!(store.weights("a").unwrap().unwrap(), [4, 5, 6]);
+        assert_eq!(store.policy("a").unwrap().unwrap(), named("a"));
+        assert_eq!(std::fs::read_dir(dir.path().join("policies")).unwrap().count(), 2);
+        assert!(store.remove_policy("b").unwrap() && !store.remove_policy("b").unwrap());
+        assert_eq!(store.weights("b").unwrap(), None);
+        assert_eq!(store.policies().unwrap(), [named("a")]);
+    }
+}
