@@ -1,0 +1,210 @@
+"""The way in: one client speaks to one server, of your own or a private one."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from . import server
+from .http import Http, given, path
+from .job import Job
+from .policy import Policy
+from .world import World
+
+
+class Client:
+    """A connection to an iplw server; also a context manager.
+
+    Without a `url` it starts a private server, shared by all such clients of this process and stopped when
+    the last of them closes or the process ends, in whichever way. `timeout` is in seconds, for each request;
+    batches get more by their size. Requests that only read or delete are repeated after a lost connection,
+    others never.
+    """
+
+    def __init__(
+        self,
+        url: str | None = None,
+        *,
+        timeout: float = 30.0,
+        binary: str | os.PathLike[str] | None = None,
+    ) -> None:
+        #: The private server, if this client uses one.
+        self.server: server.PrivateServer | None = None
+        if url is None:
+            self.server = server.acquire(binary)
+        try:
+            address = url if self.server is None else self.server.url
+            assert address is not None
+            self._http = Http(address, timeout, self.server.advice if self.server else None)
+        except BaseException:
+            self._release()
+            raise
+
+    @property
+    def url(self) -> str:
+        """The server's address."""
+        return self._http.url
+
+    def worlds(self) -> list[World]:
+        """Every world on the server."""
+        return [World(self._http, data) for data in self._http.call("GET", path("worlds"))["worlds"]]
+
+    def world(self, id: str) -> World:
+        """The world with this id; four are there from the start: `bowling-sim`, `bowling-real`, ..."""
+        return World(self._http, self._http.call("GET", path("worlds", id)))
+
+    def create_world(
+        self,
+        task: str | None = None,
+        *,
+        scene: Mapping[str, Any] | None = None,
+        kind: str | None = None,
+        engine: str | None = None,
+        latents: Mapping[str, float] | None = None,
+        effects: Sequence[Mapping[str, Any]] | None = None,
+        damping: float | None = None,
+        noise: float | None = None,
+        budget: int | None = None,
+        sealed: bool | None = None,
+        seed: int | None = None,
+    ) -> World:
+        """A new world of a task family (`bowling`), a task (`bowling:017`) or a scene of your own.
+
+        Close it, or use it as a context manager; else it goes when it has been idle for long.
+        """
+        body = given(
+            task=task,
+            scene=scene,
+            kind=kind,
+            engine=engine,
+            latents=latents,
+            effects=effects,
+            damping=damping,
+            noise=noise,
+            budget=budget,
+            sealed=sealed,
+            seed=seed,
+        )
+        return World(self._http, self._http.call("POST", path("worlds"), body))
+
+    def tasks(self) -> list[dict[str, Any]]:
+        """The task families: name, about, number of tasks, split, action space."""
+        families: list[dict[str, Any]] = self._http.call("GET", path("tasks"))["families"]
+        return families
+
+    def family(self, name: str) -> dict[str, Any]:
+        """One family with the id, split and certificate of each of its tasks."""
+        family: dict[str, Any] = self._http.call("GET", path("tasks", name))
+        return family
+
+    def task(self, id: str) -> dict[str, Any]:
+        """One task, `bowling:017`: its split, scene and certificate."""
+        family, _, number = id.partition(":")
+        task: dict[str, Any] = self._http.call("GET", path("tasks", family, number))
+        return task
+
+    def task_ids(self, family: str, split: str | None = None) -> list[str]:
+        """Ids of a family's tasks, all or those of one split, in order."""
+        tasks = self.family(family)["tasks"]
+        return [str(t["id"]) for t in tasks if split is None or t["split"] == split]
+
+    def iplw(
+        self,
+        task: str,
+        *,
+        world: World | str | None = None,
+        real: Mapping[str, Any] | None = None,
+        strategy: str | None = None,
+        rounds: int | None = None,
+        actions: int | None = None,
+        samples: int | None = None,
+        seed: int | None = None,
+        budget: int | None = None,
+    ) -> Job:
+        """The workflow: explore, measure on the real world, estimate latents. As a job.
+
+        `world` is a real world on the server, whose interactions are counted there; `real` describes one
+        instead: `{"damping": 0.8}`.
+        """
+        body = given(
+            task=task,
+            world=world.id if isinstance(world, World) else world,
+            real=real,
+            strategy=strategy,
+            rounds=rounds,
+            actions=actions,
+            samples=samples,
+            seed=seed,
+            budget=budget,
+        )
+        return Job(self._http, self._http.call("POST", path("iplw"), body))
+
+    def train(
+        self,
+        task: str,
+        *,
+        training: str | None = None,
+        latents: Mapping[str, float] | None = None,
+        effects: Sequence[Mapping[str, Any]] | None = None,
+        batches: int | None = None,
+        batch_size: int | None = None,
+        seed: int | None = None,
+    ) -> Job:
+        """Trains a policy in simulation, as a job; `client.policy(job.wait()["policy"])` is the policy.
+
+        `training` is `fixed` (these latents) or `randomised` (latents drawn anew for each task).
+        """
+        body = given(
+            task=task,
+            training=training,
+            latents=latents,
+            effects=effects,
+            batches=batches,
+            batch_size=batch_size,
+            seed=seed,
+        )
+        return Job(self._http, self._http.call("POST", path("policies"), body))
+
+    def policies(self) -> list[Policy]:
+        """Every policy on the server."""
+        return [Policy(self._http, data) for data in self._http.call("GET", path("policies"))["policies"]]
+
+    def policy(self, id: str) -> Policy:
+        """The policy with this id."""
+        return Policy(self._http, self._http.call("GET", path("policies", id)))
+
+    def upload_policy(self, id: str, weights: bytes | str | Path) -> Policy:
+        """Creates or replaces the policy `id` from safetensors bytes or a file of them."""
+        data = weights if isinstance(weights, bytes) else Path(weights).read_bytes()
+        self._http.raw("PUT", path("policies", id, "weights"), data)
+        return self.policy(id)
+
+    def jobs(self) -> list[Job]:
+        """Every job on the server."""
+        return [Job(self._http, data) for data in self._http.call("GET", path("jobs"))["jobs"]]
+
+    def job(self, id: str) -> Job:
+        """The job with this id."""
+        return Job(self._http, self._http.call("GET", path("jobs", id)))
+
+    def close(self) -> None:
+        """Drops the connection and gives the private server back; a second call does nothing."""
+        self._http.close()
+        self._release()
+
+    def __enter__(self) -> Client:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        private = f", private server {self.server.pid}" if self.server else ""
+        return f"<iplw.Client {self.url}{private}>"
+
+    def _release(self) -> None:
+        held, self.server = self.server, None
+        if held is not None:
+            server.release(held)

@@ -1,0 +1,195 @@
+"""Gymnasium environments: one placement, one rollout, solved or not.
+
+    gymnasium.make("iplw/Bowling-v0", world="real", observation="image", action="discrete")
+
+An episode is one attempt. A valid action ends it (`terminated`); one that cannot be placed leaves it open,
+with `info["valid"]` False and `info["reason"]`. Nothing ever truncates.
+
+Each environment has a world of its own on the server and deletes it on `close()`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, TypeAlias
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from gymnasium.core import RenderFrame
+from numpy.typing import NDArray
+
+from . import png
+from .client import Client
+from .world import Action, Rollouts, World
+
+Observation: TypeAlias = NDArray[Any]
+
+#: Pixels on a side of what `render()` returns.
+RENDER_SIZE = 256
+#: Least and most pixels on a side of an image observation.
+IMAGE_SIZES = (64, 256)
+
+
+class PlacementEnv(gymnasium.Env[Observation, Any]):
+    """One world as a Gymnasium environment.
+
+    - `task`: a family (`bowling`), one task of it (`bowling:017`), or None with a `scene` in `world`.
+    - `world`: `sim`, `real`, or the settings of `Client.create_world` (`{"kind": "sim", "damping": 0.8}`).
+    - `url`: the server's address; None for a private server.
+    - `observation`: `features`, float32 in [0, 1]; or `image`, uint8 (image_size, image_size, 3) of the scene
+      before the action.
+    - `action`: `box`, float32 in [0, 1]; or `discrete`, an index.
+    - `split`: what `reset` draws tasks from; `reset(options={"split": ..., "task": ...})` overrides it.
+    """
+
+    # The environment never resets itself, which is what "disabled" means to a vector of them.
+    metadata: dict[str, Any] = {
+        "render_modes": ["rgb_array"],
+        "render_fps": 1,
+        "autoreset_mode": gymnasium.vector.AutoresetMode.DISABLED,
+    }
+
+    def __init__(
+        self,
+        task: str | None = "bowling",
+        world: Literal["sim", "real"] | Mapping[str, Any] = "sim",
+        *,
+        url: str | None = None,
+        observation: Literal["features", "image"] = "features",
+        action: Literal["box", "discrete"] = "box",
+        render_mode: str | None = None,
+        split: str = "train",
+        image_size: int = 64,
+        timeout: float = 30.0,
+    ) -> None:
+        _one_of("observation", observation, ("features", "image"))
+        _one_of("action", action, ("box", "discrete"))
+        _one_of("split", split, ("train", "validation", "test"))
+        _one_of("render_mode", render_mode, (None, *self.metadata["render_modes"]))
+        if not IMAGE_SIZES[0] <= image_size <= IMAGE_SIZES[1]:
+            raise ValueError(f"image_size is {image_size}; allowed: {IMAGE_SIZES[0]} to {IMAGE_SIZES[1]}")
+        settings = _settings(task, world)
+        self.render_mode = render_mode
+        self._split = split
+        self._image_size = image_size if observation == "image" else None
+        self._closed = False
+        #: The connection, shared with nobody.
+        self.client = Client(url, timeout=timeout)
+        try:
+            #: This environment's own world.
+            self.world: World = self.client.create_world(**settings)
+            self.observation_space = self._observations()
+            self.action_space = self._actions(action)
+        except BaseException:
+            self.client.close()
+            raise
+        # A custom scene is its own only task; a world of one task resets to it.
+        self._drawn = "scene" not in settings and ":" not in settings.get("task", "")
+        self._shown: tuple[str, NDArray[np.uint8]] | None = None
+        self._acted: int | list[float] | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Starts an episode on a task drawn from the split."""
+        super().reset(seed=seed)
+        chosen = dict(options or {})
+        task, split = chosen.pop("task", None), chosen.pop("split", None)
+        if chosen:
+            raise ValueError(f"options has {sorted(chosen)}; allowed: task, split")
+        if split is None and task is None and self._drawn:
+            split = self._split
+        # Our own generator draws, so that resets without a seed repeat after one with a seed.
+        draw = int(self.np_random.integers(2**32))
+        features, info = self.world.reset(seed=draw, task=task, split=split)
+        self._acted = None
+        return self._observe(features, info), _plain(info)
+
+    def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Carries the action out and rolls the world out."""
+        features, reward, terminated, truncated, info = self.world.step(action)
+        if info["valid"]:
+            self._acted = np.asarray(action).tolist()
+        return self._observe(features, info), reward, terminated, truncated, _plain(info)
+
+    def render(self) -> RenderFrame | list[RenderFrame] | None:
+        """(256, 256, 3) the scene, with what the last valid action placed."""
+        if self.render_mode is None:
+            gymnasium.logger.warn('render() without a render mode; use gymnasium.make(..., render_mode="rgb_array")')
+            return None
+        return self._picture(RENDER_SIZE, self._acted)
+
+    def close(self) -> None:
+        """Deletes the world and lets the server go; a second call does nothing."""
+        if self._closed:
+            return
+        self._closed = True
+        try:
+            self.world.close()
+        finally:
+            self.client.close()
+
+    def set_latents(self, **latents: float) -> dict[str, float] | None:
+        """Sets some of density, friction, restitution; all of them afterwards. Sealed worlds raise `Problem`."""
+        return self.world.set_latents(**latents).latents
+
+    def rollout(
+        self, actions: Sequence[Action] | NDArray[Any], *, task: str | None = None, trajectories: bool = False
+    ) -> Rollouts:
+        """Many actions on the current task (or `task`) at once; the episode stays as it is."""
+        return self.world.rollout(actions, task=task, trajectories=trajectories)
+
+    def _observations(self) -> spaces.Box:
+        if self._image_size is not None:
+            return spaces.Box(0, 255, (self._image_size, self._image_size, 3), np.uint8)
+        space = self.world.data["observation_space"]
+        low, high = (np.asarray(space[key], dtype=np.float32) for key in ("low", "high"))
+        return spaces.Box(low, high, dtype=np.float32)
+
+    def _actions(self, form: str) -> spaces.Box | spaces.Discrete:
+        if form == "discrete":
+            return spaces.Discrete(self.world.actions)
+        return spaces.Box(0.0, 1.0, (self.world.dimension,), np.float32)
+
+    def _observe(self, features: NDArray[np.float64], info: Mapping[str, Any]) -> Observation:
+        if self._image_size is None:
+            return features.astype(np.float32)
+        # The task's scene does not change, so neither does its picture.
+        task = str(info["task"])
+        if self._shown is None or self._shown[0] != task:
+            self._shown = (task, self._picture(self._image_size))
+        return self._shown[1].copy()
+
+    def _picture(self, size: int, action: int | list[float] | None = None) -> NDArray[np.uint8]:
+        return _square(png.decode(self.world.render(width=size, action=action)), size)
+
+
+def _settings(task: str | None, world: str | Mapping[str, Any]) -> dict[str, Any]:
+    if isinstance(world, Mapping):
+        settings = dict(world)
+        if "scene" not in settings and task is not None:
+            settings.setdefault("task", task)
+        return settings
+    _one_of("world", world, ("sim", "real"))
+    return {"task": task, "kind": world}
+
+
+def _plain(info: Mapping[str, Any]) -> dict[str, Any]:
+    """What an episode tells, without counts that outlast it: the same episode gives the same info."""
+    return {key: value for key, value in info.items() if key != "interactions"}
+
+
+def _square(picture: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
+    """The picture, cut or filled up with white to (size, size, 3)."""
+    if picture.shape == (size, size, 3):
+        return picture
+    square = np.full((size, size, 3), 255, dtype=np.uint8)
+    part = picture[:size, :size]
+    square[: part.shape[0], : part.shape[1]] = part
+    return square
+
+
+def _one_of(name: str, value: object, allowed: Sequence[object]) -> None:
+    if value not in allowed:
+        raise ValueError(f"{name} is {value!r}; allowed: {', '.join(map(repr, allowed))}")

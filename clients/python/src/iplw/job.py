@@ -1,0 +1,152 @@
+"""Long work on the server: wait for it, watch it, cancel it."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable
+from typing import Any, TextIO
+
+from .errors import JobCancelled, JobFailed, Problem, ServerUnavailable
+from .http import Http, path
+
+#: Time between two looks at a job where events do not come through, s.
+POLL = 0.25
+_ENDED = frozenset({"succeeded", "failed", "cancelled"})
+
+
+class Job:
+    """A handle on one job. `data` is what the server last said about it."""
+
+    def __init__(self, http: Http, data: dict[str, Any]) -> None:
+        self._http = http
+        self.data = data
+
+    @property
+    def id(self) -> str:
+        """The job's id."""
+        return str(self.data["id"])
+
+    @property
+    def kind(self) -> str:
+        """`iplw`, `train` or `evaluate`."""
+        return str(self.data["kind"])
+
+    @property
+    def state(self) -> str:
+        """`queued`, `running`, `succeeded`, `failed` or `cancelled`, as of the last look."""
+        return str(self.data["state"])
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing more will happen, as of the last look."""
+        return self.state in _ENDED
+
+    def refresh(self) -> Job:
+        """Looks again."""
+        self.data = self._http.call("GET", path("jobs", self.id))
+        return self
+
+    def wait(self, progress: bool = False, timeout: float | None = None) -> dict[str, Any]:
+        """The job's result, once it has one.
+
+        `progress` draws a bar on stderr. Raises `JobFailed`, `JobCancelled`, or `TimeoutError` after `timeout`
+        seconds (the job goes on; wait again or cancel it).
+        """
+        bar = _Bar(sys.stderr) if progress else None
+        deadline = None if timeout is None else time.monotonic() + timeout
+        try:
+            self._follow(bar.draw if bar else None, deadline)
+        finally:
+            if bar:
+                bar.finish()
+        return self.result()
+
+    def result(self) -> dict[str, Any]:
+        """The result of an ended job; raises as `wait` does, `RuntimeError` if it has not ended."""
+        if self.state == "cancelled":
+            raise JobCancelled(self.id)
+        if self.state == "failed":
+            error = self.data.get("error")
+            raise JobFailed(self.id, Problem.from_json(500, error) if isinstance(error, dict) else None)
+        if self.state != "succeeded":
+            raise RuntimeError(f"job {self.id} is {self.state}; wait() for it first")
+        result = self.data.get("result")
+        return result if isinstance(result, dict) else {}
+
+    def cancel(self) -> None:
+        """Asks the server to stop the job; does nothing to one that has ended."""
+        if self.refresh().ended:
+            return
+        # Sent once: DELETE on an ended job would make the server forget it.
+        self._http.call("DELETE", path("jobs", self.id), repeat=False)
+
+    def __repr__(self) -> str:
+        return f"<iplw.Job {self.id} {self.kind} {self.state}>"
+
+    def _follow(self, watch: Callable[[dict[str, Any]], None] | None, deadline: float | None) -> None:
+        """Brings `data` to the end of the job: by events if they come through, else by looking."""
+        last_id, failures = "", 0
+        while not self.ended:
+            seen = last_id
+            try:
+                for event in self._http.events(path("jobs", self.id, "events"), last_id):
+                    last_id = event.id or last_id
+                    self.data = json.loads(event.data)
+                    if watch:
+                        watch(self.data)
+                    if self.ended:
+                        return
+                    _in_time(self.id, deadline)
+            except (ServerUnavailable, ValueError):
+                # Silence, a proxy that holds events back, or no server at all: looking tells which.
+                pass
+            except Problem as problem:
+                if problem.status not in (404, 405, 406, 501):
+                    raise
+            self.refresh()
+            if watch:
+                watch(self.data)
+            if self.ended:
+                return
+            _in_time(self.id, deadline)
+            failures = 0 if last_id != seen else failures + 1
+            time.sleep(POLL if failures else 0.0)
+
+
+def _in_time(job: str, deadline: float | None) -> None:
+    if deadline is not None and time.monotonic() > deadline:
+        raise TimeoutError(f"job {job} has not ended in time; it goes on: wait() again or cancel() it")
+
+
+class _Bar:
+    """A plain-text progress bar: redrawn in place on a terminal, a line per stage elsewhere."""
+
+    WIDTH = 30
+
+    def __init__(self, out: TextIO) -> None:
+        self._out = out
+        self._live = out.isatty()
+        self._last = ""
+
+    def draw(self, job: dict[str, Any]) -> None:
+        progress = job.get("progress") or {}
+        stage = str(progress.get("stage") or job.get("state") or "")
+        done, total = float(progress.get("done") or 0), float(progress.get("total") or 0)
+        if not self._live:
+            if stage != self._last:
+                self._out.write(f"{job.get('kind', 'job')}: {stage}\n")
+                self._last = stage
+            return
+        share = min(done / total, 1.0) if total > 0 else 0.0
+        full = round(share * self.WIDTH)
+        line = f"{stage[:28]:28} [{'#' * full}{'.' * (self.WIDTH - full)}] {done:g}/{total:g}"
+        self._out.write("\r" + line.ljust(len(self._last)))
+        self._out.flush()
+        self._last = line
+
+    def finish(self) -> None:
+        if self._live and self._last:
+            self._out.write("\n")
+            self._out.flush()

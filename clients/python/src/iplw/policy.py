@@ -1,0 +1,70 @@
+"""A trained policy on the server: what it would do, how good it is, its weights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .http import Http, path
+from .job import Job
+from .world import World
+
+
+@dataclass(frozen=True, eq=False)
+class Ranked:
+    """One action as a policy ranks it."""
+
+    #: Number of the discrete action.
+    index: int
+    #: (dimension,) the action vector, in [0, 1].
+    action: NDArray[np.float64]
+    #: Higher is better.
+    score: float
+
+
+class Policy:
+    """A handle on one policy. `data` is what the server last said about it."""
+
+    def __init__(self, http: Http, data: dict[str, Any]) -> None:
+        self._http = http
+        self.data = data
+
+    @property
+    def id(self) -> str:
+        """The policy's id."""
+        return str(self.data["id"])
+
+    def act(self, task: str, count: int = 10) -> list[Ranked]:
+        """The policy's `count` best actions on a task, best first."""
+        answer = self._http.call("POST", self._path("act"), {"task": task, "count": count}, slack=10.0)
+        return [
+            Ranked(int(a["index"]), np.asarray(a["action"], dtype=np.float64), float(a["score"]))
+            for a in answer["actions"]
+        ]
+
+    def evaluate(self, world: World | str, *, split: str = "test", attempts: int = 100) -> Job:
+        """AUCCESS on a world's tasks, as a job. Attempts on a real world are interactions."""
+        name = world.id if isinstance(world, World) else world
+        body = {"world": name, "split": split, "attempts": attempts}
+        return Job(self._http, self._http.call("POST", self._path("evaluate"), body))
+
+    def download(self, file: str | Path | None = None) -> bytes:
+        """The weights as safetensors bytes; also written to `file`, if given."""
+        weights = self._http.raw("GET", self._path("weights"))
+        if file is not None:
+            Path(file).write_bytes(weights)
+        return weights
+
+    def delete(self) -> None:
+        """Removes the policy from the server."""
+        self._http.call("DELETE", self._path())
+
+    def __repr__(self) -> str:
+        return f"<iplw.Policy {self.id}>"
+
+    def _path(self, *rest: str) -> str:
+        return path("policies", self.id, *rest)

@@ -1,0 +1,15 @@
+"""Names under which `gymnasium.make` finds the environments; needs nothing but Gymnasium's registry."""
+
+from __future__ import annotations
+
+import gymnasium
+
+#: Environment id -> task family.
+FAMILIES = {"iplw/Bowling-v0": "bowling", "iplw/Basketball-v0": "basketball"}
+
+
+def register() -> None:
+    """Registers what is not registered yet. `import iplw` does it."""
+    for name, family in FAMILIES.items():
+        if name not in gymnasium.registry:
+            gymnasium.register(name, entry_point="iplw.envs:PlacementEnv", kwargs={"task": family})
