@@ -11,6 +11,7 @@ Each environment has a world of its own on the server and deletes it on `close()
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from inspect import signature
 from typing import Any, Literal, TypeAlias
 
 import gymnasium
@@ -116,7 +117,9 @@ class PlacementEnv(gymnasium.Env[Observation, Any]):
     def render(self) -> RenderFrame | list[RenderFrame] | None:
         """(256, 256, 3) the scene, with what the last valid action placed."""
         if self.render_mode is None:
-            gymnasium.logger.warn('render() without a render mode; use gymnasium.make(..., render_mode="rgb_array")')
+            gymnasium.logger.warn(
+                'render() without a render mode; use gymnasium.make(..., render_mode="rgb_array")'
+            )
             return None
         return self._picture(RENDER_SIZE, self._acted)
 
@@ -167,6 +170,9 @@ class PlacementEnv(gymnasium.Env[Observation, Any]):
 
 def _settings(task: str | None, world: str | Mapping[str, Any]) -> dict[str, Any]:
     if isinstance(world, Mapping):
+        known = [name for name in signature(Client.create_world).parameters if name != "self"]
+        if unknown := sorted(set(world) - set(known)):
+            raise ValueError(f"world has {unknown}; allowed: {', '.join(known)}")
         settings = dict(world)
         if "scene" not in settings and task is not None:
             settings.setdefault("task", task)

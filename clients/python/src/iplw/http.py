@@ -161,14 +161,18 @@ class Http:
         if isinstance(cause, urllib3.exceptions.ReadTimeoutError):
             what = f"no answer to {method} {path} from {self.url} within {self.timeout:g} s"
             todo = advice or "give it longer with iplw.Client(timeout=...), or ask for less at once"
-        elif isinstance(cause, (urllib3.exceptions.NewConnectionError, urllib3.exceptions.ConnectTimeoutError)):
+        elif isinstance(
+            cause, (urllib3.exceptions.NewConnectionError, urllib3.exceptions.ConnectTimeoutError)
+        ):
             what = f"no iplw server at {self.url}"
             todo = advice or (
                 "start one with `iplw serve`, check the address, or leave `url` out to get a private server"
             )
         else:
             what = f"the connection to {self.url} broke during {method} {path} ({cause})"
-            todo = advice or "check whether the server still runs; what was asked may or may not have happened"
+            todo = (
+                advice or "check whether the server still runs; what was asked may or may not have happened"
+            )
         return ServerUnavailable(f"{what}; {todo}")
 
 

@@ -35,7 +35,9 @@ def decode(png: bytes) -> NDArray[np.uint8]:
     width, height = int.from_bytes(header[:4], "big"), int.from_bytes(header[4:8], "big")
     depth, colour, interlace = header[8], header[9], header[12]
     if depth != 8 or colour not in _CHANNELS or interlace:
-        raise ValueError(f"PNG of depth {depth}, colour type {colour}, interlace {interlace}; allowed: 8 bits, plain")
+        raise ValueError(
+            f"PNG of depth {depth}, colour type {colour}, interlace {interlace}; allowed: 8 bits, plain"
+        )
     channels = _CHANNELS[colour]
     try:
         rows = np.frombuffer(zlib.decompress(b"".join(data)), dtype=np.uint8)

@@ -65,7 +65,9 @@ class PrivateServer:
         with suppress(subprocess.TimeoutExpired):
             # A connection breaks a moment before the process is seen to be gone.
             code = self._process.wait(timeout=0.5)
-            return f"the private server has stopped (exit code {code}); make a new iplw.Client(){self._tail()}"
+            return (
+                f"the private server has stopped (exit code {code}); make a new iplw.Client(){self._tail()}"
+            )
         return ""
 
     def stop(self) -> None:
@@ -104,7 +106,9 @@ class PrivateServer:
         # Either it ended without a word or it is stuck; do not leave it about.
         ended = self._found.is_set()
         self.stop()
-        how = f"ended with code {self._process.returncode}" if ended else f"was silent for {START_TIMEOUT:g} s"
+        how = (
+            f"ended with code {self._process.returncode}" if ended else f"was silent for {START_TIMEOUT:g} s"
+        )
         raise ServerUnavailable(
             f"`{self.binary} serve --http 127.0.0.1:0 --exit-with-stdin` {how} instead of printing "
             f"`listening on http://...`; {_HOW}{self._tail()}"
@@ -145,7 +149,9 @@ def find_binary(binary: str | os.PathLike[str] | None = None) -> Path:
             path = Path(given).expanduser()
             found = shutil.which(path)
             if found is None:
-                raise ServerUnavailable(f"{source} is {str(given)!r}, which is not an executable file; {_HOW}")
+                raise ServerUnavailable(
+                    f"{source} is {str(given)!r}, which is not an executable file; {_HOW}"
+                )
             return Path(found).resolve()
     on_path = shutil.which("iplw")
     if on_path is not None:

@@ -51,9 +51,13 @@ class Rollout:
         import pandas as pd
 
         if self.t is None:
-            raise ValueError("this rollout has no trajectory; ask for it with rollout(..., trajectories=True)")
+            raise ValueError(
+                "this rollout has no trajectory; ask for it with rollout(..., trajectories=True)"
+            )
         parts = [
-            pd.DataFrame({"t": self.t, "body": name, "x": track[:, 0], "y": track[:, 1], "angle": track[:, 2]})
+            pd.DataFrame(
+                {"t": self.t, "body": name, "x": track[:, 0], "y": track[:, 1], "angle": track[:, 2]}
+            )
             for name, track in self.bodies.items()
         ]
         return pd.concat(parts, ignore_index=True)

@@ -1,0 +1,230 @@
+"""The client: answers as arrays, refusals as problems, silence as advice, jobs."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import socket
+from typing import Any
+
+import numpy as np
+import pytest
+from stub import reply, serving
+
+import iplw
+from iplw.http import _parse
+
+
+def test_rollouts_are_arrays(client: iplw.Client) -> None:
+    with client.create_world("bowling:002") as world:
+        observation, info = world.reset()
+        names = world.data["observation_space"]["names"]
+        assert info["task"] == "bowling:002" and observation.shape == (len(names),)
+        results = world.rollout(range(40), trajectories=True, batch=16)
+        assert len(results) == 40 and results.valid.dtype == np.bool_
+        assert not results.solved[~results.valid].any()
+        for result in results:
+            assert (result.reason is None) == result.valid
+            if result.valid:
+                assert result.t is not None and (np.diff(result.t) > 0).all()
+                assert set(result.bodies) == {"green", "blue", "red"}
+                assert all(path.shape == (len(result.t), 3) for path in result.bodies.values())
+        assert world.interactions == int(results.valid.sum())
+        assert isinstance(results[:3], iplw.Rollouts) and len(results[:3]) == 3
+
+
+def test_rollouts_as_data_frames(client: iplw.Client) -> None:
+    pandas = pytest.importorskip("pandas")
+    with client.create_world("bowling:002") as world:
+        results = world.rollout(range(10), task="bowling:002", trajectories=True)
+        result = results[int(results.valid.argmax())]
+        frame = result.frame()
+        assert isinstance(frame, pandas.DataFrame) and result.t is not None
+        assert list(frame.columns) == ["t", "body", "x", "y", "angle"] and len(frame) == 3 * len(result.t)
+        with pytest.raises(ValueError, match="trajectories=True"):
+            world.rollout([0], task="bowling:002")[0].frame()
+
+
+def test_tasks(client: iplw.Client) -> None:
+    assert {family["name"] for family in client.tasks()} >= {"bowling", "basketball"}
+    assert len(client.task_ids("bowling")) == 100 and len(client.task_ids("bowling", "test")) == 20
+    task = client.task("bowling:017")
+    assert task["id"] == "bowling:017" and task["scene"]["format"] == "iplw.scene/1"
+
+
+def test_budgets_are_kept(client: iplw.Client) -> None:
+    with client.create_world("bowling:002", kind="real", budget=3) as world:
+        world.reset()
+        with pytest.raises(iplw.Problem) as caught:
+            world.rollout(range(64))
+        assert (caught.value.status, caught.value.slug) == (429, "budget-spent")
+
+
+@pytest.mark.parametrize(
+    ("call", "status", "words"),
+    [
+        (lambda c: c.world("nowhere"), 404, ["nowhere"]),
+        (lambda c: c.world("../v1/tasks"), 404, []),
+        (lambda c: c.create_world("bowlign"), 404, ["bowlign", "bowling"]),
+        (lambda c: c.create_world("bowling", latents={"friction": -1}), 422, ["friction", "-1"]),
+        (lambda c: c.create_world("bowling", latents={"colour": 1}), 400, ["colour"]),
+        (lambda c: c.world("bowling-real").set_latents(friction=0.1), 403, []),
+        (lambda c: c.world("bowling-sim").rollout([[0.5, 0.5]], task="bowling:000"), 422, ["action", "3"]),
+        (
+            lambda c: c.world("bowling-sim").rollout([[0.5, 2.0, 0.5]], task="bowling:000"),
+            422,
+            ["action", "2"],
+        ),
+        (lambda c: c.world("bowling-sim").rollout([50_000], task="bowling:000"), 422, ["50000", "49999"]),
+    ],
+)
+def test_refusals_say_what_is_wrong(client: iplw.Client, call: Any, status: int, words: list[str]) -> None:
+    with pytest.raises(iplw.Problem) as caught:
+        call(client)
+    problem = caught.value
+    assert problem.status == status
+    assert str(problem).startswith(str(status)) and all(word in str(problem) for word in words), str(problem)
+    copy = pickle.loads(pickle.dumps(problem))
+    assert str(copy) == str(problem) and copy.field == problem.field
+
+
+@pytest.mark.parametrize("action", [[0.5, float("nan"), 0.5], [[0.5] * 3], "left", True, 1.5])
+def test_senseless_actions_stay_here(client: iplw.Client, action: Any) -> None:
+    with pytest.raises(ValueError, match="allowed: "):
+        client.world("bowling-sim").step(action)
+
+
+def test_nobody_there() -> None:
+    with socket.socket() as held:
+        held.bind(("127.0.0.1", 0))
+        client = iplw.Client(f"http://127.0.0.1:{held.getsockname()[1]}")
+        with pytest.raises(iplw.ServerUnavailable, match=r"no iplw server at .*iplw serve"):
+            client.worlds()
+
+
+def test_silence_ends_with_the_timeout() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as deaf:
+        client = iplw.Client(f"127.0.0.1:{deaf.getsockname()[1]}", timeout=0.2)
+        with pytest.raises(iplw.ServerUnavailable, match=r"within 0.2 s; give it longer"):
+            client.create_world("bowling")
+
+
+@pytest.mark.parametrize("url", ["tcp://127.0.0.1:5555", "http://", "ftp://x"])
+def test_addresses_are_checked(url: str) -> None:
+    with pytest.raises(ValueError, match="allowed: an address like"):
+        iplw.Client(url)
+
+
+def test_a_closed_client_says_so() -> None:
+    client = iplw.Client("http://127.0.0.1:1")
+    client.close()
+    client.close()
+    with pytest.raises(iplw.ServerUnavailable, match="closed"):
+        client.worlds()
+
+
+def test_only_what_is_harmless_is_repeated() -> None:
+    with serving(lambda n, method, path: None) as stub:
+        client = iplw.Client(stub.url)
+        with pytest.raises(iplw.ServerUnavailable, match="may or may not have happened"):
+            client.create_world("bowling")
+        assert [method for method, *_ in stub.seen] == ["POST"]
+    with serving(lambda n, method, path: None if n == 0 else reply("200 OK", '{"worlds": []}')) as stub:
+        assert iplw.Client(stub.url).worlds() == []
+        assert [method for method, *_ in stub.seen] == ["GET", "GET"]
+
+
+def test_strange_answers() -> None:
+    with serving(lambda n, method, path: reply("200 OK", "<html>", "text/html")) as stub:
+        with pytest.raises(iplw.ServerUnavailable, match="is it an iplw server"):
+            iplw.Client(stub.url).worlds()
+    with serving(lambda n, method, path: reply("500 Oops", "it broke", "text/plain")) as stub:
+        with pytest.raises(iplw.Problem, match="500 Oops: it broke"):
+            iplw.Client(stub.url).worlds()
+
+
+def test_iplw_job(client: iplw.Client, capsys: pytest.CaptureFixture[str]) -> None:
+    with client.create_world("bowling", kind="real") as real:
+        job = client.iplw("bowling", world=real, rounds=1, actions=3, samples=20, seed=1)
+        assert job.kind == "iplw"
+        result = job.wait(progress=True)
+        assert {"density", "friction", "restitution"} == {row["name"] for row in result["latents"]}
+        assert real.interactions == result["real_interactions"] > 0
+    assert job.state == "succeeded" and client.job(job.id).wait() == result
+    assert capsys.readouterr().err.startswith("iplw: ")
+
+
+def test_cancel(client: iplw.Client) -> None:
+    job = client.iplw("bowling", real={"damping": 0.8}, rounds=10, actions=50, samples=1000)
+    with pytest.raises(TimeoutError, match="goes on"):
+        job.wait(timeout=0.0)
+    with pytest.raises(RuntimeError, match="wait"):
+        job.result()
+    job.cancel()
+    with pytest.raises(iplw.JobCancelled):
+        job.wait(timeout=60)
+    job.cancel()
+    assert client.job(job.id).state == "cancelled", "cancelling what has ended does not forget it"
+
+
+def test_policy(client: iplw.Client, tmp_path: Any) -> None:
+    result = client.train("bowling", batches=5, batch_size=8, seed=1).wait()
+    policy = client.policy(result["policy"])
+    best = policy.act("bowling:001", 5)
+    assert len(best) == 5 and best[0].action.shape == (3,)
+    assert [r.score for r in best] == sorted((r.score for r in best), reverse=True)
+    weights = policy.download(tmp_path / "policy.safetensors")
+    copy = client.upload_policy("copy", tmp_path / "policy.safetensors")
+    assert copy.download() == weights
+    assert [r.index for r in copy.act("bowling:001", 5)] == [r.index for r in best]
+    with client.create_world("bowling", kind="real") as real:
+        score = policy.evaluate(real, attempts=2).wait()
+        assert 0.0 <= score["auccess"] <= 1.0 and real.interactions == score["interactions"]
+    with pytest.raises(iplw.Problem) as caught:
+        client.upload_policy("bad", b"not weights")
+    assert caught.value.status == 422
+    copy.delete()
+    assert "copy" not in {p.id for p in client.policies()}
+
+
+def job(state: str, done: int = 0) -> str:
+    progress = {"stage": "measuring", "done": done, "total": 3}
+    return json.dumps({"id": "j", "kind": "iplw", "state": state, "progress": progress, "result": {"x": 1}})
+
+
+def test_waiting_goes_on_where_the_events_broke_off() -> None:
+    def answer(n: int, method: str, path: str) -> bytes:
+        if not path.endswith("/events"):
+            return reply("200 OK", job("running"))
+        state = "succeeded" if n > 2 else "running"
+        return reply("200 OK", f"event: progress\nid: {n}\ndata: {job(state)}\n\n", "text/event-stream")
+
+    with serving(answer) as stub:
+        assert iplw.Client(stub.url).job("j").wait() == {"x": 1}
+        assert [last for _, path, last in stub.seen if path.endswith("/events")] == [None, "1"]
+
+
+def test_waiting_without_events_looks() -> None:
+    def answer(n: int, method: str, path: str) -> bytes:
+        if path.endswith("/events"):
+            return reply("404 Not Found", "{}")
+        return reply("200 OK", job("succeeded" if n > 4 else "running"))
+
+    with serving(answer) as stub:
+        assert iplw.Client(stub.url).job("j").wait(progress=True) == {"x": 1}
+
+
+def test_failed_jobs_say_why() -> None:
+    failed = {"id": "j", "kind": "train", "state": "failed", "error": {"detail": "loss is not finite"}}
+    with serving(lambda n, method, path: reply("200 OK", json.dumps(failed))) as stub:
+        with pytest.raises(iplw.JobFailed, match="job j failed: .*loss is not finite"):
+            iplw.Client(stub.url).job("j").wait()
+
+
+def test_event_streams_may_be_cut_anywhere() -> None:
+    stream = (
+        ": hello\r\n\r\nevent: done\r\nid: 7\r\ndata: {\r\ndata: }\r\n\r\n\r\nretry: 5\n\ndata:ü\n\n".encode()
+    )
+    whole = list(_parse(iter([stream])))
+    assert [(e.name, e.id, e.data) for e in whole] == [("done", "7", "{\n}"), ("message", "7", "ü")]
+    assert list(_parse(stream[i : i + 1] for i in range(len(stream)))) == whole

@@ -1,0 +1,162 @@
+"""What an episode means: one attempt, seeded draws, sealed real worlds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+import iplw
+from iplw.envs import PlacementEnv
+
+
+@pytest.fixture
+def env() -> Iterator[PlacementEnv]:
+    env = unwrapped("iplw/Bowling-v0")
+    yield env
+    env.close()
+
+
+def unwrapped(name: str, **settings: Any) -> PlacementEnv:
+    env = gymnasium.make(name, **settings).unwrapped
+    assert isinstance(env, PlacementEnv)
+    return env
+
+
+def draws(env: PlacementEnv, seed: int, count: int = 6) -> list[str]:
+    return [env.reset(seed=seed if k == 0 else None)[1]["task"] for k in range(count)]
+
+
+def actions(env: PlacementEnv, count: int = 64) -> np.ndarray[Any, Any]:
+    return np.random.default_rng(0).random((count, env.world.dimension))
+
+
+def valid_and_not(env: PlacementEnv) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """One action that can be placed on the current task and one that cannot."""
+    tried = actions(env)
+    valid = env.rollout(tried).valid
+    assert valid.any() and not valid.all()
+    return tried[valid.argmax()], tried[valid.argmin()]
+
+
+def test_seeds_decide_the_tasks(env: PlacementEnv) -> None:
+    first, other = draws(env, 7), draws(env, 8)
+    assert draws(env, 7) == first, "also the resets that come without a seed"
+    assert other != first
+    assert len(set(first)) > 1
+    elsewhere = unwrapped("iplw/Bowling-v0", world="real")
+    assert draws(elsewhere, 7) == first, "a seed means the same task in either world"
+    elsewhere.close()
+
+
+def test_tasks_come_from_the_split(env: PlacementEnv, client: iplw.Client) -> None:
+    assert set(draws(env, 1)) <= set(client.task_ids("bowling", "train"))
+    _, info = env.reset(seed=1, options={"split": "test"})
+    assert info["task"] in client.task_ids("bowling", "test")
+    _, info = env.reset(options={"task": "bowling:003"})
+    assert info["task"] == "bowling:003"
+    with pytest.raises(ValueError, match="allowed: task, split"):
+        env.reset(options={"taks": "bowling:003"})
+    tested = unwrapped("iplw/Basketball-v0", split="test")
+    assert set(draws(tested, 1)) <= set(client.task_ids("basketball", "test"))
+    tested.close()
+
+
+def test_a_valid_action_ends_the_episode(env: PlacementEnv) -> None:
+    env.reset(seed=2)
+    good, bad = valid_and_not(env)
+    _, reward, terminated, truncated, info = env.step(bad)
+    assert (reward, terminated, truncated, info["valid"]) == (0.0, False, False, False)
+    assert info["reason"]
+    spent = env.world.interactions
+    _, reward, terminated, truncated, info = env.step(good)
+    assert (terminated, truncated, info["valid"]) == (True, False, True)
+    assert type(reward) is float and type(terminated) is bool
+    assert reward == float(info["solved"])
+    assert env.world.interactions == spent + 1
+    with pytest.raises(iplw.Problem) as caught:
+        env.step(good)
+    assert caught.value.status == 409
+
+
+def test_step_and_rollout_agree(env: PlacementEnv) -> None:
+    for seed in range(3):
+        _, info = env.reset(seed=seed)
+        tried = actions(env)
+        batch = env.rollout(tried)
+        index = int(batch.valid.argmax())
+        _, reward, *_, info = env.step(tried[index])
+        assert reward == float(bool(batch[index].solved))
+        assert info["steps"] == batch[index].steps
+
+
+def test_latents_change_what_happens(env: PlacementEnv) -> None:
+    env.reset(seed=3)
+    tried = actions(env, 8)
+    before = env.rollout(tried, trajectories=True)
+    latents = env.set_latents(restitution=0.9)
+    assert latents is not None and latents["restitution"] == 0.9
+    after = env.rollout(tried, trajectories=True)
+    index = int(before.valid.argmax())
+    a, b = before[index].bodies["red"], after[index].bodies["red"]
+    # Until the first contact the ball falls the same way.
+    assert np.array_equal(a[0], b[0]) and (a.shape != b.shape or not np.allclose(a, b, atol=1e-3))
+
+
+def test_a_real_world_is_sealed() -> None:
+    env = unwrapped("iplw/Basketball-v0", world="real")
+    assert env.world.latents is None
+    with pytest.raises(iplw.Problem) as caught:
+        env.set_latents(friction=0.5)
+    assert (caught.value.status, caught.value.slug) == (403, "sealed")
+    env.close()
+
+
+def test_world_settings_reach_the_server() -> None:
+    env = unwrapped("iplw/Bowling-v0", world={"kind": "sim", "latents": {"friction": 0.25}, "damping": 0.8})
+    assert env.world.latents is not None and env.world.latents["friction"] == 0.25
+    env.close()
+    with pytest.raises(ValueError, match=r"world has \['latnets'\]; allowed: .*latents"):
+        unwrapped("iplw/Bowling-v0", world={"kind": "sim", "latnets": {}})
+
+
+@pytest.mark.parametrize(
+    ("settings", "word"),
+    [
+        ({"world": "reel"}, "world"),
+        ({"observation": "pixels"}, "observation"),
+        ({"action": "multi"}, "action"),
+        ({"image_size": 32}, "image_size"),
+        ({"split": "all"}, "split"),
+    ],
+)
+def test_bad_settings_name_what_is_allowed(settings: dict[str, Any], word: str) -> None:
+    with pytest.raises(ValueError, match=rf"{word} is .*; allowed: "):
+        PlacementEnv("bowling", **settings)
+
+
+def test_pictures() -> None:
+    env = unwrapped("iplw/Bowling-v0", observation="image", image_size=96, render_mode="rgb_array")
+    first, _ = env.reset(options={"task": "bowling:000"})
+    again, _ = env.reset(options={"task": "bowling:000"})
+    other, _ = env.reset(options={"task": "bowling:050"})
+    assert first.shape == (96, 96, 3) and first.dtype == np.uint8
+    assert np.array_equal(first, again) and not np.array_equal(first, other)
+    assert len(np.unique(first.reshape(-1, 3), axis=0)) > 3, "more than a blank page"
+    frame = env.render()
+    assert isinstance(frame, np.ndarray) and frame.shape == (256, 256, 3)
+    env.close()
+
+
+def test_each_environment_has_its_own_world(client: iplw.Client) -> None:
+    before = {world.id for world in client.worlds()}
+    a, b = unwrapped("iplw/Bowling-v0"), unwrapped("iplw/Bowling-v0")
+    a.set_latents(friction=0.1)
+    assert b.world.latents is not None and b.world.latents["friction"] != 0.1
+    assert len({world.id for world in client.worlds()} - before) == 2
+    a.close()
+    b.close()
+    assert {world.id for world in client.worlds()} == before
