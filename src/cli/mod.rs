@@ -70,7 +70,11 @@ pub fn main() -> ExitCode {
 /// 2 for what the user can put right in the input, 1 for the rest.
 fn exit_code(error: &Error) -> u8 {
     match error {
-        Error::Input(_) | Error::NotFound { .. } | Error::Refused { .. } => 2,
+        Error::Input(_)
+        | Error::NotFound { .. }
+        | Error::Refused { .. }
+        | Error::Sealed { .. }
+        | Error::TooLarge { .. } => 2,
         Error::Io { .. }
         | Error::Budget { .. }
         | Error::Capacity { .. }
