@@ -13,7 +13,7 @@ use rapier2d::prelude::*;
 use super::effect::{Act, Constants, Moving};
 use super::goal::{self, Watch};
 use super::prepare::{Prepared, PreparedBody, PreparedShape};
-use super::record::Recorder;
+use super::record::{Recorder, State};
 use crate::error::{Error, Result};
 use crate::task::geometry::{Convex, gap};
 use crate::trajectory::{End, Trajectory};
@@ -61,26 +61,6 @@ pub fn run(prepared: &Prepared) -> Result<Trajectory> {
         }
     }
     Ok(recorder.finish(prepared.steps, End::Horizon))
-}
-
-/// The state of one body.
-#[derive(Clone, Copy, Debug)]
-pub struct State {
-    /// m
-    pub position: [f64; 2],
-    /// rad, not wrapped
-    pub angle: f64,
-    /// m/s
-    pub velocity: [f64; 2],
-    /// rad/s
-    pub omega: f64,
-}
-
-impl State {
-    fn is_finite(&self) -> bool {
-        let all = [self.position[0], self.position[1], self.velocity[0], self.velocity[1], self.omega];
-        all.iter().all(|v| v.is_finite() && v.abs() < 1e7)
-    }
 }
 
 struct World {

@@ -4,14 +4,34 @@
 //! chatter of a ball coming to rest is one contact, not many.
 
 use super::prepare::Prepared;
-use super::rapier::State;
 use crate::trajectory::{Contact, End, Outcome, Track, Trajectory};
 
 /// Steps without touch after which a touch counts as a new contact. Shorter counts chatter; longer merges
 /// the last quick bounces of a ball into one.
-const APART_STEPS: u32 = 3;
+pub const APART_STEPS: u32 = 3;
 /// Upward component of a contact normal from which the contact carries the body: cos 60 degrees.
-const CARRIES: f64 = 0.5;
+pub const CARRIES: f64 = 0.5;
+
+/// The state of one body.
+#[derive(Clone, Copy, Debug)]
+pub struct State {
+    /// m
+    pub position: [f64; 2],
+    /// rad, not wrapped
+    pub angle: f64,
+    /// m/s
+    pub velocity: [f64; 2],
+    /// rad/s
+    pub omega: f64,
+}
+
+impl State {
+    /// Whether the state is within all reason; a rollout with one that is not has diverged.
+    pub fn is_finite(&self) -> bool {
+        let all = [self.position[0], self.position[1], self.velocity[0], self.velocity[1], self.omega];
+        all.iter().all(|v| v.is_finite() && v.abs() < 1e7)
+    }
+}
 
 /// Collects one rollout's record.
 pub struct Recorder {
@@ -70,14 +90,11 @@ impl Recorder {
             return;
         }
         let last = &mut self.last_touch[a * self.names.len() + b];
-        if *last == 0 || step > *last + APART_STEPS {
-            let between = [self.names[a].clone(), self.names[b].clone()];
-            self.trajectory.events.push(Contact { time: f64::from(step) * self.time_step, between, speed });
-            if b < self.movable {
-                self.trajectory.collisions += 1;
-            }
-        }
+        let begins = *last == 0 || step > *last + APART_STEPS;
         *last = step;
+        if begins {
+            self.begin(step, a, b, speed);
+        }
         if b >= self.movable && !self.carried[a] {
             let upward = if first == a { -normal[1] } else { normal[1] };
             if upward > CARRIES {
@@ -85,6 +102,20 @@ impl Recorder {
                 self.trajectory.rolling_steps += 1;
             }
         }
+    }
+
+    /// `a` and `b` (indices: bodies, then statics; a < b) begin to touch in this step.
+    pub fn begin(&mut self, step: u32, a: usize, b: usize, speed: f64) {
+        let between = [self.names[a].clone(), self.names[b].clone()];
+        self.trajectory.events.push(Contact { time: f64::from(step) * self.time_step, between, speed });
+        if b < self.movable {
+            self.trajectory.collisions += 1;
+        }
+    }
+
+    /// Statics carried movable bodies for `steps` steps, beyond what `touch` was told.
+    pub fn rolled(&mut self, steps: u32) {
+        self.trajectory.rolling_steps += steps;
     }
 
     /// The goal has been reached.

@@ -6,7 +6,7 @@
 //!
 //! Differences from the source: none. The exact solution over a step, v exp(-c dt) = v d^dt, is what Pymunk uses.
 
-use super::{Act, Constants, Effect, MOST_PARAMETERS, Motion, Moving, Parameter};
+use super::{Act, Constants, Effect, LANES, MOST_PARAMETERS, Motion, Moving, MovingLanes, Parameter};
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
@@ -29,5 +29,17 @@ impl Motion for LinearDrag {
     fn kick(&self, constants: &Constants, body: Moving, _dt: f64) -> [f64; 3] {
         let kept = constants[0];
         [body.vx * kept, body.vy * kept, body.omega * kept]
+    }
+
+    fn timeless(&self) -> bool {
+        true
+    }
+
+    fn kick_lanes(&self, constants: &[[f64; LANES]; MOST_PARAMETERS], bodies: &mut MovingLanes, _dt: f64) {
+        for lane in 0..LANES {
+            bodies.vx[lane] *= constants[0][lane];
+            bodies.vy[lane] *= constants[0][lane];
+            bodies.omega[lane] *= constants[0][lane];
+        }
     }
 }

@@ -59,7 +59,13 @@ pub trait Motion: Sync {
     /// (vx, vy, omega) after `dt` seconds of the effect alone. Pure: the same bits for the same arguments.
     fn kick(&self, constants: &Constants, body: Moving, dt: f64) -> [f64; 3];
 
-    /// [`Motion::kick`] for every lane of a batch: `constants[c][lane]`.
+    /// Whether [`Motion::kick`] ignores the clock: only then may an engine take a state that a step leaves
+    /// unchanged for the rollout's last word.
+    fn timeless(&self) -> bool {
+        false
+    }
+
+    /// [`Motion::kick`] for every lane of a batch: `constants[c][lane]`. An override must return the same bits.
     fn kick_lanes(&self, constants: &[[f64; LANES]; MOST_PARAMETERS], bodies: &mut MovingLanes, dt: f64) {
         for lane in 0..LANES {
             let own: Constants = std::array::from_fn(|c| constants[c][lane]);
@@ -101,6 +107,7 @@ pub struct Moving {
 
 /// [`Moving`] for a batch.
 #[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
 pub struct MovingLanes {
     pub time: [f64; LANES],
     pub x: [f64; LANES],

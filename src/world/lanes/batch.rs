@@ -1,0 +1,697 @@
+//! The state of a batch, lanes innermost, and what happens to lanes now and then: filling them, observing,
+//! judging goals, retiring them. Everything that happens in every step is in `kernel`.
+//!
+//! A lane that ends is filled with the next rollout at once, so lanes start at different times and each keeps
+//! its own count of steps.
+
+use super::Feed;
+use super::kernel;
+use crate::task::geometry::polygon_contains;
+use crate::trajectory::{End, Trajectory};
+use crate::world::effect::{Active, Constants, LANES, MOST_PARAMETERS, MovingLanes};
+use crate::world::goal::{Condition, Party};
+use crate::world::prepare::{Prepared, PreparedShape};
+use crate::world::record::{Recorder, State};
+use crate::world::effect::Act;
+
+/// One number per lane.
+pub type V = [f64; LANES];
+
+/// Everything about up to [`LANES`] rollouts at work.
+#[repr(C, align(64))]
+pub struct Batch {
+    pub bodies: Vec<BodyLanes>,
+    pub statics: Vec<StaticLanes>,
+    /// Each body's statics, then pairs of bodies.
+    pub pairs: Vec<Pair>,
+    pub terms: Vec<TermLanes>,
+    /// Whether an effect looks at the clock.
+    pub clocked: bool,
+    /// s
+    pub time_step: f64,
+    /// s; 0 in lanes without a rollout.
+    pub dt: V,
+    /// Speed gained from gravity in a step, m/s.
+    pub kick_x: V,
+    pub kick_y: V,
+    /// Gap up to which surfaces count as touching, m.
+    pub touch: V,
+    /// Overlap that is not pushed out, m.
+    pub slop: V,
+    /// Bias speed for each metre of overlap beyond the slop, 1/s.
+    pub bias_rate: V,
+    /// Steps since the batch began.
+    pub tick: f64,
+    /// Tick at which the lane's rollout began.
+    pub born: V,
+    goal: Option<GoalLanes>,
+    lanes: [Option<Lane>; LANES],
+    /// Earliest tick at which a lane is to be observed or ends.
+    due: f64,
+    /// Scratch of the step: pairs that push, pairs that began to touch, how often a body's speed has changed.
+    pub active: Vec<usize>,
+    pub fresh: Vec<usize>,
+    pub versions: Vec<u32>,
+    pub any_bias: bool,
+    /// Some state has left all reason.
+    pub wild: bool,
+}
+
+/// A disc in every lane.
+#[repr(C, align(64))]
+#[derive(Clone)]
+pub struct BodyLanes {
+    pub moving: MovingLanes,
+    /// rad
+    pub angle: V,
+    /// Bias speed, m/s.
+    pub bias_x: V,
+    pub bias_y: V,
+    /// m
+    pub radius: V,
+    /// 1/kg
+    pub inv_mass: V,
+    /// Spin gained from a tangential impulse of 1 N s at the rim, rad/s.
+    pub spin_per_impulse: V,
+    /// Upper bound of the way travelled, m (sum of both components' sizes).
+    pub travel: V,
+    /// Whether a static carries the body in this step (0 or 1), and in how many steps one did.
+    pub carried: V,
+    pub rolling: V,
+    pub any_carried: bool,
+}
+
+/// A static in every lane.
+pub struct StaticLanes {
+    /// Rounding radius, m.
+    pub radius: V,
+    pub core: Core,
+}
+
+/// What a static is made of.
+pub enum Core {
+    Point { x: V, y: V },
+    Plane { nx: V, ny: V, offset: V },
+    Polygon(Vec<EdgeLanes>),
+}
+
+/// An edge from (ax, ay) with outward normal (nx, ny); it runs along (-ny, nx).
+#[repr(C, align(64))]
+#[derive(Clone)]
+pub struct EdgeLanes {
+    pub ax: V,
+    pub ay: V,
+    pub nx: V,
+    pub ny: V,
+    pub length: V,
+}
+
+/// A disc and what it may touch.
+#[repr(C, align(64))]
+#[derive(Clone)]
+pub struct Pair {
+    /// Index of a body.
+    pub first: usize,
+    /// Index of a body, or of a static after all bodies.
+    pub second: usize,
+    /// Sum of both bodies' `travel` below which they cannot touch.
+    pub limit: V,
+    /// m; negative for overlap
+    pub separation: V,
+    /// From first to second, or from the static to the body.
+    pub nx: V,
+    pub ny: V,
+    /// Accumulated normal, tangential and bias impulse, N s.
+    pub jn: V,
+    pub jt: V,
+    pub jb: V,
+    /// Target speeds, m/s.
+    pub bounce: V,
+    pub bias: V,
+    /// Effective masses, kg: 0 in lanes where the pair does not push.
+    pub normal_mass: V,
+    pub tangent_mass: V,
+    pub full_normal_mass: V,
+    pub full_tangent_mass: V,
+    pub friction: V,
+    pub restitution: V,
+    /// Tick of the last touch.
+    pub last_touch: V,
+    /// Lanes that begin to touch (1), and the normal speed (negative: approach), in this step.
+    pub begins: V,
+    pub speed: V,
+    /// Whether impulses of the last step are kept.
+    pub pushed: bool,
+    /// Versions of both bodies when a visit last changed nothing.
+    pub seen: [u32; 2],
+}
+
+/// An effect in every lane.
+pub struct TermLanes {
+    pub act: Act,
+    pub constants: [V; MOST_PARAMETERS],
+}
+
+/// A goal in every lane; all lanes' goals are of one kind and between the same parties.
+struct GoalLanes {
+    condition: ConditionLanes,
+    /// Steps for which the condition has held, and must hold.
+    held: V,
+    needed: V,
+}
+
+enum ConditionLanes {
+    /// Squared distance of centres up to which two discs count as touching.
+    Discs { first: usize, second: usize, reach2: V },
+    DiscStatic { probe: Box<Pair>, tolerance: V },
+    /// Polygon and the box around it, by lane.
+    Inside { body: usize, regions: [Vec<[f64; 2]>; LANES], low: [V; 2], high: [V; 2] },
+    Never,
+}
+
+/// A rollout at work.
+struct Lane {
+    index: usize,
+    recorder: Recorder,
+    steps: u32,
+    observe_every: u32,
+    stop: bool,
+    solved: bool,
+    /// Ticks of the next observation and of the end.
+    due: f64,
+    /// The state after the previous step, if it is being watched for rest.
+    timeless: bool,
+}
+
+/// Chipmunk's share of overlap left after a second: 0.9 a 60th of a second.
+const LEFT_A_FRAME: f64 = 0.9;
+/// Chipmunk's slop, m, for bodies of ordinary size.
+const SLOP: f64 = 0.1;
+/// Extent from which a body has Chipmunk's slop, m.
+const ORDINARY: f64 = 0.6;
+/// Radius of the discs in a lane without a rollout: nothing touches them.
+const NOTHING: f64 = -1e30;
+/// Tick of the last touch, and limit of travel, of a pair not yet looked at.
+const NEVER_TOUCHED: f64 = -1e9;
+
+/// Integrates everything that `feed` holds.
+#[inline(always)]
+pub fn run(feed: &mut dyn Feed) {
+    let Some((index, first)) = feed.next() else { return };
+    let mut batch = Batch::for_topology_of(&first);
+    batch.fill(0, index, &first);
+    for lane in 1..LANES {
+        batch.refill(lane, feed);
+    }
+    while batch.lanes.iter().any(Option::is_some) {
+        kernel::step(&mut batch);
+        if batch.wild {
+            batch.retire_diverged(feed);
+        }
+        if !batch.fresh.is_empty() {
+            batch.record_begun();
+        }
+        if batch.judge() {
+            batch.reached(feed);
+        }
+        if batch.tick >= batch.due {
+            batch.observe_due(feed);
+        }
+    }
+}
+
+impl Batch {
+    fn for_topology_of(prepared: &Prepared) -> Batch {
+        let count = prepared.bodies.len();
+        let blank = BodyLanes {
+            moving: MovingLanes {
+                time: [0.0; LANES],
+                x: [0.0; LANES],
+                y: [0.0; LANES],
+                vx: [0.0; LANES],
+                vy: [0.0; LANES],
+                omega: [0.0; LANES],
+            },
+            angle: [0.0; LANES],
+            bias_x: [0.0; LANES],
+            bias_y: [0.0; LANES],
+            radius: [NOTHING; LANES],
+            inv_mass: [0.0; LANES],
+            spin_per_impulse: [0.0; LANES],
+            travel: [0.0; LANES],
+            carried: [0.0; LANES],
+            rolling: [0.0; LANES],
+            any_carried: false,
+        };
+        let statics = prepared
+            .statics
+            .iter()
+            .map(|s| StaticLanes {
+                radius: [0.0; LANES],
+                core: match &s.shape {
+                    PreparedShape::Halfspace { .. } => {
+                        Core::Plane { nx: [0.0; LANES], ny: [0.0; LANES], offset: [0.0; LANES] }
+                    }
+                    PreparedShape::Convex(c) if c.points.len() == 1 => {
+                        Core::Point { x: [0.0; LANES], y: [0.0; LANES] }
+                    }
+                    PreparedShape::Convex(c) => {
+                        let blank = EdgeLanes {
+                            ax: [0.0; LANES],
+                            ay: [0.0; LANES],
+                            nx: [0.0; LANES],
+                            ny: [0.0; LANES],
+                            length: [0.0; LANES],
+                        };
+                        Core::Polygon(vec![blank; c.points.len()])
+                    }
+                },
+            })
+            .collect();
+        let mut pairs = Vec::new();
+        for first in 0..count {
+            pairs.extend((0..prepared.statics.len()).map(|s| Pair::new(first, count + s)));
+        }
+        for first in 0..count {
+            pairs.extend((first + 1..count).map(|second| Pair::new(first, second)));
+        }
+        let terms = prepared.effects.iter().map(|a| TermLanes {
+            act: a.effect.act,
+            constants: [[0.0; LANES]; MOST_PARAMETERS],
+        });
+        Batch {
+            bodies: vec![blank; count],
+            statics,
+            pairs,
+            terms: terms.collect(),
+            clocked: prepared.effects.iter().any(|a| !timeless(a)),
+            time_step: prepared.time_step,
+            dt: [0.0; LANES],
+            kick_x: [0.0; LANES],
+            kick_y: [0.0; LANES],
+            touch: [0.0; LANES],
+            slop: [0.0; LANES],
+            bias_rate: [0.0; LANES],
+            tick: 0.0,
+            born: [0.0; LANES],
+            goal: prepared.goal.as_ref().map(|g| GoalLanes::new(&g.condition, count)),
+            lanes: Default::default(),
+            due: f64::INFINITY,
+            active: Vec::new(),
+            fresh: Vec::new(),
+            versions: vec![0; count],
+            any_bias: false,
+            wild: false,
+        }
+    }
+
+    /// Puts the next rollout, if there is one, into a lane.
+    fn refill(&mut self, lane: usize, feed: &mut dyn Feed) {
+        match feed.next() {
+            Some((index, prepared)) => self.fill(lane, index, &prepared),
+            None => self.clear(lane),
+        }
+        self.due = self.lanes.iter().flatten().map(|l| l.due).fold(f64::INFINITY, f64::min);
+    }
+
+    fn fill(&mut self, lane: usize, index: usize, prepared: &Prepared) {
+        let dt = prepared.time_step;
+        self.dt[lane] = dt;
+        self.kick_x[lane] = prepared.gravity[0] * dt;
+        self.kick_y[lane] = prepared.gravity[1] * dt;
+        self.touch[lane] = prepared.touch;
+        self.slop[lane] = slop(prepared);
+        self.bias_rate[lane] = (1.0 - libm::pow(LEFT_A_FRAME, 60.0 * dt)) / dt;
+        self.born[lane] = self.tick;
+        for (body, own) in self.bodies.iter_mut().zip(&prepared.bodies) {
+            // Adding 0 turns -0 into 0: see `kernel::push`.
+            body.moving.x[lane] = own.position[0] + 0.0;
+            body.moving.y[lane] = own.position[1] + 0.0;
+            body.moving.vx[lane] = own.velocity[0] + 0.0;
+            body.moving.vy[lane] = own.velocity[1] + 0.0;
+            body.moving.omega[lane] = own.omega + 0.0;
+            body.angle[lane] = own.angle + 0.0;
+            body.bias_x[lane] = 0.0;
+            body.bias_y[lane] = 0.0;
+            body.radius[lane] = own.shape.radius;
+            body.inv_mass[lane] = 1.0 / own.mass;
+            body.spin_per_impulse[lane] = own.shape.radius / own.inertia;
+            body.travel[lane] = 0.0;
+            body.carried[lane] = 0.0;
+            body.rolling[lane] = 0.0;
+        }
+        for (fixed, own) in self.statics.iter_mut().zip(&prepared.statics) {
+            fixed.fill(lane, &own.shape);
+        }
+        for pair in &mut self.pairs {
+            pair.fill(lane, prepared);
+        }
+        for (term, active) in self.terms.iter_mut().zip(&prepared.effects) {
+            let Act::Motion(motion) = active.effect.act;
+            let constants: Constants = motion.constants(&active.values, dt);
+            for (row, value) in term.constants.iter_mut().zip(constants) {
+                row[lane] = value;
+            }
+        }
+        if let (Some(lanes), Some(own)) = (&mut self.goal, &prepared.goal) {
+            lanes.held[lane] = 0.0;
+            lanes.needed[lane] = f64::from(own.hold_steps(dt));
+            lanes.condition.fill(lane, &own.condition, prepared);
+        }
+        let mut new = Lane {
+            index,
+            recorder: Recorder::new(prepared),
+            steps: prepared.steps,
+            observe_every: prepared.observe_every,
+            stop: prepared.stop,
+            solved: false,
+            due: self.tick + f64::from(prepared.observe_every.min(prepared.steps)),
+            timeless: prepared.effects.iter().all(timeless),
+        };
+        new.recorder.observe(0, &self.states(lane));
+        self.lanes[lane] = Some(new);
+    }
+
+    /// Leaves a lane empty.
+    fn clear(&mut self, lane: usize) {
+        self.lanes[lane] = None;
+        self.dt[lane] = 0.0;
+        self.kick_x[lane] = 0.0;
+        self.kick_y[lane] = 0.0;
+        for body in &mut self.bodies {
+            body.radius[lane] = NOTHING;
+            for v in [
+                &mut body.moving.x,
+                &mut body.moving.y,
+                &mut body.moving.vx,
+                &mut body.moving.vy,
+                &mut body.moving.omega,
+                &mut body.bias_x,
+                &mut body.bias_y,
+                &mut body.inv_mass,
+                &mut body.spin_per_impulse,
+                &mut body.travel,
+            ] {
+                v[lane] = 0.0;
+            }
+        }
+        for pair in &mut self.pairs {
+            (pair.jn[lane], pair.jt[lane]) = (0.0, 0.0);
+            pair.limit[lane] = f64::INFINITY;
+        }
+        for term in &mut self.terms {
+            for row in &mut term.constants {
+                row[lane] = 0.0;
+            }
+        }
+        if let Some(goal) = &mut self.goal {
+            goal.needed[lane] = f64::INFINITY;
+        }
+    }
+
+    fn states(&self, lane: usize) -> Vec<State> {
+        let state = |b: &BodyLanes| State {
+            position: [b.moving.x[lane], b.moving.y[lane]],
+            angle: b.angle[lane],
+            velocity: [b.moving.vx[lane], b.moving.vy[lane]],
+            omega: b.moving.omega[lane],
+        };
+        self.bodies.iter().map(state).collect()
+    }
+
+    fn step_of(&self, lane: usize) -> u32 {
+        (self.tick - self.born[lane]) as u32
+    }
+
+    /// Hands the contacts that began in this step to the recorders.
+    fn record_begun(&mut self) {
+        for index in std::mem::take(&mut self.fresh) {
+            let pair = &self.pairs[index];
+            for lane in 0..LANES {
+                if pair.begins[lane] > 0.0
+                    && let Some(own) = &mut self.lanes[lane]
+                {
+                    let step = (self.tick - self.born[lane]) as u32;
+                    let speed = (-pair.speed[lane]).max(0.0);
+                    own.recorder.begin(step, pair.first, pair.second, speed);
+                }
+            }
+        }
+    }
+
+    /// Follows the goals; whether a lane has just reached its own.
+    #[inline(always)]
+    fn judge(&mut self) -> bool {
+        let Some(goal) = &mut self.goal else { return false };
+        let mut holds = [0.0; LANES];
+        match &mut goal.condition {
+            ConditionLanes::Never => return false,
+            ConditionLanes::Discs { first, second, reach2 } => {
+                let (a, b) = (&self.bodies[*first].moving, &self.bodies[*second].moving);
+                for l in 0..LANES {
+                    let (dx, dy) = (b.x[l] - a.x[l], b.y[l] - a.y[l]);
+                    holds[l] = if dx * dx + dy * dy <= reach2[l] { 1.0 } else { 0.0 };
+                }
+            }
+            ConditionLanes::DiscStatic { probe, tolerance } => {
+                let fixed = &self.statics[probe.second - self.bodies.len()];
+                super::contact::with_static(&self.bodies[probe.first], fixed, probe);
+                for l in 0..LANES {
+                    holds[l] = if probe.separation[l] <= tolerance[l] { 1.0 } else { 0.0 };
+                }
+            }
+            ConditionLanes::Inside { body, regions, low, high } => {
+                let at = &self.bodies[*body].moving;
+                let mut any = 0.0;
+                for l in 0..LANES {
+                    let near = (at.x[l] >= low[0][l])
+                        & (at.x[l] <= high[0][l])
+                        & (at.y[l] >= low[1][l])
+                        & (at.y[l] <= high[1][l]);
+                    holds[l] = if near { 1.0 } else { 0.0 };
+                    any += holds[l];
+                }
+                if any > 0.0 {
+                    for l in 0..LANES {
+                        if holds[l] > 0.0 && !polygon_contains(&regions[l], [at.x[l], at.y[l]]) {
+                            holds[l] = 0.0;
+                        }
+                    }
+                }
+            }
+        }
+        let mut reached = false;
+        for l in 0..LANES {
+            goal.held[l] = (goal.held[l] + 1.0) * holds[l];
+            reached |= goal.held[l] >= goal.needed[l];
+        }
+        reached
+    }
+
+    fn reached(&mut self, feed: &mut dyn Feed) {
+        for lane in 0..LANES {
+            let Some(goal) = &mut self.goal else { return };
+            if goal.held[lane] < goal.needed[lane] {
+                continue;
+            }
+            goal.needed[lane] = f64::INFINITY;
+            let Some(own) = &mut self.lanes[lane] else { continue };
+            own.solved = true;
+            if own.stop {
+                let step = self.step_of(lane);
+                self.observe(lane, step);
+                self.retire(lane, step, End::Goal, feed);
+            }
+        }
+    }
+
+    fn observe_due(&mut self, feed: &mut dyn Feed) {
+        for lane in 0..LANES {
+            let step = self.step_of(lane);
+            let Some(own) = &mut self.lanes[lane] else { continue };
+            if own.due > self.tick {
+                continue;
+            }
+            let (steps, next) = (own.steps, step.saturating_add(own.observe_every));
+            own.due = self.born[lane] + f64::from(next.min(steps));
+            self.observe(lane, step);
+            if step >= steps {
+                self.retire(lane, steps, End::Horizon, feed);
+            }
+        }
+        self.due = self.lanes.iter().flatten().map(|l| l.due).fold(f64::INFINITY, f64::min);
+    }
+
+    fn observe(&mut self, lane: usize, step: u32) {
+        let states = self.states(lane);
+        if let Some(own) = &mut self.lanes[lane] {
+            own.recorder.observe(step, &states);
+        }
+    }
+
+    fn retire_diverged(&mut self, feed: &mut dyn Feed) {
+        for lane in 0..LANES {
+            if self.lanes[lane].is_some() && !self.states(lane).iter().all(State::is_finite) {
+                // Nothing of the step that diverged is kept.
+                let step = self.step_of(lane) - 1;
+                self.retire(lane, step, End::Diverged, feed);
+            }
+        }
+    }
+
+    /// Hands a finished rollout over and fills its lane again.
+    fn retire(&mut self, lane: usize, step: u32, end: End, feed: &mut dyn Feed) {
+        if let Some(mut own) = self.lanes[lane].take() {
+            let rolling: f64 = self.bodies.iter().map(|b| b.rolling[lane]).sum();
+            own.recorder.rolled(rolling as u32);
+            if own.solved {
+                own.recorder.solved();
+            }
+            let trajectory: Trajectory = own.recorder.finish(step, end);
+            feed.done(own.index, trajectory);
+        }
+        self.refill(lane, feed);
+    }
+}
+
+impl Pair {
+    fn new(first: usize, second: usize) -> Pair {
+        let none = [0.0; LANES];
+        Pair {
+            first,
+            second,
+            limit: [f64::INFINITY; LANES],
+            separation: none,
+            nx: none,
+            ny: none,
+            jn: none,
+            jt: none,
+            jb: none,
+            bounce: none,
+            bias: none,
+            normal_mass: none,
+            tangent_mass: none,
+            full_normal_mass: none,
+            full_tangent_mass: none,
+            friction: none,
+            restitution: none,
+            last_touch: [NEVER_TOUCHED; LANES],
+            begins: none,
+            speed: none,
+            pushed: false,
+            seen: [u32::MAX; 2],
+        }
+    }
+
+    fn fill(&mut self, lane: usize, prepared: &Prepared) {
+        let count = prepared.bodies.len();
+        let a = &prepared.bodies[self.first];
+        let looseness = |i: usize| {
+            let b = &prepared.bodies[i];
+            (1.0 / b.mass, b.shape.radius * b.shape.radius / b.inertia)
+        };
+        let (mut inv_mass, mut turn) = looseness(self.first);
+        let (friction, restitution) = if self.second < count {
+            let (m, t) = looseness(self.second);
+            (inv_mass, turn) = (inv_mass + m, turn + t);
+            (prepared.bodies[self.second].friction, prepared.bodies[self.second].restitution)
+        } else {
+            let fixed = &prepared.statics[self.second - count];
+            (fixed.friction, fixed.restitution)
+        };
+        self.limit[lane] = NEVER_TOUCHED;
+        (self.jn[lane], self.jt[lane]) = (0.0, 0.0);
+        self.full_normal_mass[lane] = 1.0 / inv_mass;
+        self.full_tangent_mass[lane] = 1.0 / (inv_mass + turn);
+        self.friction[lane] = a.friction * friction;
+        self.restitution[lane] = a.restitution * restitution;
+        self.last_touch[lane] = NEVER_TOUCHED;
+    }
+}
+
+impl StaticLanes {
+    fn fill(&mut self, lane: usize, shape: &PreparedShape) {
+        match (&mut self.core, shape) {
+            (Core::Plane { nx, ny, offset }, PreparedShape::Halfspace { normal, offset: own }) => {
+                (nx[lane], ny[lane], offset[lane]) = (normal[0], normal[1], *own);
+            }
+            (Core::Point { x, y }, PreparedShape::Convex(c)) => {
+                self.radius[lane] = c.radius;
+                (x[lane], y[lane]) = (c.points[0][0], c.points[0][1]);
+            }
+            (Core::Polygon(edges), PreparedShape::Convex(c)) => {
+                self.radius[lane] = c.radius;
+                for (i, edge) in edges.iter_mut().enumerate() {
+                    let (p, q) = (c.points[i], c.points[(i + 1) % c.points.len()]);
+                    let (dx, dy) = (q[0] - p[0], q[1] - p[1]);
+                    let length = (dx * dx + dy * dy).sqrt();
+                    (edge.ax[lane], edge.ay[lane]) = (p[0], p[1]);
+                    (edge.nx[lane], edge.ny[lane]) = (dy / length, -dx / length);
+                    edge.length[lane] = length;
+                }
+            }
+            // Lanes of a batch have one topology: see `super::Topology`.
+            _ => unreachable!("rollouts of one batch have the same topology"),
+        }
+    }
+}
+
+impl GoalLanes {
+    fn new(condition: &Condition, bodies: usize) -> GoalLanes {
+        let none = [0.0; LANES];
+        let condition = match condition {
+            Condition::Inside { body, .. } => ConditionLanes::Inside {
+                body: *body,
+                regions: Default::default(),
+                low: [none; 2],
+                high: [none; 2],
+            },
+            Condition::Contact { parties, .. } => match *parties {
+                [Party::Body(first), Party::Body(second)] => {
+                    ConditionLanes::Discs { first, second, reach2: none }
+                }
+                [Party::Body(b), Party::Static(s)] | [Party::Static(s), Party::Body(b)] => {
+                    ConditionLanes::DiscStatic { probe: Box::new(Pair::new(b, bodies + s)), tolerance: none }
+                }
+                [Party::Static(_), Party::Static(_)] => ConditionLanes::Never,
+            },
+        };
+        GoalLanes { condition, held: none, needed: [f64::INFINITY; LANES] }
+    }
+}
+
+impl ConditionLanes {
+    fn fill(&mut self, lane: usize, own: &Condition, prepared: &Prepared) {
+        match (self, own) {
+            (ConditionLanes::Discs { first, second, reach2 }, Condition::Contact { tolerance, .. }) => {
+                let radii = prepared.bodies[*first].shape.radius + prepared.bodies[*second].shape.radius;
+                reach2[lane] = (radii + tolerance) * (radii + tolerance);
+            }
+            (ConditionLanes::DiscStatic { tolerance, .. }, Condition::Contact { tolerance: own, .. }) => {
+                tolerance[lane] = *own;
+            }
+            (ConditionLanes::Inside { regions, low, high, .. }, Condition::Inside { region, .. }) => {
+                for k in 0..2 {
+                    low[k][lane] = region.iter().map(|p| p[k]).fold(f64::INFINITY, f64::min);
+                    high[k][lane] = region.iter().map(|p| p[k]).fold(f64::NEG_INFINITY, f64::max);
+                }
+                regions[lane].clone_from(region);
+            }
+            _ => {}
+        }
+    }
+}
+
+/// Chipmunk's slop of 0.1 m is made for bodies of ordinary size. Smaller bodies get less, falling with the
+/// square of the size, so that a ball of 4 cm sinks in by half a millimetre and not by its whole radius.
+fn slop(prepared: &Prepared) -> f64 {
+    let smallest = prepared.bodies.iter().map(|b| 2.0 * b.shape.radius).fold(f64::INFINITY, f64::min);
+    let share = (smallest / ORDINARY).min(1.0);
+    SLOP * share * share
+}
+
+fn timeless(active: &Active) -> bool {
+    match active.effect.act {
+        Act::Motion(motion) => motion.timeless(),
+    }
+}

@@ -1,0 +1,71 @@
+//! Which instructions the kernel is compiled for: the same code several times, chosen at run time.
+
+use super::Feed;
+use super::batch;
+
+/// A set of instructions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Level {
+    /// What the whole program is compiled for.
+    Baseline,
+    /// x86-64 with AVX2: four lanes to a register.
+    Avx2,
+    /// x86-64 with AVX-512: eight lanes to a register.
+    Avx512,
+}
+
+impl Level {
+    /// All levels, the widest last.
+    pub const ALL: [Level; 3] = [Level::Baseline, Level::Avx2, Level::Avx512];
+
+    /// The widest level of this machine.
+    pub fn best() -> Level {
+        Level::ALL.into_iter().rev().find(|l| l.available()).unwrap_or(Level::Baseline)
+    }
+
+    /// Whether this machine has the level.
+    pub fn available(self) -> bool {
+        match self {
+            Level::Baseline => true,
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx2 => is_x86_feature_detected!("avx2"),
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx512 => {
+                is_x86_feature_detected!("avx512f")
+                    && is_x86_feature_detected!("avx512dq")
+                    && is_x86_feature_detected!("avx512vl")
+                    && is_x86_feature_detected!("avx512bw")
+            }
+            #[cfg(not(target_arch = "x86_64"))]
+            Level::Avx2 | Level::Avx512 => false,
+        }
+    }
+}
+
+/// Runs the batch with the level's instructions; a level this machine lacks is taken for the baseline.
+pub fn run(feed: &mut dyn Feed, level: Level) {
+    if !level.available() {
+        return batch::run(feed);
+    }
+    match level {
+        // SAFETY: `available` has just found the instructions on this machine.
+        #[cfg(target_arch = "x86_64")]
+        Level::Avx2 => unsafe { run_avx2(feed) },
+        // SAFETY: as above.
+        #[cfg(target_arch = "x86_64")]
+        Level::Avx512 => unsafe { run_avx512(feed) },
+        _ => batch::run(feed),
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn run_avx2(feed: &mut dyn Feed) {
+    batch::run(feed);
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw")]
+fn run_avx512(feed: &mut dyn Feed) {
+    batch::run(feed);
+}
