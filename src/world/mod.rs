@@ -9,6 +9,7 @@
 
 pub mod effect;
 pub mod goal;
+mod lanes;
 pub mod latent;
 pub mod prepare;
 mod rapier;
@@ -21,6 +22,8 @@ use crate::error::{Error, Result};
 use crate::task::Scene;
 use crate::task::scene::EffectTerm;
 use crate::trajectory::Trajectory;
+pub use lanes::Level;
+use lanes::Topology;
 pub use latent::Latents;
 use prepare::{Prepared, prepare};
 
@@ -44,8 +47,10 @@ pub enum Engine {
     /// The fastest engine that takes the scene.
     #[default]
     Auto,
-    /// The general engine.
+    /// The general engine: rapier2d.
     Rapier,
+    /// The batched engine, for scenes whose movable bodies are discs.
+    Lanes,
 }
 
 /// Simulates a batch, in parallel on rayon's pool; results in the order of the rollouts, and the same bits
@@ -61,28 +66,125 @@ pub fn simulate_map<T: Send>(
     engine: Engine,
     keep: impl Fn(usize, Trajectory) -> T + Sync,
 ) -> Result<Vec<T>> {
-    // Preparing first means that bad input is refused before any work is done.
-    let prepared: Vec<Prepared> = rollouts.iter().map(prepare).collect::<Result<_>>()?;
-    prepared
-        .par_iter()
-        .enumerate()
-        .map(|(i, p)| {
-            let trajectory = match engine_for(engine, p) {
-                Engine::Rapier | Engine::Auto => rapier::run(p)?,
-            };
-            Ok(keep(i, trajectory))
+    simulate_map_at(Level::best(), rollouts, engine, keep)
+}
+
+/// [`simulate_map`] with the batched engine held to a set of instructions; the results are the same for each.
+pub fn simulate_map_at<T: Send>(
+    level: Level,
+    rollouts: &[Rollout],
+    engine: Engine,
+    keep: impl Fn(usize, Trajectory) -> T + Sync,
+) -> Result<Vec<T>> {
+    let work = divide(rollouts, engine)?;
+    let finished: Vec<Result<Vec<(usize, T)>>> = work
+        .into_par_iter()
+        .map(|part| match part {
+            Part::Rapier(index) => Ok(vec![(index, keep(index, rapier::run(&prepare(&rollouts[index])?)?))]),
+            Part::Lanes(indices) => {
+                let kept = Vec::with_capacity(indices.len());
+                let mut feed = Chunk { rollouts, indices: indices.into_iter(), keep: &keep, kept };
+                lanes::run(&mut feed, level);
+                Ok(feed.kept)
+            }
         })
-        .collect()
+        .collect();
+    let mut results: Vec<Option<T>> = rollouts.iter().map(|_| None).collect();
+    for part in finished {
+        for (index, kept) in part? {
+            results[index] = Some(kept);
+        }
+    }
+    results.into_iter().map(|r| r.ok_or_else(|| Error::Failed("a rollout was lost".into()))).collect()
 }
 
 /// The engine that [`simulate`] would use for a scene.
 pub fn chosen(engine: Engine, rollout: &Rollout) -> Result<Engine> {
-    Ok(engine_for(engine, &prepare(rollout)?))
+    engine_for(engine, &prepare(rollout)?)
 }
 
-fn engine_for(engine: Engine, _prepared: &Prepared) -> Engine {
-    match engine {
-        Engine::Auto | Engine::Rapier => Engine::Rapier,
+fn engine_for(engine: Engine, prepared: &Prepared) -> Result<Engine> {
+    match (engine, lanes::takes(prepared)) {
+        (Engine::Rapier, _) | (Engine::Auto, false) => Ok(Engine::Rapier),
+        (Engine::Lanes | Engine::Auto, true) => Ok(Engine::Lanes),
+        (Engine::Lanes, false) => Err(Error::input(
+            "engine",
+            "\"lanes\"",
+            "\"auto\" or \"rapier\" for a scene with a movable body that is not a disc",
+        )),
+    }
+}
+
+/// Work for one thread at a time: numbers of rollouts.
+enum Part {
+    Rapier(usize),
+    /// All of one topology.
+    Lanes(Vec<usize>),
+}
+
+/// Fewest and most rollouts in a part: enough to keep all lanes busy until near the end, few enough to go round.
+const PART: [usize; 2] = [2 * effect::LANES, 32 * effect::LANES];
+
+/// Checks every rollout, so that bad input is refused before any work is done, and divides the work. How it is
+/// divided changes no result. Nothing prepared is kept: memory stays flat however many rollouts there are.
+fn divide(rollouts: &[Rollout], engine: Engine) -> Result<Vec<Part>> {
+    let looked_at: Vec<Result<Vec<(Option<Topology>, Vec<usize>)>>> = rollouts
+        .par_chunks(PART[1])
+        .enumerate()
+        .map(|(chunk, rollouts)| {
+            let mut groups = Vec::new();
+            for (i, rollout) in rollouts.iter().enumerate() {
+                let prepared = prepare(rollout)?;
+                let topology = match engine_for(engine, &prepared)? {
+                    Engine::Lanes => Some(Topology::of(&prepared)),
+                    Engine::Rapier | Engine::Auto => None,
+                };
+                group(&mut groups, topology).push(chunk * PART[1] + i);
+            }
+            Ok(groups)
+        })
+        .collect();
+    let mut groups = Vec::new();
+    for chunk in looked_at {
+        for (topology, indices) in chunk? {
+            group(&mut groups, topology).extend(indices);
+        }
+    }
+    let share = rollouts.len().div_ceil(4 * rayon::current_num_threads());
+    let size = share.clamp(PART[0], PART[1]);
+    let parts = groups.into_iter().flat_map(|(topology, indices)| match topology {
+        None => indices.into_iter().map(Part::Rapier).collect::<Vec<_>>(),
+        Some(_) => indices.chunks(size).map(|c| Part::Lanes(c.to_vec())).collect(),
+    });
+    Ok(parts.collect())
+}
+
+/// The group with the topology, made if there is none.
+fn group(groups: &mut Vec<(Option<Topology>, Vec<usize>)>, topology: Option<Topology>) -> &mut Vec<usize> {
+    let place = groups.iter().rposition(|(t, _)| *t == topology).unwrap_or_else(|| {
+        groups.push((topology, Vec::new()));
+        groups.len() - 1
+    });
+    &mut groups[place].1
+}
+
+/// Feeds a part of the rollouts to the batched engine.
+struct Chunk<'a, K, T> {
+    rollouts: &'a [Rollout<'a>],
+    indices: std::vec::IntoIter<usize>,
+    keep: &'a K,
+    kept: Vec<(usize, T)>,
+}
+
+impl<T, K: Fn(usize, Trajectory) -> T> lanes::Feed for Chunk<'_, K, T> {
+    fn next(&mut self) -> Option<(usize, Prepared)> {
+        let index = self.indices.next()?;
+        // Prepared once before without error, in `divide`; a rollout that fails now is reported as lost.
+        Some((index, prepare(&self.rollouts[index]).ok()?))
+    }
+
+    fn done(&mut self, index: usize, trajectory: Trajectory) {
+        self.kept.push((index, (self.keep)(index, trajectory)));
     }
 }
 
@@ -92,15 +194,17 @@ impl Engine {
         match self {
             Engine::Auto => "auto",
             Engine::Rapier => "rapier",
+            Engine::Lanes => "lanes",
         }
     }
 
     /// The engine named `name`.
     pub fn from_name(name: &str) -> Result<Engine> {
-        [Engine::Auto, Engine::Rapier].into_iter().find(|e| e.name() == name).ok_or_else(|| Error::NotFound {
+        let all = [Engine::Auto, Engine::Rapier, Engine::Lanes];
+        all.into_iter().find(|e| e.name() == name).ok_or_else(|| Error::NotFound {
             kind: "engine",
             id: name.to_string(),
-            known: vec!["auto".into(), "rapier".into()],
+            known: all.map(|e| e.name().to_string()).to_vec(),
         })
     }
 }

@@ -17,7 +17,6 @@ mod contact;
 mod kernel;
 mod level;
 
-use super::effect::Act;
 use super::goal::Condition;
 use super::prepare::{Prepared, PreparedShape};
 use crate::trajectory::Trajectory;
