@@ -21,7 +21,7 @@ pub const PERTURBATION: f64 = 0.002;
 /// Solutions tried for stability before a candidate is given up.
 const TRIED: usize = 40;
 /// Actions of the first, rough look at a candidate.
-const ROUGH: usize = 256;
+const ROUGH: usize = 200;
 
 /// Picks the family's tasks: candidates in order, each into the bin its share falls into, until all are full.
 pub fn certify(family: &Family, seed: u64, progress: &dyn Progress) -> Result<Vec<CertifiedRow>> {
@@ -138,8 +138,14 @@ fn stable(
     physics: Physics,
 ) -> Result<Option<ValidAction>> {
     for action in solutions.iter().take(TRIED) {
-        let rapier = Physics { engine: Engine::Rapier, ..physics };
-        if survives(scene, action, stream, physics)? && survives(scene, action, stream, rapier)? {
+        if !survives(scene, action, stream, physics)? {
+            continue;
+        }
+        // The solution itself must be one to the other engine too.
+        let space = scene.action.as_ref().expect("a candidate has an action space");
+        if let Placement::Valid(placed) = space.place(scene, action)
+            && solved(&[&placed], Physics { engine: Engine::Rapier, ..physics })?[0]
+        {
             return Ok(Some(action.clone()));
         }
     }

@@ -33,7 +33,7 @@ pub static FAMILY: Family = Family {
     selection: Selection {
         bins: &[(0.001, 0.03, 20), (0.03, 0.07, 20), (0.07, 0.11, 20), (0.11, 0.15, 20), (0.15, 0.23, 20)],
         in_real_world: false,
-        sample: 2000,
+        sample: 1000,
     },
     prior: [(1.0, 0.5), (1.0, 0.5), (0.5, 0.25)],
 };

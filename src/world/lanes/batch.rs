@@ -8,11 +8,11 @@ use super::Feed;
 use super::kernel;
 use crate::task::geometry::polygon_contains;
 use crate::trajectory::{End, Trajectory};
+use crate::world::effect::Act;
 use crate::world::effect::{Active, Constants, LANES, MOST_PARAMETERS, MovingLanes};
 use crate::world::goal::{Condition, Party};
 use crate::world::prepare::{Prepared, PreparedShape};
 use crate::world::record::{Recorder, State};
-use crate::world::effect::Act;
 
 /// One number per lane.
 pub type V = [f64; LANES];
@@ -162,10 +162,22 @@ struct GoalLanes {
 
 enum ConditionLanes {
     /// Squared distance of centres up to which two discs count as touching.
-    Discs { first: usize, second: usize, reach2: V },
-    DiscStatic { probe: Box<Pair>, tolerance: V },
+    Discs {
+        first: usize,
+        second: usize,
+        reach2: V,
+    },
+    DiscStatic {
+        probe: Box<Pair>,
+        tolerance: V,
+    },
     /// Polygon and the box around it, by lane.
-    Inside { body: usize, regions: [Vec<[f64; 2]>; LANES], low: [V; 2], high: [V; 2] },
+    Inside {
+        body: usize,
+        regions: [Vec<[f64; 2]>; LANES],
+        low: [V; 2],
+        high: [V; 2],
+    },
     Never,
 }
 
@@ -275,10 +287,10 @@ impl Batch {
         for first in 0..count {
             pairs.extend((first + 1..count).map(|second| Pair::new(first, second)));
         }
-        let terms = prepared.effects.iter().map(|a| TermLanes {
-            act: a.effect.act,
-            constants: [[0.0; LANES]; MOST_PARAMETERS],
-        });
+        let terms = prepared
+            .effects
+            .iter()
+            .map(|a| TermLanes { act: a.effect.act, constants: [[0.0; LANES]; MOST_PARAMETERS] });
         Batch {
             bodies: vec![blank; count],
             statics,

@@ -54,7 +54,8 @@ pub fn with_static(disc: &BodyLanes, fixed: &StaticLanes, pair: &mut Pair) {
                 ([0.0; LANES], [0.0; LANES], [0.0; LANES], [0.0; LANES], [0.0; LANES]);
             for e in edges {
                 for l in 0..LANES {
-                    let height = e.nx[l] * (disc.moving.x[l] - e.ax[l]) + e.ny[l] * (disc.moving.y[l] - e.ay[l]);
+                    let height =
+                        e.nx[l] * (disc.moving.x[l] - e.ax[l]) + e.ny[l] * (disc.moving.y[l] - e.ay[l]);
                     let better = height > best[l];
                     best[l] = if better { height } else { best[l] };
                     nx[l] = if better { e.nx[l] } else { nx[l] };

@@ -294,9 +294,7 @@ fn visit_pair<const BIAS: bool>(pair: &mut Pair, a: &mut BodyLanes, b: &mut Body
         let (nx, ny) = (pair.nx[l], pair.ny[l]);
         let (vx, vy) = (b.moving.vx[l] - a.moving.vx[l], b.moving.vy[l] - a.moving.vy[l]);
         let normal = vx * nx + vy * ny;
-        let tangent = vy * nx
-            - vx * ny
-            - (b.radius[l] * b.moving.omega[l] + a.radius[l] * a.moving.omega[l]);
+        let tangent = vy * nx - vx * ny - (b.radius[l] * b.moving.omega[l] + a.radius[l] * a.moving.omega[l]);
         let jn = above(pair.jn[l] - (pair.bounce[l] + normal) * pair.normal_mass[l], 0.0);
         let most = pair.friction[l] * jn;
         let jt = below(above(pair.jt[l] - tangent * pair.tangent_mass[l], -most), most);
