@@ -496,7 +496,7 @@ impl Body {
             (None, Some(mass), _) => mass,
             (None, None, own) => own.unwrap_or(1.0) * area,
         };
-        (mass, mass / area * second_moment)
+        (mass, mass * second_moment)
     }
 
     fn validate(&self) -> Result<()> {

@@ -22,7 +22,7 @@ pub type V = [f64; LANES];
 pub struct Batch {
     pub bodies: Vec<BodyLanes>,
     pub statics: Vec<StaticLanes>,
-    /// Each body's statics, then pairs of bodies.
+    /// Pairs of bodies, then each body's statics.
     pub pairs: Vec<Pair>,
     pub terms: Vec<TermLanes>,
     /// Whether an effect looks at the clock.
@@ -282,10 +282,10 @@ impl Batch {
             .collect();
         let mut pairs = Vec::new();
         for first in 0..count {
-            pairs.extend((0..prepared.statics.len()).map(|s| Pair::new(first, count + s)));
+            pairs.extend((first + 1..count).map(|second| Pair::new(first, second)));
         }
         for first in 0..count {
-            pairs.extend((first + 1..count).map(|second| Pair::new(first, second)));
+            pairs.extend((0..prepared.statics.len()).map(|s| Pair::new(first, count + s)));
         }
         let terms = prepared
             .effects

@@ -13,7 +13,7 @@
 //! - A sweep leaves out contacts that it cannot change: those whose last visit changed nothing and whose bodies
 //!   have not changed since. The result is the same to the last bit.
 //! - A pair is looked at only when its bodies may have travelled as far as they were apart.
-//! - Contacts are visited in a fixed order (each body's statics, then pairs of bodies); Chipmunk's depends on
+//! - Contacts are visited in a fixed order (pairs of bodies, then each body's statics); Chipmunk's depends on
 //!   its search tree.
 //! - A contact lost for a step or two and found again starts without its old impulse.
 
