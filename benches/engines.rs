@@ -1,0 +1,83 @@
+//! Rollouts per second of both engines on one core, on scenes read from a file of JSON lines:
+//! `cargo bench --bench engines -- SCENES.jsonl [ENGINE ...]`, an engine being `rapier`, `lanes`, or `lanes:avx2`
+//! (`baseline`, `avx2`, `avx512`). Writes a JSON line for each engine: medians and extremes over repetitions.
+//!
+//! Without a file it uses the bowling family's own scenes.
+
+use std::time::Instant;
+
+use iplw::task::{Placement, Scene, family};
+use iplw::world::{Engine, Latents, Level, Rollout, simulate_map_at};
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().skip(1).filter(|a| a != "--bench").collect();
+    let scenes = match arguments.first() {
+        Some(path) => read(path),
+        None => bowling(200),
+    };
+    let engines = if arguments.len() > 1 { arguments[1..].to_vec() } else { vec!["lanes".into(), "rapier".into()] };
+    // One thread: figures are per core.
+    rayon::ThreadPoolBuilder::new().num_threads(1).build_global().expect("the pool is built once");
+    for name in engines {
+        measure(&name, &scenes);
+    }
+}
+
+fn measure(name: &str, scenes: &[Scene]) {
+    let (engine, level) = match name.split_once(':') {
+        Some((engine, level)) => (engine, level_named(level)),
+        None => (name, Level::best()),
+    };
+    let engine = Engine::from_name(engine).expect("an engine's name");
+    let rollout = |scene| Rollout { scene, latents: Latents::default(), effects: &[], stop: false };
+    let rollouts: Vec<Rollout> = scenes.iter().map(rollout).collect();
+    let run = || {
+        simulate_map_at(level, &rollouts, engine, |_, t| u64::from(t.outcome.steps)).expect("legal scenes")
+    };
+    let once = Instant::now();
+    run();
+    // About half a second a repetition, at least one pass.
+    let passes = (0.5 / once.elapsed().as_secs_f64()).ceil().max(1.0) as usize;
+    let mut seconds = Vec::new();
+    let mut steps = 0;
+    for _ in 0..7 {
+        let start = Instant::now();
+        steps = (0..passes).map(|_| run().iter().sum::<u64>()).sum();
+        seconds.push(start.elapsed().as_secs_f64());
+    }
+    seconds.sort_by(f64::total_cmp);
+    let count = (rollouts.len() * passes) as f64;
+    println!(
+        "{}",
+        serde_json::json!({
+            "engine": name,
+            "level": format!("{level:?}").to_lowercase(),
+            "rollouts_per_s": count / seconds[3],
+            "rollouts_per_s_range": [count / seconds[6], count / seconds[0]],
+            "us_per_step": 1e6 * seconds[3] / steps as f64,
+        })
+    );
+}
+
+fn level_named(name: &str) -> Level {
+    let level = Level::ALL.into_iter().find(|l| format!("{l:?}").to_lowercase() == name).expect("a level's name");
+    assert!(level.available(), "this machine lacks {name}");
+    level
+}
+
+fn read(path: &str) -> Vec<Scene> {
+    let text = std::fs::read_to_string(path).expect("the file of scenes can be read");
+    text.lines().map(|line| Scene::from_json(line).expect("a legal scene")).collect()
+}
+
+fn bowling(count: usize) -> Vec<Scene> {
+    let scenes = (family("bowling").expect("built in").candidates)(0);
+    let acted = |(i, scene): (usize, &Scene)| {
+        let space = scene.action.as_ref()?;
+        match space.place(scene, &space.at(i * 7919 % space.count()).ok()?) {
+            Placement::Valid(placed) => Some(*placed),
+            Placement::Invalid(_) => None,
+        }
+    };
+    scenes.iter().enumerate().filter_map(acted).take(count).collect()
+}

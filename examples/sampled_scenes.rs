@@ -1,0 +1,47 @@
+//! Writes randomly acted-on scenes of a task family as JSON, one a line, with their real latents and the effect
+//! `linear_drag` filled in: `cargo run --release --example sampled_scenes -- bowling 30 0.8 > scenes.jsonl`.
+
+use iplw::task::{Placement, Scene, family};
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let [name, count, damping] = arguments.as_slice() else {
+        eprintln!("usage: sampled_scenes bowling|basketball COUNT DAMPING");
+        std::process::exit(2);
+    };
+    let count: usize = count.parse().expect("COUNT is a whole number");
+    let damping: f64 = damping.parse().expect("DAMPING is the kept share of velocity per second");
+    for scene in sampled(name, count) {
+        let scene = Scene { damping: (damping < 1.0).then_some(damping), ..scene };
+        println!("{}", serde_json::to_string(&scene).expect("scenes are representable as JSON"));
+    }
+}
+
+/// Scene after scene of the family, each with the next placeable action of a fixed stride, latents written in.
+fn sampled(name: &str, count: usize) -> Vec<Scene> {
+    let family = family(name).expect("the family exists");
+    let physics = &family.real_physics;
+    let mut scenes = Vec::new();
+    for (i, scene) in (family.candidates)(0).iter().cycle().enumerate() {
+        let space = scene.action.as_ref().expect("a family's scenes have actions");
+        let action = space.at((i * 7919 + 13) % space.count()).expect("the index is in range");
+        let Placement::Valid(mut placed) = space.place(scene, &action) else { continue };
+        let carriers: Vec<bool> = placed.bodies.iter().map(|b| placed.carries_latents(&b.name)).collect();
+        for (body, _) in placed.bodies.iter_mut().zip(carriers).filter(|(_, carries)| *carries) {
+            (body.density, body.mass) = (Some(physics.density), None);
+            (body.friction, body.restitution) = (physics.friction, physics.restitution);
+        }
+        let carriers: Vec<bool> = placed.statics.iter().map(|s| placed.carries_latents(&s.name)).collect();
+        for (fixed, _) in placed.statics.iter_mut().zip(carriers).filter(|(_, carries)| *carries) {
+            (fixed.friction, fixed.restitution) = (physics.friction, physics.restitution);
+        }
+        placed.action = None;
+        placed.carriers = None;
+        placed.stop = Some(false);
+        scenes.push(*placed);
+        if scenes.len() == count {
+            break;
+        }
+    }
+    scenes
+}
