@@ -32,6 +32,9 @@ pub enum Error {
     /// The work was cancelled by its owner.
     #[error("cancelled")]
     Cancelled,
+    /// The server stopped before the work was done.
+    #[error("{reason}")]
+    Interrupted { reason: String },
     /// A computation could not produce a result (loss not finite, no placeable action, ...).
     #[error("{0}")]
     Failed(String),

@@ -38,6 +38,7 @@ pub mod progress;
 pub mod reality;
 pub mod residual;
 pub mod rng;
+pub mod serve;
 pub mod session;
 pub mod store;
 pub mod task;

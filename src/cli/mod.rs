@@ -78,6 +78,7 @@ fn exit_code(error: &Error) -> u8 {
         Error::Io { .. }
         | Error::Budget { .. }
         | Error::Capacity { .. }
+        | Error::Interrupted { .. }
         | Error::Cancelled
         | Error::Failed(_) => 1,
     }

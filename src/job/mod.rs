@@ -12,6 +12,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 
 use serde_json::Value;
 use tokio::sync::watch;
@@ -137,7 +138,9 @@ impl Runner {
     pub fn submit(&self, kind: &str, config: &Value, seed: u64, work: Work) -> Result<Job> {
         let mut state = self.shared.state();
         if self.shared.stopping.load(Ordering::SeqCst) {
-            return Err(Error::Refused { reason: "the server is stopping; send it to the next one".into() });
+            return Err(Error::Interrupted {
+                reason: "the server is stopping; send it to the next one".into(),
+            });
         }
         if state.queue.len() >= self.shared.config.queue {
             let advice = "wait for one to end, or cancel one you no longer need";
@@ -212,8 +215,9 @@ impl Runner {
         Ok(Watcher { shared, number, seen: after, changed, ended })
     }
 
-    /// Stops all jobs and waits for the workers; what has not ended has failed with the reason.
-    pub fn stop(&self) {
+    /// Stops all jobs; what has not ended has failed with the reason. Waits for the workers, but no longer than
+    /// `patience`: a job that has not noticed by then goes with the process, and fails at the next start.
+    pub fn stop(&self, patience: Duration) {
         self.shared.stopping.store(true, Ordering::SeqCst);
         {
             let mut state = self.shared.state();
@@ -226,17 +230,17 @@ impl Runner {
             }
         }
         self.shared.wake.notify_all();
-        let workers = std::mem::take(&mut *self.workers.lock().unwrap_or_else(PoisonError::into_inner));
-        for worker in workers {
-            // A worker catches the panics of its jobs and cannot fail.
-            let _ = worker.join();
+        let workers = self.workers.lock().unwrap_or_else(PoisonError::into_inner);
+        let deadline = Instant::now() + patience;
+        while workers.iter().any(|w| !w.is_finished()) && Instant::now() < deadline {
+            std::thread::sleep(Duration::from_millis(5));
         }
     }
 }
 
 impl Drop for Runner {
     fn drop(&mut self) {
-        self.stop();
+        self.stop(Duration::from_secs(10));
     }
 }
 
@@ -430,7 +434,7 @@ fn unknown(id: &str) -> Error {
 }
 
 fn stopped() -> Error {
-    Error::Failed("server stopped while it ran; start it again".into())
+    Error::Interrupted { reason: "server stopped while it ran; start it again".into() }
 }
 
 #[cfg(test)]
@@ -537,7 +541,7 @@ mod tests {
         });
         let job = runner.submit("endless", &json!({}), 0, endless).unwrap();
         wait.recv().unwrap();
-        runner.stop();
+        runner.stop(Duration::from_secs(60));
         let row = runner.get(&job.id).unwrap().row;
         assert_eq!(row.state, JobState::Failed);
         assert!(row.error.unwrap()["detail"].as_str().unwrap().contains("start it again"));

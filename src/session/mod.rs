@@ -14,7 +14,7 @@ mod catalogue;
 pub mod observation;
 mod registry;
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
@@ -573,9 +573,9 @@ impl World {
 }
 
 /// A shared world as a reality: what is measured through it counts on the world.
-pub struct SharedReality<'a>(pub &'a World);
+pub struct SharedReality(pub Arc<World>);
 
-impl Reality for SharedReality<'_> {
+impl Reality for SharedReality {
     fn measure(&mut self, task: &Task, actions: &[ValidAction]) -> Result<Vec<Attempt>> {
         let results = self.0.attempts(task, actions)?;
         let attempt = |(action, result): (&ValidAction, std::result::Result<Trajectory, String>)| match result

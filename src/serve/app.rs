@@ -1,0 +1,102 @@
+//! What every handler shares.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::time::Duration;
+
+use super::ServeConfig;
+use super::metrics::Metrics;
+use super::problem::{Answer, Problem, explain};
+use crate::error::Result;
+use crate::job::{Runner, RunnerConfig};
+use crate::session::{Catalogue, Registry, RegistryConfig};
+use crate::store::Store;
+
+/// Seconds since anywhere; counts up.
+pub type Clock = Arc<dyn Fn() -> Duration + Send + Sync>;
+
+/// The server's state.
+pub struct App {
+    pub catalogue: Catalogue,
+    pub worlds: Registry,
+    pub jobs: Runner,
+    pub store: Arc<Store>,
+    pub metrics: Arc<Metrics>,
+    pub clock: Clock,
+    /// Set once the server is to stop.
+    pub stopping: tokio::sync::watch::Sender<bool>,
+    busy: AtomicUsize,
+    /// Distinguishes this server's world ids from those of earlier ones.
+    nonce: u32,
+    made: AtomicU64,
+}
+
+/// Requests worked on at a time; more are told to come back.
+const MOST_BUSY: usize = 512;
+
+impl App {
+    /// Opens the store, assembles the tasks and makes the default worlds.
+    pub fn new(config: &ServeConfig) -> Result<App> {
+        let store = Arc::new(match &config.data_dir {
+            Some(directory) => Store::open(directory)?,
+            None => Store::in_memory()?,
+        });
+        let catalogue = Catalogue::new();
+        let limits = RegistryConfig { limit: config.worlds, idle: config.idle };
+        let runner = RunnerConfig { workers: config.workers, queue: config.queue, threads: 0, explain };
+        Ok(App {
+            worlds: Registry::new(limits, &catalogue)?,
+            catalogue,
+            jobs: Runner::start(store.clone(), runner)?,
+            store,
+            metrics: Arc::default(),
+            clock: config.clock.clone(),
+            stopping: tokio::sync::watch::Sender::new(false),
+            busy: AtomicUsize::new(0),
+            nonce: nonce(),
+            made: AtomicU64::new(0),
+        })
+    }
+
+    /// Now, by the server's clock.
+    pub fn now(&self) -> Duration {
+        (self.clock)()
+    }
+
+    /// An id that no world of this or an earlier server has.
+    pub fn world_id(&self) -> String {
+        format!("w{:08x}-{}", self.nonce, self.made.fetch_add(1, Ordering::Relaxed))
+    }
+
+    /// Runs `work` off the async threads.
+    pub async fn run<T: Send + 'static>(
+        self: &Arc<Self>,
+        work: impl FnOnce(&App) -> Answer<T> + Send + 'static,
+    ) -> Answer<T> {
+        if self.busy.fetch_add(1, Ordering::SeqCst) >= MOST_BUSY {
+            self.busy.fetch_sub(1, Ordering::SeqCst);
+            return Err(Problem::busy(MOST_BUSY));
+        }
+        let place = Place(self.clone());
+        let done = tokio::task::spawn_blocking(move || work(&place.0)).await;
+        done.unwrap_or_else(|e| {
+            tracing::error!("a request's work panicked: {e}");
+            Err(Problem::defect())
+        })
+    }
+}
+
+/// One of [`MOST_BUSY`]; given back when dropped, after a panic too.
+struct Place(Arc<App>);
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        self.0.busy.fetch_sub(1, Ordering::SeqCst);
+    }
+}
+
+/// A number that differs from process to process.
+fn nonce() -> u32 {
+    use std::hash::{BuildHasher, RandomState};
+    RandomState::new().hash_one(std::process::id()) as u32
+}

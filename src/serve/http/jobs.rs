@@ -1,0 +1,137 @@
+//! `/v1/iplw` and `/v1/jobs`
+
+use std::convert::Infallible;
+use std::sync::Arc;
+
+use axum::extract::State;
+use axum::http::{HeaderMap, StatusCode};
+use axum::response::sse::{self, KeepAlive, Sse};
+use axum::response::{IntoResponse, Response};
+use tokio::sync::mpsc;
+use tokio_stream::wrappers::ReceiverStream;
+
+use super::extract::{KeptBody, Params};
+use super::{answer, answer_at, json_bytes, json_response};
+use crate::error::Error;
+use crate::serve::app::App;
+use crate::serve::operations::job;
+use crate::serve::problem::{Answer, Problem};
+use crate::serve::wire::{Estimation, Event, JobOut, Jobs};
+
+/// Estimates the latents of a real world: explore in simulation, measure, fit. A job.
+#[utoipa::path(post, path = "/v1/iplw", tag = "workflow", operation_id = "start_iplw",
+    request_body = Estimation,
+    responses(
+        (status = 202, body = JobOut, headers(("Location" = String, description = "Where the job is"))),
+        (status = 400, body = Problem, content_type = "application/problem+json"),
+        (status = 404, body = Problem, content_type = "application/problem+json", description = "Unknown task or world"),
+        (status = 422, body = Problem, content_type = "application/problem+json"),
+        (status = 429, body = Problem, content_type = "application/problem+json", description = "Too many waiting jobs"),
+    ))]
+pub async fn iplw(
+    State(app): State<Arc<App>>,
+    KeptBody(body, kept): KeptBody<Estimation>,
+) -> Answer<Response> {
+    answer_at(&app, StatusCode::ACCEPTED, place, move |app| job::estimation(app, body, kept)).await
+}
+
+/// All jobs, oldest first.
+#[utoipa::path(get, path = "/v1/jobs", tag = "jobs", operation_id = "list_jobs",
+    responses((status = 200, body = Jobs)))]
+pub async fn list(State(app): State<Arc<App>>) -> Answer<Response> {
+    answer(&app, StatusCode::OK, job::list).await
+}
+
+/// One job.
+#[utoipa::path(get, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "get_job",
+    params(("id" = String, Path)),
+    responses(
+        (status = 200, body = JobOut),
+        (status = 404, body = Problem, content_type = "application/problem+json"),
+    ))]
+pub async fn get(State(app): State<Arc<App>>, Params(id): Params<String>) -> Answer<Response> {
+    answer(&app, StatusCode::OK, move |app| job::get(app, &id)).await
+}
+
+/// Cancels a job that has not ended (202); forgets one that has (204).
+#[utoipa::path(delete, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "delete_job",
+    params(("id" = String, Path)),
+    responses(
+        (status = 202, body = JobOut, description = "It is told to stop"),
+        (status = 204, description = "Forgotten"),
+        (status = 404, body = Problem, content_type = "application/problem+json"),
+    ))]
+pub async fn delete(State(app): State<Arc<App>>, Params(id): Params<String>) -> Answer<Response> {
+    let cancelled = app
+        .run(move |app| match job::delete(app, &id)? {
+            Some(job) => json_bytes(&job).map(Some),
+            None => Ok(None),
+        })
+        .await?;
+    Ok(match cancelled {
+        Some(body) => json_response(StatusCode::ACCEPTED, body),
+        None => StatusCode::NO_CONTENT.into_response(),
+    })
+}
+
+/// Follows a job: server-sent events `progress`, and `done` at the end, each with the job as data. With
+/// `Last-Event-ID`, only what came after; 204 if nothing ever will.
+#[utoipa::path(get, path = "/v1/jobs/{id}/events", tag = "jobs", operation_id = "follow_job",
+    params(
+        ("id" = String, Path),
+        ("Last-Event-ID" = Option<u64>, Header, description = "Number of the last event seen"),
+    ),
+    responses(
+        (status = 200, description = "Events", content_type = "text/event-stream", body = String),
+        (status = 204, description = "The job has ended and its last event was seen"),
+        (status = 404, body = Problem, content_type = "application/problem+json"),
+        (status = 422, body = Problem, content_type = "application/problem+json"),
+    ))]
+pub async fn events(
+    State(app): State<Arc<App>>,
+    Params(id): Params<String>,
+    headers: HeaderMap,
+) -> Answer<Response> {
+    let seen =
+        match headers.get("last-event-id") {
+            None => 0,
+            Some(value) => value.to_str().ok().and_then(|v| v.trim().parse().ok()).ok_or_else(|| {
+                Error::input("Last-Event-ID", format!("{value:?}"), "the number of an event")
+            })?,
+        };
+    let mut watcher = app.run(move |app| Ok(app.jobs.watch(&id, seen)?)).await?;
+    if watcher.exhausted() {
+        return Ok(StatusCode::NO_CONTENT.into_response());
+    }
+    let (sender, receiver) = mpsc::channel::<Result<sse::Event, Infallible>>(16);
+    let mut stopping = app.stopping.subscribe();
+    tokio::spawn(async move {
+        loop {
+            let next = tokio::select! {
+                next = watcher.next() => next,
+                // A client that hung up must not be waited for until the next event.
+                () = sender.closed() => return,
+                () = async { let _ = stopping.wait_for(|s| *s).await; } => {
+                    // The runner ends its jobs when the server stops; its last word is worth a moment.
+                    tokio::time::timeout(std::time::Duration::from_secs(2), watcher.next()).await.unwrap_or(None)
+                }
+            };
+            let Some((id, job)) = next else { return };
+            let event = Event::new(id, job);
+            let Ok(message) =
+                sse::Event::default().id(event.id.to_string()).event(event.name).json_data(&event.data)
+            else {
+                return;
+            };
+            if sender.send(Ok(message)).await.is_err() {
+                return;
+            }
+        }
+    });
+    Ok(Sse::new(ReceiverStream::new(receiver)).keep_alive(KeepAlive::default()).into_response())
+}
+
+/// Where a job is.
+pub fn place(job: &JobOut) -> String {
+    format!("/v1/jobs/{}", job.id)
+}

@@ -1,0 +1,161 @@
+//! HTTP: routes, bodies and headers around the operations.
+
+mod extract;
+mod jobs;
+mod policies;
+mod system;
+mod tasks;
+mod worlds;
+
+use std::any::Any;
+use std::sync::Arc;
+
+use axum::Router;
+use axum::body::Body;
+use axum::extract::{DefaultBodyLimit, MatchedPath, Request, State};
+use axum::http::{HeaderName, HeaderValue, StatusCode, header};
+use axum::middleware::{self, Next};
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
+use tower_http::catch_panic::CatchPanicLayer;
+use utoipa::OpenApi;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+use utoipa_swagger_ui::{Config, SwaggerUi};
+
+use super::app::App;
+use super::problem::{Answer, Problem};
+
+/// Largest body, bytes.
+pub const BODY_LIMIT: usize = 16 * 1024 * 1024;
+
+/// Everything but what the routes say of themselves.
+#[derive(OpenApi)]
+#[openapi(
+    info(
+        title = "iplw",
+        description = "2D physics worlds to act in, latent factors to estimate, policies to transfer. \
+            All quantities are SI. Every error is a problem (RFC 9457) that names the field, its value and what \
+            is allowed.",
+    ),
+    tags(
+        (name = "worlds", description = "Worlds as resources: reset, step, set_latents, rollout, render."),
+        (name = "tasks", description = "Built-in families of tasks."),
+        (name = "workflow", description = "Explore, measure, estimate: as a job."),
+        (name = "policies", description = "Train, act, evaluate, download and upload weights."),
+        (name = "jobs", description = "Long work: progress by server-sent events, cancel."),
+        (name = "system", description = "Health, metrics, this document."),
+    ),
+    components(schemas(Problem))
+)]
+struct Document;
+
+/// All routes, and the document they make.
+pub fn routes() -> (Router<Arc<App>>, utoipa::openapi::OpenApi) {
+    let (router, mut document) = OpenApiRouter::with_openapi(Document::openapi())
+        .routes(routes!(worlds::list, worlds::create))
+        .routes(routes!(worlds::get, worlds::delete))
+        .routes(routes!(worlds::reset))
+        .routes(routes!(worlds::step))
+        .routes(routes!(worlds::set_latents))
+        .routes(routes!(worlds::rollout))
+        .routes(routes!(worlds::render))
+        .routes(routes!(tasks::families))
+        .routes(routes!(tasks::family))
+        .routes(routes!(tasks::task))
+        .routes(routes!(jobs::iplw))
+        .routes(routes!(policies::train, policies::list))
+        .routes(routes!(policies::get, policies::delete))
+        .routes(routes!(policies::weights, policies::put_weights))
+        .routes(routes!(policies::act))
+        .routes(routes!(policies::evaluate))
+        .routes(routes!(jobs::list))
+        .routes(routes!(jobs::get, jobs::delete))
+        .routes(routes!(jobs::events))
+        .routes(routes!(system::healthz))
+        .routes(routes!(system::readyz))
+        .routes(routes!(system::metrics))
+        .routes(routes!(system::openapi))
+        .split_for_parts();
+    document.info.version = env!("CARGO_PKG_VERSION").into();
+    (router, document)
+}
+
+/// The whole service.
+pub fn service(app: Arc<App>) -> Router {
+    let (router, _) = routes();
+    let docs = SwaggerUi::new("/docs").config(Config::from("/openapi.json"));
+    router
+        .merge(docs)
+        .fallback(no_route)
+        .method_not_allowed_fallback(no_method)
+        .layer(DefaultBodyLimit::max(BODY_LIMIT))
+        .layer(CatchPanicLayer::custom(panicked))
+        .layer(middleware::from_fn_with_state(app.clone(), count))
+        .with_state(app)
+}
+
+/// A JSON answer, made off the async threads.
+async fn answer<T: Serialize + 'static>(
+    app: &Arc<App>,
+    status: StatusCode,
+    work: impl FnOnce(&App) -> crate::error::Result<T> + Send + 'static,
+) -> Answer<Response> {
+    let body = app.run(move |app| json_bytes(&work(app)?)).await?;
+    Ok(json_response(status, body))
+}
+
+/// [`answer`] with a `Location` made from the answer.
+async fn answer_at<T: Serialize + 'static>(
+    app: &Arc<App>,
+    status: StatusCode,
+    location: fn(&T) -> String,
+    work: impl FnOnce(&App) -> crate::error::Result<T> + Send + 'static,
+) -> Answer<Response> {
+    let (place, body) = app
+        .run(move |app| {
+            let made = work(app)?;
+            Ok((location(&made), json_bytes(&made)?))
+        })
+        .await?;
+    let mut response = json_response(status, body);
+    if let Ok(place) = HeaderValue::from_str(&place) {
+        response.headers_mut().insert(header::LOCATION, place);
+    }
+    Ok(response)
+}
+
+fn json_bytes<T: Serialize>(value: &T) -> Answer<Vec<u8>> {
+    serde_json::to_vec(value).map_err(|e| {
+        tracing::error!("an answer cannot be written as JSON: {e}");
+        Problem::defect()
+    })
+}
+
+fn json_response(status: StatusCode, body: Vec<u8>) -> Response {
+    (status, [(header::CONTENT_TYPE, HeaderValue::from_static("application/json"))], body).into_response()
+}
+
+async fn no_route(request: Request) -> Problem {
+    Problem::no_route(request.uri().path())
+}
+
+async fn no_method(request: Request) -> Problem {
+    Problem::no_method(request.method().as_str(), request.uri().path())
+}
+
+fn panicked(_: Box<dyn Any + Send>) -> Response<Body> {
+    tracing::error!("a handler panicked");
+    Problem::defect().into_response()
+}
+
+/// Counts the request, and keeps browsers from guessing types.
+async fn count(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
+    let method = request.method().as_str().to_string();
+    let route = request.extensions().get::<MatchedPath>().map_or("none", |p| p.as_str()).to_string();
+    let mut response = next.run(request).await;
+    app.metrics.answered(&method, &route, response.status().as_u16());
+    let nosniff = HeaderValue::from_static("nosniff");
+    response.headers_mut().insert(HeaderName::from_static("x-content-type-options"), nosniff);
+    response
+}

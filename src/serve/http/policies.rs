@@ -1,0 +1,136 @@
+//! `/v1/policies`
+
+use std::sync::Arc;
+
+use axum::extract::State;
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+
+use super::extract::{JsonBody, KeptBody, Params, RawBody};
+use super::jobs::place;
+use super::{answer, answer_at, json_bytes, json_response};
+use crate::serve::app::App;
+use crate::serve::operations::policy;
+use crate::serve::problem::{Answer, Problem};
+use crate::serve::wire::{ActIn, Acted, EvaluateIn, JobOut, Policies, PolicyOut, TrainIn};
+
+/// Trains a policy in simulation. A job; its result names the policy.
+#[utoipa::path(post, path = "/v1/policies", tag = "policies", operation_id = "train_policy",
+    request_body = TrainIn,
+    responses(
+        (status = 202, body = JobOut, headers(("Location" = String, description = "Where the job is"))),
+        (status = 400, body = Problem, content_type = "application/problem+json"),
+        (status = 404, body = Problem, content_type = "application/problem+json", description = "Unknown task"),
+        (status = 422, body = Problem, content_type = "application/problem+json"),
+        (status = 429, body = Problem, content_type = "application/problem+json", description = "Too many waiting jobs"),
+    ))]
+pub async fn train(State(app): State<Arc<App>>, KeptBody(body, kept): KeptBody<TrainIn>) -> Answer<Response> {
+    answer_at(&app, StatusCode::ACCEPTED, place, move |app| policy::training(app, body, kept)).await
+}
+
+/// All policies.
+#[utoipa::path(get, path = "/v1/policies", tag = "policies", operation_id = "list_policies",
+    responses((status = 200, body = Policies)))]
+pub async fn list(State(app): State<Arc<App>>) -> Answer<Response> {
+    answer(&app, StatusCode::OK, policy::list).await
+}
+
+/// One policy.
+#[utoipa::path(get, path = "/v1/policies/{id}", tag = "policies", operation_id = "get_policy",
+    params(("id" = String, Path)),
+    responses(
+        (status = 200, body = PolicyOut),
+        (status = 404, body = Problem, content_type = "application/problem+json"),
+    ))]
+pub async fn get(State(app): State<Arc<App>>, Params(id): Params<String>) -> Answer<Response> {
+    answer(&app, StatusCode::OK, move |app| policy::get(app, &id)).await
+}
+
+/// Forgets a policy and its weights.
+#[utoipa::path(delete, path = "/v1/policies/{id}", tag = "policies", operation_id = "delete_policy",
+    params(("id" = String, Path)),
+    responses(
+        (status = 204, description = "Gone"),
+        (status = 404, body = Problem, content_type = "application/problem+json"),
+    ))]
+pub async fn delete(State(app): State<Arc<App>>, Params(id): Params<String>) -> Answer<Response> {
+    app.run(move |app| Ok(policy::delete(app, &id)?)).await?;
+    Ok(StatusCode::NO_CONTENT.into_response())
+}
+
+/// A policy's weights, as safetensors.
+#[utoipa::path(get, path = "/v1/policies/{id}/weights", tag = "policies", operation_id = "download_weights",
+    params(("id" = String, Path)),
+    responses(
+        (status = 200, content_type = "application/octet-stream", body = Vec<u8>),
+        (status = 404, body = Problem, content_type = "application/problem+json"),
+    ))]
+pub async fn weights(State(app): State<Arc<App>>, Params(id): Params<String>) -> Answer<Response> {
+    let bytes = app.run(move |app| Ok(policy::weights(app, &id)?)).await?;
+    let kind = HeaderValue::from_static("application/octet-stream");
+    Ok(([(header::CONTENT_TYPE, kind)], bytes).into_response())
+}
+
+/// Stores weights: makes the policy, or replaces its weights.
+#[utoipa::path(put, path = "/v1/policies/{id}/weights", tag = "policies", operation_id = "upload_weights",
+    params(("id" = String, Path)),
+    request_body(content = Vec<u8>, content_type = "application/octet-stream"),
+    responses(
+        (status = 200, body = PolicyOut, description = "Replaced"),
+        (status = 201, body = PolicyOut, description = "Made"),
+        (status = 413, body = Problem, content_type = "application/problem+json"),
+        (status = 422, body = Problem, content_type = "application/problem+json", description = "Not the weights of a policy"),
+    ))]
+pub async fn put_weights(
+    State(app): State<Arc<App>>,
+    Params(id): Params<String>,
+    RawBody(bytes): RawBody,
+) -> Answer<Response> {
+    let (body, new) = app
+        .run(move |app| {
+            let (stored, new) = policy::put_weights(app, &id, &bytes)?;
+            Ok((json_bytes(&stored)?, new))
+        })
+        .await?;
+    Ok(json_response(if new { StatusCode::CREATED } else { StatusCode::OK }, body))
+}
+
+/// The actions a policy likes best on a task, of those that can be placed.
+#[utoipa::path(post, path = "/v1/policies/{id}/act", tag = "policies", operation_id = "act",
+    params(("id" = String, Path)),
+    request_body = ActIn,
+    responses(
+        (status = 200, body = Acted),
+        (status = 400, body = Problem, content_type = "application/problem+json"),
+        (status = 404, body = Problem, content_type = "application/problem+json", description = "Unknown policy or task"),
+        (status = 422, body = Problem, content_type = "application/problem+json"),
+    ))]
+pub async fn act(
+    State(app): State<Arc<App>>,
+    Params(id): Params<String>,
+    JsonBody(body): JsonBody<ActIn>,
+) -> Answer<Response> {
+    answer(&app, StatusCode::OK, move |app| policy::act(app, &id, &body)).await
+}
+
+/// Tries a policy's ranking in a world: AUCCESS. A job; its attempts are counted in the world.
+#[utoipa::path(post, path = "/v1/policies/{id}/evaluate", tag = "policies", operation_id = "evaluate_policy",
+    params(("id" = String, Path)),
+    request_body = EvaluateIn,
+    responses(
+        (status = 202, body = JobOut, headers(("Location" = String, description = "Where the job is"))),
+        (status = 400, body = Problem, content_type = "application/problem+json"),
+        (status = 404, body = Problem, content_type = "application/problem+json", description = "Unknown policy or world"),
+        (status = 422, body = Problem, content_type = "application/problem+json"),
+        (status = 429, body = Problem, content_type = "application/problem+json", description = "Too many waiting jobs"),
+    ))]
+pub async fn evaluate(
+    State(app): State<Arc<App>>,
+    Params(id): Params<String>,
+    KeptBody(body, mut kept): KeptBody<EvaluateIn>,
+) -> Answer<Response> {
+    if let Some(fields) = kept.as_object_mut() {
+        fields.insert("policy".into(), id.clone().into());
+    }
+    answer_at(&app, StatusCode::ACCEPTED, place, move |app| policy::evaluation(app, &id, &body, kept)).await
+}

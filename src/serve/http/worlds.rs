@@ -1,0 +1,174 @@
+//! `/v1/worlds`
+
+use std::sync::Arc;
+
+use axum::extract::State;
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+
+use super::extract::{JsonBody, Pairs, Params};
+use super::{answer, answer_at};
+use crate::serve::app::App;
+use crate::serve::operations::render::{self, Picture};
+use crate::serve::operations::world;
+use crate::serve::problem::{Answer, Problem};
+use crate::serve::wire::{
+    BatchOut, CreateWorld, LatentsIn, ResetIn, ResetOut, RolloutIn, StepIn, StepOut, WorldOut, Worlds,
+};
+
+/// All worlds.
+#[utoipa::path(get, path = "/v1/worlds", tag = "worlds", operation_id = "list_worlds",
+    responses((status = 200, body = Worlds)))]
+pub async fn list(State(app): State<Arc<App>>) -> Answer<Response> {
+    answer(&app, StatusCode::OK, |app| Ok(world::list(app))).await
+}
+
+/// Makes a world; it goes when nobody has used it for a while.
+#[utoipa::path(post, path = "/v1/worlds", tag = "worlds", operation_id = "create_world",
+    request_body = CreateWorld,
+    responses(
+        (status = 201, body = WorldOut, headers(("Location" = String, description = "Where the world is"))),
+        (status = 400, body = Problem, content_type = "application/problem+json"),
+        (status = 404, body = Problem, content_type = "application/problem+json", description = "Unknown task"),
+        (status = 413, body = Problem, content_type = "application/problem+json"),
+        (status = 422, body = Problem, content_type = "application/problem+json"),
+        (status = 429, body = Problem, content_type = "application/problem+json", description = "No room for more worlds"),
+    ))]
+pub async fn create(State(app): State<Arc<App>>, JsonBody(body): JsonBody<CreateWorld>) -> Answer<Response> {
+    let place = |w: &WorldOut| format!("/v1/worlds/{}", w.id);
+    answer_at(&app, StatusCode::CREATED, place, |app| world::create(app, body)).await
+}
+
+/// One world.
+#[utoipa::path(get, path = "/v1/worlds/{id}", tag = "worlds", operation_id = "get_world",
+    params(("id" = String, Path)),
+    responses(
+        (status = 200, body = WorldOut),
+        (status = 404, body = Problem, content_type = "application/problem+json"),
+    ))]
+pub async fn get(State(app): State<Arc<App>>, Params(id): Params<String>) -> Answer<Response> {
+    answer(&app, StatusCode::OK, move |app| world::get(app, &id)).await
+}
+
+/// Forgets a world; the default ones come back when the server restarts.
+#[utoipa::path(delete, path = "/v1/worlds/{id}", tag = "worlds", operation_id = "delete_world",
+    params(("id" = String, Path)),
+    responses(
+        (status = 204, description = "Gone"),
+        (status = 404, body = Problem, content_type = "application/problem+json"),
+    ))]
+pub async fn delete(State(app): State<Arc<App>>, Params(id): Params<String>) -> Answer<Response> {
+    app.run(move |app| Ok(world::delete(app, &id)?)).await?;
+    Ok(StatusCode::NO_CONTENT.into_response())
+}
+
+/// Starts an episode. Without a seed, the world's own sequence of tasks goes on.
+#[utoipa::path(post, path = "/v1/worlds/{id}/reset", tag = "worlds", operation_id = "reset_world",
+    params(("id" = String, Path)),
+    request_body = ResetIn,
+    responses(
+        (status = 200, body = ResetOut),
+        (status = 400, body = Problem, content_type = "application/problem+json"),
+        (status = 404, body = Problem, content_type = "application/problem+json", description = "Unknown world or task"),
+        (status = 422, body = Problem, content_type = "application/problem+json"),
+    ))]
+pub async fn reset(
+    State(app): State<Arc<App>>,
+    Params(id): Params<String>,
+    JsonBody(body): JsonBody<ResetIn>,
+) -> Answer<Response> {
+    answer(&app, StatusCode::OK, move |app| world::reset(app, &id, body)).await
+}
+
+/// Carries out an action. An action that cannot be placed is an outcome (`valid: false`), not an attempt.
+#[utoipa::path(post, path = "/v1/worlds/{id}/step", tag = "worlds", operation_id = "step_world",
+    params(("id" = String, Path)),
+    request_body = StepIn,
+    responses(
+        (status = 200, body = StepOut),
+        (status = 400, body = Problem, content_type = "application/problem+json"),
+        (status = 404, body = Problem, content_type = "application/problem+json"),
+        (status = 409, body = Problem, content_type = "application/problem+json", description = "Reset the world first"),
+        (status = 422, body = Problem, content_type = "application/problem+json"),
+        (status = 429, body = Problem, content_type = "application/problem+json", description = "The budget is spent"),
+    ))]
+pub async fn step(
+    State(app): State<Arc<App>>,
+    Params(id): Params<String>,
+    JsonBody(body): JsonBody<StepIn>,
+) -> Answer<Response> {
+    answer(&app, StatusCode::OK, move |app| world::step(app, &id, body)).await
+}
+
+/// Sets those latent factors that are given.
+#[utoipa::path(post, path = "/v1/worlds/{id}/set_latents", tag = "worlds", operation_id = "set_latents",
+    params(("id" = String, Path)),
+    request_body = LatentsIn,
+    responses(
+        (status = 200, body = WorldOut),
+        (status = 400, body = Problem, content_type = "application/problem+json"),
+        (status = 403, body = Problem, content_type = "application/problem+json", description = "The world is real or sealed"),
+        (status = 404, body = Problem, content_type = "application/problem+json"),
+        (status = 422, body = Problem, content_type = "application/problem+json"),
+    ))]
+pub async fn set_latents(
+    State(app): State<Arc<App>>,
+    Params(id): Params<String>,
+    JsonBody(body): JsonBody<LatentsIn>,
+) -> Answer<Response> {
+    answer(&app, StatusCode::OK, move |app| world::set_latents(app, &id, body)).await
+}
+
+/// Attempts many actions at once, leaving the episode as it is.
+#[utoipa::path(post, path = "/v1/worlds/{id}/rollout", tag = "worlds", operation_id = "rollout_world",
+    params(("id" = String, Path)),
+    request_body = RolloutIn,
+    responses(
+        (status = 200, body = BatchOut),
+        (status = 400, body = Problem, content_type = "application/problem+json"),
+        (status = 404, body = Problem, content_type = "application/problem+json"),
+        (status = 409, body = Problem, content_type = "application/problem+json", description = "No current task"),
+        (status = 413, body = Problem, content_type = "application/problem+json", description = "Too many actions"),
+        (status = 422, body = Problem, content_type = "application/problem+json"),
+        (status = 429, body = Problem, content_type = "application/problem+json", description = "The budget is spent"),
+    ))]
+pub async fn rollout(
+    State(app): State<Arc<App>>,
+    Params(id): Params<String>,
+    JsonBody(body): JsonBody<RolloutIn>,
+) -> Answer<Response> {
+    answer(&app, StatusCode::OK, move |app| world::rollout(app, &id, body)).await
+}
+
+/// Draws the scene, or films an action. A film in a real world is an interaction.
+#[utoipa::path(get, path = "/v1/worlds/{id}/render", tag = "worlds", operation_id = "render_world",
+    params(
+        ("id" = String, Path),
+        ("format" = Option<String>, Query, description = "`png` (default) or `svg`; an animation is SVG"),
+        ("view" = Option<String>, Query, description = "`scene` (default), `filmstrip` or `animation`"),
+        ("action" = Option<String>, Query, description = "`0.5,0.5,0.2`, or the number of a discrete action"),
+        ("task" = Option<String>, Query, description = "Id of the task; the current one if absent"),
+        ("width" = Option<u32>, Query, description = "Pixels, 16 to 4096; default 512"),
+    ),
+    responses(
+        (status = 200, description = "The picture", content((Vec<u8> = "image/png"), (String = "image/svg+xml"))),
+        (status = 400, body = Problem, content_type = "application/problem+json"),
+        (status = 404, body = Problem, content_type = "application/problem+json"),
+        (status = 409, body = Problem, content_type = "application/problem+json", description = "No current task"),
+        (status = 422, body = Problem, content_type = "application/problem+json", description = "Also an action that cannot be placed"),
+        (status = 429, body = Problem, content_type = "application/problem+json", description = "The budget is spent"),
+    ))]
+pub async fn render(
+    State(app): State<Arc<App>>,
+    Params(id): Params<String>,
+    Pairs(pairs): Pairs,
+) -> Answer<Response> {
+    let drawn = app
+        .run(move |app| {
+            let picture = Picture::from_query(&pairs)?;
+            Ok(render::render(app, &id, &picture)?)
+        })
+        .await?;
+    let kind = HeaderValue::from_static(drawn.kind);
+    Ok(([(header::CONTENT_TYPE, kind)], drawn.bytes).into_response())
+}

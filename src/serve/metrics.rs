@@ -1,0 +1,93 @@
+//! Counters, and all of them in Prometheus' text format.
+
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use super::app::App;
+use crate::error::Result;
+use crate::session::Kind;
+use crate::store::JobState;
+
+/// What is counted while the server runs.
+#[derive(Default)]
+pub struct Metrics {
+    /// By method, route and status.
+    requests: Mutex<BTreeMap<(String, String, u16), u64>>,
+    rollouts: AtomicU64,
+    /// Valid attempts in simulated and in real worlds.
+    interactions: [AtomicU64; 2],
+}
+
+impl Metrics {
+    /// A request was answered.
+    pub fn answered(&self, method: &str, route: &str, status: u16) {
+        let method = if METHODS.contains(&method) { method } else { "other" };
+        let mut requests = self.requests.lock().unwrap_or_else(PoisonError::into_inner);
+        *requests.entry((method.into(), route.into(), status)).or_default() += 1;
+    }
+
+    /// `valid` attempts were made in a world of this kind.
+    pub fn attempted(&self, kind: Kind, valid: u64) {
+        self.rollouts.fetch_add(valid, Ordering::Relaxed);
+        self.interactions[usize::from(kind == Kind::Real)].fetch_add(valid, Ordering::Relaxed);
+    }
+
+    /// Rollouts were simulated in a job, in no client's world.
+    pub fn simulated(&self, rollouts: u64) {
+        self.rollouts.fetch_add(rollouts, Ordering::Relaxed);
+    }
+}
+
+const METHODS: [&str; 7] = ["GET", "HEAD", "POST", "PUT", "DELETE", "PATCH", "OPTIONS"];
+
+/// Everything, in Prometheus' text format.
+pub fn text(app: &App) -> Result<String> {
+    let mut out = String::new();
+    let m = &app.metrics;
+    let requests = m.requests.lock().unwrap_or_else(PoisonError::into_inner).clone();
+    head(&mut out, "iplw_requests_total", "counter", "Requests answered.");
+    for ((method, route, status), n) in &requests {
+        line(
+            &mut out,
+            "iplw_requests_total",
+            &[("method", method), ("route", route), ("status", &status.to_string())],
+            *n,
+        );
+    }
+    head(&mut out, "iplw_errors_total", "counter", "Requests answered with a problem, by its class.");
+    for (class, range) in [("4xx", 400..500), ("5xx", 500..600)] {
+        let n = requests.iter().filter(|((_, _, status), _)| range.contains(status)).map(|(_, n)| n).sum();
+        line(&mut out, "iplw_errors_total", &[("class", class)], n);
+    }
+    head(&mut out, "iplw_worlds", "gauge", "Worlds there are.");
+    let worlds = app.worlds.list(app.now());
+    for kind in [Kind::Sim, Kind::Real] {
+        let n = worlds.iter().filter(|w| w.world.kind() == kind).count() as u64;
+        line(&mut out, "iplw_worlds", &[("kind", kind.name())], n);
+    }
+    head(&mut out, "iplw_interactions_total", "counter", "Valid attempts in worlds.");
+    for (kind, n) in [Kind::Sim, Kind::Real].into_iter().zip(&m.interactions) {
+        line(&mut out, "iplw_interactions_total", &[("kind", kind.name())], n.load(Ordering::Relaxed));
+    }
+    head(&mut out, "iplw_rollouts_total", "counter", "Rollouts simulated, those of ended jobs included.");
+    line(&mut out, "iplw_rollouts_total", &[], m.rollouts.load(Ordering::Relaxed));
+    head(&mut out, "iplw_jobs", "gauge", "Jobs by state.");
+    let jobs = app.jobs.list()?;
+    for state in JobState::ALL {
+        let n = jobs.iter().filter(|j| j.row.state == state).count() as u64;
+        line(&mut out, "iplw_jobs", &[("state", state.name())], n);
+    }
+    Ok(out)
+}
+
+fn head(out: &mut String, name: &str, kind: &str, help: &str) {
+    let _ = writeln!(out, "# HELP {name} {help}\n# TYPE {name} {kind}");
+}
+
+fn line(out: &mut String, name: &str, labels: &[(&str, &str)], value: u64) {
+    let labels: Vec<String> = labels.iter().map(|(k, v)| format!("{k}=\"{v}\"")).collect();
+    let labels = if labels.is_empty() { String::new() } else { format!("{{{}}}", labels.join(",")) };
+    let _ = writeln!(out, "{name}{labels} {value}");
+}

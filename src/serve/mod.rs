@@ -1,0 +1,195 @@
+//! HTTP around the sessions, jobs and policies: thin adapters that know no physics.
+//!
+//! | file | what it does |
+//! |---|---|
+//! | `http/` | routes, bodies, headers; every route documents itself |
+//! | `operations/` | what a client can ask for, as functions over wire structs; shared by all transports |
+//! | `wire/` | JSON in and out |
+//! | `problem` | errors as RFC 9457; the only place that knows status codes |
+//! | `app` | what handlers share; work runs off the async threads |
+//! | `metrics` | counters |
+//!
+//! [`serve`] runs until the process is told to stop; [`Server`] is the same for tests and other programs.
+
+mod app;
+mod http;
+mod metrics;
+mod operations;
+mod problem;
+mod wire;
+
+use std::future::Future;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::sync::{Arc, OnceLock};
+use std::time::{Duration, Instant};
+
+use tokio::net::TcpListener;
+
+use crate::error::{Error, Result};
+use app::App;
+pub use app::Clock;
+
+/// How a server is run.
+#[derive(Clone)]
+pub struct ServeConfig {
+    /// Address to listen on; port 0 takes a free one.
+    pub http: SocketAddr,
+    /// Where jobs and policies are kept; in memory if absent.
+    pub data_dir: Option<PathBuf>,
+    /// A world made by a client goes after not being used for so long.
+    pub idle: Duration,
+    /// Most worlds at a time.
+    pub worlds: usize,
+    /// Jobs running at a time.
+    pub workers: usize,
+    /// Most jobs waiting.
+    pub queue: usize,
+    /// What time it is.
+    pub clock: Clock,
+}
+
+/// A server that listens and does not answer yet.
+pub struct Server {
+    app: Arc<App>,
+    listener: TcpListener,
+    address: SocketAddr,
+    idle: Duration,
+}
+
+impl Default for ServeConfig {
+    fn default() -> Self {
+        let start = Instant::now();
+        ServeConfig {
+            http: SocketAddr::from(([127, 0, 0, 1], 8080)),
+            data_dir: None,
+            idle: Duration::from_secs(30 * 60),
+            worlds: 4096,
+            workers: 2,
+            queue: 64,
+            clock: Arc::new(move || start.elapsed()),
+        }
+    }
+}
+
+/// Serves until SIGINT or SIGTERM. Once it listens, `listening on http://HOST:PORT` stands alone on a line of
+/// standard output.
+pub async fn serve(config: ServeConfig) -> Result<()> {
+    let signal = stop_signal()?;
+    let server = Server::bind(config).await?;
+    use std::io::Write;
+    let mut out = std::io::stdout().lock();
+    // Nobody reading standard output is no reason not to serve.
+    let _ = writeln!(out, "listening on http://{}", server.address()).and_then(|()| out.flush());
+    drop(out);
+    server.run(signal).await
+}
+
+/// [`serve`] on a runtime of its own; returns without waiting for work that does not notice the stop.
+pub fn serve_blocking(config: ServeConfig) -> Result<()> {
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .enable_all()
+        .build()
+        .map_err(|e| Error::Failed(format!("no threads to serve with: {e}")))?;
+    let done = runtime.block_on(serve(config));
+    runtime.shutdown_timeout(Duration::from_secs(1));
+    done
+}
+
+/// The OpenAPI 3.1 document, pretty JSON with a newline at the end.
+pub fn openapi() -> String {
+    openapi_document()
+}
+
+impl Server {
+    /// Opens the store, makes the default worlds and listens.
+    pub async fn bind(config: ServeConfig) -> Result<Server> {
+        let unbound = |e: std::io::Error| Error::Io {
+            path: config.http.to_string(),
+            message: format!("cannot listen there: {e}; give another address"),
+        };
+        let listener = TcpListener::bind(config.http).await.map_err(unbound)?;
+        let address = listener.local_addr().map_err(unbound)?;
+        let idle = config.idle;
+        let app = tokio::task::spawn_blocking(move || App::new(&config))
+            .await
+            .map_err(|e| Error::Failed(format!("the server could not be made: {e}")))??;
+        Ok(Server { app: Arc::new(app), listener, address, idle })
+    }
+
+    /// Where it listens.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// Answers until `stop` is ready; then ends what it is doing and fails the jobs it has not finished.
+    pub async fn run(self, stop: impl Future<Output = ()> + Send + 'static) -> Result<()> {
+        let Server { app, listener, address, idle } = self;
+        let sweeper = tokio::spawn(sweep(app.clone(), idle));
+        let (told, stopping) = (app.clone(), app.clone());
+        let service = http::service(app.clone());
+        let graceful = async move {
+            stop.await;
+            told.stopping.send_replace(true);
+            // Off the async threads: waits for jobs to notice.
+            tokio::task::spawn_blocking(move || told.jobs.stop(GRACE));
+        };
+        let mut ended = app.stopping.subscribe();
+        let late = async move {
+            let _ = ended.wait_for(|s| *s).await;
+            tokio::time::sleep(GRACE).await;
+        };
+        let served = async { axum::serve(listener, service).with_graceful_shutdown(graceful).await };
+        let done = tokio::select! {
+            done = served => done.map_err(|e| Error::Io { path: address.to_string(), message: e.to_string() }),
+            // Clients that do not hang up are not waited for.
+            () = late => Ok(()),
+        };
+        sweeper.abort();
+        let _ = tokio::task::spawn_blocking(move || stopping.jobs.stop(GRACE)).await;
+        done
+    }
+}
+
+/// How long answers under way may take once the server is told to stop.
+const GRACE: Duration = Duration::from_secs(5);
+
+/// Forgets idle worlds from time to time, also when nobody asks.
+async fn sweep(app: Arc<App>, idle: Duration) {
+    let pause = (idle / 4).clamp(Duration::from_millis(100), Duration::from_secs(10));
+    loop {
+        tokio::time::sleep(pause).await;
+        app.worlds.sweep(app.now());
+    }
+}
+
+fn openapi_document() -> String {
+    static DOCUMENT: OnceLock<String> = OnceLock::new();
+    let made = || {
+        let (_, document) = http::routes();
+        document.to_pretty_json().map(|json| json + "\n").unwrap_or_default()
+    };
+    DOCUMENT.get_or_init(made).clone()
+}
+
+/// Ready once the process is told to stop.
+#[cfg(unix)]
+fn stop_signal() -> Result<impl Future<Output = ()> + Send + 'static> {
+    use tokio::signal::unix::{SignalKind, signal};
+    let watch = |kind| signal(kind).map_err(|e| Error::Failed(format!("signals cannot be watched: {e}")));
+    let (mut interrupt, mut terminate) = (watch(SignalKind::interrupt())?, watch(SignalKind::terminate())?);
+    Ok(async move {
+        tokio::select! {
+            _ = interrupt.recv() => {}
+            _ = terminate.recv() => {}
+        }
+    })
+}
+
+/// Ready once the process is told to stop.
+#[cfg(not(unix))]
+fn stop_signal() -> Result<impl Future<Output = ()> + Send + 'static> {
+    Ok(async {
+        let _ = tokio::signal::ctrl_c().await;
+    })
+}

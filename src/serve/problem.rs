@@ -1,0 +1,147 @@
+//! Errors on the wire: RFC 9457 problem details, and the only place that knows status codes.
+
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::error::Error;
+
+/// What went wrong (`application/problem+json`, RFC 9457).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Problem {
+    /// Names the kind of problem; the last part is fixed, the text elsewhere may change.
+    #[serde(rename = "type")]
+    #[schema(example = "https://iplw.dev/problems/invalid-value")]
+    pub kind: String,
+    pub title: String,
+    pub status: u16,
+    /// What went wrong this time, and what to do.
+    pub detail: String,
+    /// The field concerned.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub field: Option<String>,
+    /// The value it had.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub value: Option<String>,
+    /// What it may be.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub allowed: Option<String>,
+}
+
+/// Answers of handlers.
+pub type Answer<T> = std::result::Result<T, Problem>;
+
+const BASE: &str = "https://iplw.dev/problems/";
+
+impl Problem {
+    /// A problem without a field.
+    pub fn new(status: StatusCode, slug: &str, title: &str, detail: impl Into<String>) -> Problem {
+        Problem {
+            kind: format!("{BASE}{slug}"),
+            title: title.into(),
+            status: status.as_u16(),
+            detail: detail.into(),
+            field: None,
+            value: None,
+            allowed: None,
+        }
+    }
+
+    /// A request that could not be read: not JSON, an unknown field, a wrong type.
+    pub fn malformed(error: Error) -> Problem {
+        let problem = Problem::from(error);
+        Problem {
+            kind: format!("{BASE}malformed"),
+            title: "The request cannot be read".into(),
+            status: StatusCode::BAD_REQUEST.as_u16(),
+            ..problem
+        }
+    }
+
+    /// A body above the limit.
+    pub fn body_too_large(limit: usize) -> Problem {
+        let detail = format!("body: at most {limit} bytes at a time; send it in parts");
+        Problem::new(StatusCode::PAYLOAD_TOO_LARGE, "too-large", "Too much at a time", detail)
+    }
+
+    /// More requests at a time than are taken.
+    pub fn busy(limit: usize) -> Problem {
+        let detail = format!("{limit} requests are being worked on; try again in a second");
+        Problem::new(StatusCode::TOO_MANY_REQUESTS, "busy", "Too many requests at a time", detail)
+    }
+
+    /// A defect of this program.
+    pub fn defect() -> Problem {
+        let detail = "the program has a defect; the request had no further effect";
+        Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "defect", "Internal error", detail)
+    }
+
+    /// A path that leads nowhere.
+    pub fn no_route(path: &str) -> Problem {
+        let detail = format!("nothing is at {path}; /openapi.json lists what there is");
+        Problem::new(StatusCode::NOT_FOUND, "not-found", "Not found", detail)
+    }
+
+    /// A method that the path does not take.
+    pub fn no_method(method: &str, path: &str) -> Problem {
+        let detail = format!("{path} does not take {method}; the Allow header lists what it takes");
+        Problem::new(StatusCode::METHOD_NOT_ALLOWED, "method-not-allowed", "Method not allowed", detail)
+    }
+}
+
+impl From<Error> for Problem {
+    fn from(error: Error) -> Problem {
+        let detail = error.to_string();
+        let problem = |status, slug, title| Problem::new(status, slug, title, detail);
+        match error {
+            Error::Input(input) => {
+                let some = |text: String| Some(text).filter(|t| !t.is_empty());
+                Problem {
+                    field: some(input.field),
+                    value: some(input.value),
+                    allowed: some(input.allowed),
+                    ..problem(StatusCode::UNPROCESSABLE_ENTITY, "invalid-value", "A value is not allowed")
+                }
+            }
+            Error::NotFound { id, .. } => {
+                Problem { value: Some(id), ..problem(StatusCode::NOT_FOUND, "not-found", "Not found") }
+            }
+            Error::Refused { .. } => problem(StatusCode::CONFLICT, "refused", "Not in this state"),
+            Error::Sealed { .. } => problem(StatusCode::FORBIDDEN, "sealed", "The world is sealed"),
+            Error::TooLarge { .. } => {
+                problem(StatusCode::PAYLOAD_TOO_LARGE, "too-large", "Too much at a time")
+            }
+            Error::Budget { .. } => {
+                problem(StatusCode::TOO_MANY_REQUESTS, "budget-spent", "The budget is spent")
+            }
+            Error::Capacity { .. } => problem(StatusCode::TOO_MANY_REQUESTS, "capacity", "No room for more"),
+            Error::Cancelled => problem(StatusCode::CONFLICT, "cancelled", "Cancelled"),
+            Error::Interrupted { .. } => {
+                problem(StatusCode::SERVICE_UNAVAILABLE, "interrupted", "The server stopped")
+            }
+            Error::Failed(_) => {
+                problem(StatusCode::UNPROCESSABLE_ENTITY, "no-result", "The computation has no result")
+            }
+            Error::Io { .. } => problem(StatusCode::SERVICE_UNAVAILABLE, "storage", "Storage failed"),
+        }
+    }
+}
+
+impl IntoResponse for Problem {
+    fn into_response(self) -> Response {
+        let status = StatusCode::from_u16(self.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
+        let body = serde_json::to_vec(&self).unwrap_or_default();
+        let kind = HeaderValue::from_static("application/problem+json");
+        let mut response = (status, [(header::CONTENT_TYPE, kind)], body).into_response();
+        if status == StatusCode::TOO_MANY_REQUESTS && self.kind.ends_with("/busy") {
+            response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from_static("1"));
+        }
+        response
+    }
+}
+
+/// What a failed job's owner is told: the same problem, as JSON.
+pub fn explain(error: &Error) -> serde_json::Value {
+    serde_json::to_value(Problem::from(error.clone())).unwrap_or_default()
+}

@@ -1,0 +1,31 @@
+//! What stands on the wire: JSON bodies in and out, as plain structs apart from the core's.
+//!
+//! Requests refuse unknown fields and turn into core types by conversions that name what is wrong; answers are
+//! made from core types by `From`.
+
+mod job;
+mod policy;
+mod strict;
+mod task;
+mod world;
+
+pub use job::{Estimation, Event, JobOut, Jobs, RealIn};
+pub use policy::{ActIn, Acted, EvaluateIn, Policies, PolicyOut, Scored, TrainIn, TrainingIn};
+pub use strict::Object;
+pub use task::{Families, FamilyOut, FamilyTasks, TaskOut};
+pub use world::{
+    ActionSpaceOut, BatchOut, CreateWorld, EffectIn, LatentsIn, ObservationSpaceOut, ResetIn, ResetOut,
+    RolloutIn, SplitIn, StepIn, StepOut, WorldOut, Worlds, effects,
+};
+
+use serde::Serialize;
+use utoipa::ToSchema;
+
+/// Whether the server answers.
+#[derive(Serialize, ToSchema)]
+pub struct Health {
+    /// `ok`, `ready` or `stopping`.
+    pub status: &'static str,
+    /// Version of the program.
+    pub version: &'static str,
+}

@@ -1,0 +1,118 @@
+//! Policies: training, acting, evaluating.
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use utoipa::ToSchema;
+
+use super::{EffectIn, LatentsIn, Object, SplitIn};
+use crate::store::PolicyRow;
+
+/// A policy to train in simulation.
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TrainIn {
+    /// A family (its training tasks are used) or one task.
+    pub task: String,
+    /// `fixed` (the default): one simulation; `randomised`: every rollout draws its latents.
+    pub training: Option<TrainingIn>,
+    /// Of the fixed simulation; those absent are the family's prior mean. An estimate goes here.
+    #[schema(value_type = Option<LatentsIn>)]
+    pub latents: Option<Object<LatentsIn>>,
+    /// Effects of the simulation.
+    #[schema(value_type = Option<Vec<EffectIn>>)]
+    pub effects: Option<Vec<Object<EffectIn>>>,
+    /// Updates; default 1000.
+    pub batches: Option<u64>,
+    /// Examples per update; default 16.
+    pub batch_size: Option<u64>,
+    pub seed: Option<u64>,
+}
+
+/// How the training simulation's latents are chosen.
+#[derive(Clone, Copy, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum TrainingIn {
+    Fixed,
+    Randomised,
+}
+
+/// A policy.
+#[derive(Serialize, ToSchema)]
+pub struct PolicyOut {
+    pub id: String,
+    /// Family it scores actions of.
+    pub task: String,
+    /// `fixed`, `randomised` or `uploaded`.
+    pub training: String,
+    /// What it is and how it came about.
+    pub about: String,
+    /// What it was trained with.
+    #[schema(value_type = Object)]
+    pub config: Value,
+    /// Id of the job that trained it.
+    pub job: Option<String>,
+    /// Version of the program that stored it.
+    pub version: String,
+    /// Size of its weights.
+    pub bytes: u64,
+}
+
+/// All policies.
+#[derive(Serialize, ToSchema)]
+pub struct Policies {
+    pub policies: Vec<PolicyOut>,
+}
+
+/// Which actions to propose.
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ActIn {
+    /// Id of the task.
+    pub task: String,
+    /// How many, up to 10,000; default 1.
+    pub count: Option<u64>,
+}
+
+/// Proposed actions, best first; all of them can be placed.
+#[derive(Serialize, ToSchema)]
+pub struct Acted {
+    pub actions: Vec<Scored>,
+}
+
+/// A discrete action and its score.
+#[derive(Serialize, ToSchema)]
+pub struct Scored {
+    pub index: usize,
+    pub action: Vec<f64>,
+    /// The higher, the likelier to solve the task.
+    pub score: f32,
+}
+
+/// An evaluation to run.
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct EvaluateIn {
+    /// Id of a world of the policy's family; attempts are counted there.
+    pub world: String,
+    /// Part of the family; default `test`.
+    pub split: Option<SplitIn>,
+    /// Most valid attempts a task, 1 to 100 (the default).
+    pub attempts: Option<u64>,
+    /// Decides which 10,000 discrete actions are ranked.
+    pub seed: Option<u64>,
+}
+
+impl From<PolicyRow> for PolicyOut {
+    fn from(p: PolicyRow) -> PolicyOut {
+        PolicyOut {
+            id: p.id,
+            task: p.task,
+            training: p.training,
+            about: p.about,
+            config: p.config,
+            job: p.job,
+            version: p.version,
+            bytes: p.bytes,
+        }
+    }
+}
