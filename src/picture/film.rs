@@ -217,59 +217,54 @@ fn between(
     let dt = b.t - a.t;
     let pieces = ((dt / FINE).ceil() as usize).clamp(1, 60);
     let chord = length(sub(b.at, a.at));
-    let step = |k: usize| dt * k as f64 / pieces as f64;
     // The mean of both velocities covers the way exactly if acceleration was constant.
     let mean = [(va[0] + vb[0]) / 2.0 * dt, (va[1] + vb[1]) / 2.0 * dt];
     let way = (length(va) + length(vb)) / 2.0 * dt;
     let smooth = length(sub(mean, sub(b.at, a.at))) <= 0.05 * way + 1e-9;
-    let forth = |t: f64| [0, 1].map(|d| a.at[d] + va[d] * t + gravity[d] * t * t / 2.0);
+    // But a bounce half way between two samples looks like that too: more push than gravity gives.
+    let falling = length(gravity) * dt;
+    let pushed = length(sub(vb, va)) > 1.25 * falling + 0.25 * length(va).max(length(vb));
+    // Where a body neither rises nor falls, something carries it.
+    let pull = |v: [f64; 2]| {
+        let sinking = (v[0] * gravity[0] + v[1] * gravity[1]).abs() * dt;
+        if sinking < 0.1 * falling * falling { [0.0, 0.0] } else { gravity }
+    };
+    let (ga, gb) = (pull(va), pull(vb));
+    let forth = |t: f64| [0, 1].map(|d| a.at[d] + va[d] * t + ga[d] * t * t / 2.0);
     let back = |t: f64| {
         let r = dt - t;
-        [0, 1].map(|d| b.at[d] - vb[d] * r + gravity[d] * r * r / 2.0)
+        [0, 1].map(|d| b.at[d] - vb[d] * r + gb[d] * r * r / 2.0)
     };
-    let place: Box<dyn Fn(f64) -> [f64; 2]> = if smooth {
-        Box::new(move |t| hermite(a.at, va, b.at, vb, t / dt, dt))
-    } else {
-        let apart = |t: f64| length(sub(forth(t), back(t)));
-        let meet =
-            (0..=128).map(|k| dt * f64::from(k) / 128.0).min_by(|s, t| apart(*s).total_cmp(&apart(*t)));
-        match meet {
-            Some(meet) if apart(meet) <= 0.1 * way.max(chord) => {
-                // The small gap where both meet is shared out along the way.
-                let miss = sub(back(meet), forth(meet));
-                let blend = move |t: f64| {
-                    if t <= meet {
-                        let share = if meet > 0.0 { 0.5 * t / meet } else { 0.0 };
-                        let p = forth(t);
-                        [p[0] + miss[0] * share, p[1] + miss[1] * share]
-                    } else {
-                        let share = 0.5 * (dt - t) / (dt - meet);
-                        let p = back(t);
-                        [p[0] - miss[0] * share, p[1] - miss[1] * share]
-                    }
+    let apart = |t: f64| length(sub(forth(t), back(t)));
+    let meeting = (0..=128)
+        .map(|k| dt * f64::from(k) / 128.0)
+        .min_by(|s, t| apart(*s).total_cmp(&apart(*t)))
+        .filter(|t| apart(*t) <= 0.1 * way.max(chord));
+    let mut moments: Vec<f64> = (1..pieces).map(|k| dt * k as f64 / pieces as f64).collect();
+    let place: Box<dyn Fn(f64) -> [f64; 2]> = match meeting {
+        Some(meet) if pushed || !smooth => {
+            // The small gap where both meet is shared out along the way.
+            let miss = sub(back(meet), forth(meet));
+            moments.push(meet);
+            Box::new(move |t| {
+                let (p, share) = if t <= meet {
+                    (forth(t), 0.5 * t / meet.max(f64::MIN_POSITIVE))
+                } else {
+                    (back(t), -0.5 * (dt - t) / (dt - meet))
                 };
-                let turn = |t: f64| a.angle + (b.angle - a.angle) * t / dt;
-                let mut all: Vec<f64> = (1..pieces).map(step).collect();
-                all.push(meet);
-                all.sort_by(f64::total_cmp);
-                all.retain(|t| *t > 0.0 && *t < dt);
-                all.dedup();
-                knots.extend(all.iter().map(|t| Knot {
-                    t: a.t + t,
-                    at: blend(*t),
-                    angle: turn(*t),
-                    jump: false,
-                }));
-                return;
-            }
-            _ => return,
+                [p[0] + miss[0] * share, p[1] + miss[1] * share]
+            })
         }
+        _ if smooth => Box::new(move |t| hermite(a.at, va, b.at, vb, t / dt, dt)),
+        _ => return,
     };
-    for k in 1..pieces {
-        let t = step(k);
+    moments.sort_by(f64::total_cmp);
+    moments.dedup();
+    let inner = moments.into_iter().filter(|t| *t > 0.0 && *t < dt);
+    knots.extend(inner.map(|t| {
         let angle = a.angle + (b.angle - a.angle) * t / dt;
-        knots.push(Knot { t: a.t + t, at: place(t), angle, jump: false });
-    }
+        Knot { t: a.t + t, at: place(t), angle, jump: false }
+    }));
 }
 
 /// The cubic through two points with given velocities, at share `s` of the time `dt` between them.
@@ -356,4 +351,162 @@ fn sub(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
 }
 fn length(v: [f64; 2]) -> f64 {
     (v[0] * v[0] + v[1] * v[1]).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::picture::scene::tests::{check_svg, hall};
+    use resvg::usvg::roxmltree::Document;
+
+    const G: f64 = 9.8;
+
+    /// A ball dropped from rest, its centre bouncing off y = 0 without loss, sampled every `dt` s.
+    fn bouncing(name: &str, height: f64, dt: f64, samples: usize) -> Trajectory {
+        let fall = (2.0 * height / G).sqrt();
+        let mut track = Track::with_capacity(name, samples);
+        let times: Vec<f64> = (0..samples).map(|i| i as f64 * dt).collect();
+        for t in &times {
+            // Time since the last apex, between -fall and fall.
+            let s = (t + fall) % (2.0 * fall) - fall;
+            track.push([2.0 * t, height - G * s * s / 2.0], *t, [2.0, -G * s], 1.0);
+        }
+        Trajectory { times, bodies: vec![track], ..Trajectory::default() }
+    }
+
+    #[test]
+    fn flight_between_samples_is_the_parabola() {
+        let film = bouncing("red", 100.0, 0.5, 9);
+        let knots = path(&film.bodies[0], &film.times, [0.0, -G], 0.0);
+        assert!(knots.len() > 100);
+        for k in &knots {
+            let wanted = [2.0 * k.t, 100.0 - G * k.t * k.t / 2.0];
+            assert!(length(sub(k.at, wanted)) < 1e-9, "{k:?} is not at {wanted:?}");
+            assert!((k.angle - k.t).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_bounce_between_samples_is_found() {
+        // The first bounce at sqrt(2 h / g) = 0.7 s lies between the samples at 0.6 and 0.8 s.
+        let film = bouncing("red", 2.401, 0.2, 6);
+        let knots = path(&film.bodies[0], &film.times, [0.0, -G], 0.0);
+        let lowest = knots.iter().min_by(|a, b| a.at[1].total_cmp(&b.at[1])).unwrap();
+        assert!((lowest.t - 0.7).abs() < 0.002 && lowest.at[1].abs() < 0.02, "{lowest:?}");
+        for (i, t) in film.times.iter().enumerate() {
+            let met = knots.iter().find(|k| k.t == *t).unwrap();
+            assert_eq!(met.at, [film.bodies[0].x[i], film.bodies[0].y[i]]);
+        }
+        assert!(knots.windows(2).all(|w| w[0].t < w[1].t));
+    }
+
+    #[test]
+    fn a_knock_while_rolling_leaves_the_floor_alone() {
+        let mut track = Track::with_capacity("red", 2);
+        track.push([0.0, 1.0], 0.0, [4.0, 0.0], -4.0);
+        track.push([0.3, 1.0], -0.3, [0.0, 0.0], 0.0);
+        let knots = path(&track, &[0.0, 0.25], [0.0, -G], 0.0);
+        assert!(knots.len() > 4 && knots.iter().all(|k| k.at[1] == 1.0), "{knots:?}");
+        let stopped = knots.iter().find(|k| k.at[0] > 0.29).unwrap();
+        assert!((stopped.t - 0.075).abs() < 0.01, "{stopped:?}");
+    }
+
+    #[test]
+    fn unknown_samples_leave_gaps() {
+        let mut film = bouncing("red", 5.0, 0.1, 10);
+        film.bodies[0].y[4] = f64::NAN;
+        film.bodies[0].vx[7] = f64::NAN;
+        film.bodies[0].angle = vec![f64::NAN; 10];
+        let knots = path(&film.bodies[0], &film.times, [0.0, -G], 0.25);
+        assert_eq!(knots.iter().filter(|k| k.jump).count(), 1);
+        assert!(knots.iter().all(|k| k.at.iter().all(|v| v.is_finite()) && k.angle == 0.25));
+        for draw in [filmstrip_svg, trails_svg, animation_svg] {
+            check_svg(&draw(&hall(), &film, &Style::default()));
+        }
+    }
+
+    #[test]
+    fn films_of_nothing_and_of_little() {
+        for samples in [0, 1, 2] {
+            let film = bouncing("red", 5.0, 0.1, samples);
+            for draw in [filmstrip_svg, trails_svg, animation_svg] {
+                check_svg(&draw(&hall(), &film, &Style::default()));
+                assert_eq!(draw(&hall(), &film, &Style::default()), draw(&hall(), &film, &Style::default()));
+            }
+        }
+        // Tracks shorter than `times`, and of nobody in the scene.
+        let mut film = bouncing("red", 5.0, 0.1, 9);
+        film.bodies[0].x.truncate(3);
+        film.bodies[0].angle.clear();
+        film.bodies.push(Track { name: "<stranger>".into(), ..Track::default() });
+        for draw in [filmstrip_svg, trails_svg, animation_svg] {
+            check_svg(&draw(&hall(), &film, &Style::default()));
+        }
+    }
+
+    #[test]
+    fn a_strip_begins_at_the_start_ends_at_the_end_and_skips_rest() {
+        let mut film = bouncing("red", 2.0, 0.05, 200);
+        for i in 100..200 {
+            film.bodies[0].x[i] = film.bodies[0].x[99];
+            film.bodies[0].y[i] = film.bodies[0].y[99];
+        }
+        let chosen = moments(&film, 8);
+        assert_eq!((chosen.len(), chosen[0], chosen[7]), (8, 0, 199));
+        assert!(chosen.windows(2).all(|w| w[0] < w[1]));
+        assert!(chosen.iter().filter(|i| **i < 100).count() >= 5, "{chosen:?}");
+        for n in [1, 2, 3, 64] {
+            assert_eq!(moments(&film, n).len(), n);
+        }
+        let strip = filmstrip_svg(&hall(), &film, &Style { frames: 5, ..Style::default() });
+        assert_eq!(strip.matches(" s</text>").count(), 5);
+        check_svg(&strip);
+    }
+
+    #[test]
+    fn the_film_plays_in_real_time() {
+        let film = bouncing("red", 3.0, 0.25, 17);
+        let svg = animation_svg(&hall(), &film, &Style::default());
+        let document = Document::parse(&svg).unwrap();
+        let moves: Vec<_> = document
+            .descendants()
+            .filter(|n| n.has_tag_name(("http://www.w3.org/2000/svg", "animateTransform")))
+            .collect();
+        assert_eq!(moves.len(), 2, "one body moves: carried and turned");
+        for m in &moves {
+            assert_eq!(m.attribute("dur"), Some("5s"), "4 s of film and 1 s of rest");
+            let keys: Vec<f64> =
+                m.attribute("keyTimes").unwrap().split(';').map(|k| k.parse().unwrap()).collect();
+            assert_eq!(keys.len(), m.attribute("values").unwrap().split(';').count());
+            assert_eq!((keys[0], keys[keys.len() - 1]), (0.0, 1.0));
+            assert!(keys.windows(2).all(|w| w[0] <= w[1]), "{keys:?}");
+        }
+        // Turned counter-clockwise by 4 rad, which SVG (y down) counts as negative degrees.
+        let turned = moves[1].attribute("values").unwrap().split(';').next_back().unwrap();
+        assert!((turned.parse::<f64>().unwrap() + 4.0f64.to_degrees()).abs() < 0.1, "{turned}");
+        check_svg(&svg);
+    }
+
+    #[test]
+    fn a_film_that_does_not_play_shows_the_start() {
+        let (scene, film) = (hall(), bouncing("red", 3.0, 0.25, 17));
+        let still = |p: [f64; 2], angle: f64| {
+            let mut s = scene.clone();
+            (s.bodies[0].position, s.bodies[0].angle) = (Some(p), angle);
+            let view = View::new(&scene, Some(&film), 300.0);
+            let mut body = String::new();
+            draw_statics(&mut body, &s, &view);
+            for (i, b) in s.bodies.iter().enumerate() {
+                draw_body(&mut body, &s, i, b.position.unwrap(), b.angle, &view, Look::Solid);
+            }
+            let svg = document(view.width, view.height, "", &body);
+            crate::picture::svg_to_rgb(&svg, 300, view.height as u32).unwrap()
+        };
+        let svg = animation_svg(&scene, &film, &Style { width: 300, ..Style::default() });
+        let height = View::new(&scene, Some(&film), 300.0).height as u32;
+        let shown = crate::picture::svg_to_rgb(&svg, 300, height).unwrap();
+        let apart = |a: &[u8], b: &[u8]| a.iter().zip(b).filter(|(a, b)| a.abs_diff(**b) > 64).count();
+        assert!(apart(&shown, &still([0.0, 3.0], 0.0)) < 30);
+        assert!(apart(&shown, &still([4.0, 3.0], 0.0)) > 300);
+    }
 }

@@ -9,7 +9,7 @@ use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::svg::{PALETTE, channels, decimals, escape};
+use super::svg::{PALETTE, channels, cleaned, decimals, escape};
 
 /// One line or cloud of points.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -98,19 +98,20 @@ pub fn bars(title: &str, y_label: &str, groups: &[Group]) -> String {
             .margin(units(8))
             .margin_top(units(4))
             .set_label_area_size(LabelAreaPosition::Left, units(label_room(&y, 6)))
-            .set_label_area_size(LabelAreaPosition::Bottom, units(30))
+            .set_label_area_size(LabelAreaPosition::Bottom, units(36))
             .build_cartesian_2d(0.0..count as f64, y.clone())?;
         chart
             .configure_mesh()
             .disable_x_mesh()
             .disable_x_axis()
-            .bold_line_style(GRID)
+            .bold_line_style(ShapeStyle::from(&GRID).stroke_width(units(1)))
+            .set_all_tick_mark_size(units(4))
             .light_line_style(TRANSPARENT)
             .axis_style(ShapeStyle::from(&INK).stroke_width(units(1)))
             .y_labels(6)
-            .y_label_formatter(&|v| tick(*v))
+            .y_label_formatter(&|v: &f64| tick(*v))
             .label_style(text(12))
-            .y_desc(y_label)
+            .y_desc(shortened(y_label, 60))
             .axis_desc_style(text(13))
             .draw()?;
         for (g, group) in groups.iter().enumerate() {
@@ -134,10 +135,14 @@ pub fn bars(title: &str, y_label: &str, groups: &[Group]) -> String {
         )])?;
         let (plot_width, _) = chart.plotting_area().dim_in_pixel();
         let most = ((f64::from(plot_width) / count as f64) / (f64::from(units(12)) * 0.56)) as usize;
+        let (left, top) = area.get_base_pixel();
         for (g, group) in groups.iter().enumerate() {
-            let at = chart.backend_coord(&(g as f64 + 0.5, y.start));
+            let (x, y) = chart.backend_coord(&(g as f64 + 0.5, y.start));
             let style = text(12).pos(pos(HPos::Center, VPos::Top)).color(&INK);
-            area.draw_text(&shortened(&group.name, most.max(3)), &style, (at.0, at.1 + units(8) as i32))?;
+            for (row, part) in broken(&group.name, most.max(3)).iter().enumerate() {
+                let down = (units(6) + units(15) * row as u32) as i32;
+                area.draw_text(part, &style, (x - left, y - top + down))?;
+            }
         }
         Ok(())
     })
@@ -154,7 +159,8 @@ pub fn heatmap(title: &str, map: &Heatmap) -> String {
     };
     let (xs, ys) = (cell_edges(&map.x), cell_edges(&map.y));
     let (x, y) = (xs[0]..xs[xs.len() - 1], ys[0]..ys[ys.len() - 1]);
-    let share = move |v: f64| if high > low { (v - low) / (high - low) } else { 0.5 };
+    let colours = widened((low, high), 0.0);
+    let share = |v: f64| (v - colours.start) / (colours.end - colours.start);
     let legend: Vec<(String, RGBColor)> =
         map.marks.iter().enumerate().map(|(i, m)| (m.2.clone(), MARKS[i % MARKS.len()])).collect();
     picture(title, &legend, |area| {
@@ -172,8 +178,13 @@ pub fn heatmap(title: &str, map: &Heatmap) -> String {
         for (row, values) in map.values.iter().enumerate() {
             for (column, v) in values.iter().enumerate() {
                 let colour = if drawable(*v) { heat(share(*v)) } else { RGBColor(205, 205, 205) };
+                // Each cell reaches under its right and upper neighbours, drawn later: no seams.
+                let far = [
+                    (xs[column + 1] + xs[(column + 2).min(map.x.len())]) / 2.0,
+                    (ys[row + 1] + ys[(row + 2).min(map.y.len())]) / 2.0,
+                ];
                 chart.draw_series([Rectangle::new(
-                    [(xs[column], ys[row]), (xs[column + 1], ys[row + 1])],
+                    [(xs[column], ys[row]), (far[0], far[1])],
                     colour.filled(),
                 )])?;
             }
@@ -192,20 +203,23 @@ pub fn heatmap(title: &str, map: &Heatmap) -> String {
             .margin_top(units(4))
             .margin_bottom(units(52))
             .set_label_area_size(LabelAreaPosition::Right, units(66))
-            .build_cartesian_2d(0.0..1.0, 0.0..1.0)?;
+            .build_cartesian_2d(0.0..1.0, colours.clone())?;
         const STEPS: u32 = 64;
         for k in 0..STEPS {
-            let (from, to) = (f64::from(k) / f64::from(STEPS), f64::from(k + 1) / f64::from(STEPS));
-            bar.draw_series([Rectangle::new([(0.0, from), (1.0, to)], heat((from + to) / 2.0).filled())])?;
+            let from = f64::from(k) / f64::from(STEPS);
+            let bottom = colours.start + from * (colours.end - colours.start);
+            let shade = heat(from + 0.5 / f64::from(STEPS)).filled();
+            bar.draw_series([Rectangle::new([(0.0, bottom), (1.0, colours.end)], shade)])?;
         }
         bar.configure_mesh()
             .disable_mesh()
             .disable_x_axis()
             .axis_style(ShapeStyle::from(&INK).stroke_width(units(1)))
-            .y_labels(5)
-            .y_label_formatter(&|s: &f64| tick(low + *s * (high - low)))
+            .set_all_tick_mark_size(units(4))
+            .y_labels(6)
+            .y_label_formatter(&|v: &f64| tick(*v))
             .label_style(text(12))
-            .y_desc(map.value_label.as_str())
+            .y_desc(shortened(&map.value_label, 60))
             .axis_desc_style(text(13))
             .draw()?;
         Ok(())
@@ -306,13 +320,14 @@ fn finish_axes(
     y_label: &str,
 ) -> Drawn {
     mesh.axis_style(ShapeStyle::from(&INK).stroke_width(units(1)))
+        .set_all_tick_mark_size(units(4))
         .x_labels(8)
         .y_labels(6)
-        .x_label_formatter(&|v| tick(*v))
-        .y_label_formatter(&|v| tick(*v))
+        .x_label_formatter(&|v: &f64| tick(*v))
+        .y_label_formatter(&|v: &f64| tick(*v))
         .label_style(text(12))
-        .x_desc(x_label)
-        .y_desc(y_label)
+        .x_desc(shortened(x_label, 90))
+        .y_desc(shortened(y_label, 60))
         .axis_desc_style(text(13))
         .draw()?;
     Ok(())
@@ -349,7 +364,7 @@ fn draw_legend(
         legend.iter().filter(|(n, _)| !n.is_empty()).map(|(n, c)| (shortened(n, 60), *c)).collect();
     let (mut x, mut y) = (16, top);
     for (name, colour) in &named {
-        let wide = 22 + (name.chars().count() as f64 * 12.0 * 0.6) as u32 + 14;
+        let wide = 22 + (name.chars().count() as f64 * 12.0 * 0.54) as u32 + 16;
         if x > 16 && x + wide > SIZE.0 {
             (x, y) = (16, y + 18);
         }
@@ -471,10 +486,24 @@ fn label_room(y: &std::ops::Range<f64>, ticks: usize) -> u32 {
 }
 
 fn shortened(text: &str, most: usize) -> String {
+    let text = &cleaned(text);
     if text.chars().count() <= most {
         return text.to_string();
     }
     text.chars().take(most.saturating_sub(1)).chain(['\u{2026}']).collect()
+}
+
+/// The text in up to two lines of at most `most` characters, broken at a space where there is one.
+fn broken(text: &str, most: usize) -> Vec<String> {
+    let text = &cleaned(text);
+    if text.chars().count() <= most {
+        return vec![text.to_string()];
+    }
+    let end = text.char_indices().nth(most + 1).map_or(text.len(), |(i, _)| i);
+    match text[..end].rfind(' ').filter(|i| *i > 0) {
+        Some(i) => vec![text[..i].to_string(), shortened(text[i..].trim_start(), most)],
+        None => vec![shortened(text, most)],
+    }
 }
 
 fn finite_only(s: &Series) -> Series {
@@ -531,4 +560,132 @@ fn cell_edges(centres: &[f64]) -> Vec<f64> {
     edges.extend((1..n).map(middle));
     edges.push(centres[n - 1] + (centres[n - 1] - centres[n - 2]) / 2.0);
     edges
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::picture::scene::tests::check_svg;
+    use resvg::usvg::roxmltree::Document;
+
+    fn series(name: &str, points: &[(f64, f64)]) -> Series {
+        Series { name: name.into(), points: points.to_vec(), band: None }
+    }
+    fn group(name: &str, values: &[f64]) -> Group {
+        let bar = |(i, v): (usize, &f64)| Bar {
+            name: format!("b{i}"),
+            value: *v,
+            interval: Some((v - 1.0, v + 1.0)),
+        };
+        Group { name: name.into(), bars: values.iter().enumerate().map(bar).collect() }
+    }
+    fn square(values: Vec<Vec<f64>>) -> Heatmap {
+        let centres = |n: usize| (0..n).map(|i| i as f64).collect();
+        let columns = values.first().map_or(0, Vec::len);
+        Heatmap { x: centres(columns), y: centres(values.len()), values, ..Heatmap::default() }
+    }
+
+    #[test]
+    fn plots_of_nothing_say_so() {
+        let nan = f64::NAN;
+        let none = [
+            lines("t", "x", "y", &[]),
+            lines("t", "x", "y", &[series("a", &[(nan, 1.0), (1.0, f64::INFINITY)])]),
+            scatter("t", "x", "y", &[series("a", &[])]),
+            bars("t", "y", &[]),
+            bars("t", "y", &[group("g", &[nan, nan])]),
+            heatmap("t", &Heatmap::default()),
+            heatmap("t", &square(vec![vec![nan, nan]])),
+            heatmap("t", &Heatmap { x: vec![1.0], ..square(vec![vec![1.0, 2.0]]) }),
+        ];
+        for svg in none {
+            assert!(svg.contains("no data to plot"), "{svg}");
+            check_svg(&svg);
+        }
+    }
+
+    #[test]
+    fn what_is_not_finite_is_left_out() {
+        let clean = [(0.0, 1.0), (1.0, 2.0), (2.0, 0.5)];
+        let dirty = [(0.0, 1.0), (0.5, f64::NAN), (1.0, 2.0), (f64::NEG_INFINITY, 1.0), (2.0, 0.5)];
+        for draw in [lines, scatter] {
+            let (a, b) =
+                (draw("t", "x", "y", &[series("a", &clean)]), draw("t", "x", "y", &[series("a", &dirty)]));
+            assert_eq!(a, b);
+            check_svg(&a);
+        }
+        check_svg(&bars("t", "y", &[group("g", &[1.0, f64::NAN, -2.0])]));
+        check_svg(&heatmap("t", &square(vec![vec![1.0, f64::NAN], vec![f64::INFINITY, 2.0]])));
+    }
+
+    #[test]
+    fn bars_are_as_high_as_their_values() {
+        let svg = bars("t", "y", &[group("g", &[1.0, 3.0])]);
+        let document = Document::parse(&svg).unwrap();
+        let height = |fill: RGBColor| -> f64 {
+            let fill = format!("#{:02X}{:02X}{:02X}", fill.0, fill.1, fill.2);
+            let found =
+                document.descendants().filter(|n| n.has_tag_name(("http://www.w3.org/2000/svg", "rect")));
+            let tall = found.filter(|n| n.attribute("fill") == Some(&fill));
+            tall.map(|n| n.attribute("height").unwrap().parse::<f64>().unwrap()).fold(0.0, f64::max)
+        };
+        let ratio = height(paint(1)) / height(paint(0));
+        assert!((ratio - 3.0).abs() < 0.02, "{ratio}");
+    }
+
+    #[test]
+    fn hostile_text_is_escaped_and_bytes_repeat() {
+        let bad = "</text><script>alert(\"1\")</script>&\u{0}\u{1F600}";
+        let draw = || {
+            [
+                lines(bad, bad, bad, &[series(bad, &[(0.0, 1.0), (1.0, 2.0)]), series(bad, &[(0.0, 0.0)])]),
+                bars(bad, bad, &[group(bad, &[1.0, 2.0])]),
+                heatmap(
+                    bad,
+                    &Heatmap {
+                        x_label: bad.into(),
+                        value_label: bad.into(),
+                        marks: vec![(0.0, 0.0, bad.into())],
+                        ..square(vec![vec![1.0, 2.0]])
+                    },
+                ),
+            ]
+        };
+        assert_eq!(draw(), draw());
+        draw().iter().for_each(|svg| check_svg(svg));
+    }
+
+    #[test]
+    fn ranges_of_any_size_are_drawn() {
+        let ends = [
+            (0.0, 0.0),
+            (1.0, 1.0 + 1e-13),
+            (1e15, 1e15 + 0.25),
+            (-1e99, 1e99),
+            (1e-300, 2e-300),
+            (-5e-10, 5e-10),
+            (1e200, 2e200),
+            (-3.0, -2.999_999_9),
+        ];
+        for (low, high) in ends {
+            for (a, b) in ends {
+                let s = [series("a", &[(low, a), (high, b)])];
+                check_svg(&lines("t", "x", "y", &s));
+                check_svg(&scatter("t", "x", "y", &s));
+            }
+            check_svg(&bars("t", "y", &[group("g", &[low, high])]));
+            check_svg(&heatmap("t", &square(vec![vec![low, high]])));
+        }
+    }
+
+    #[test]
+    fn tick_numbers_are_short() {
+        let check = |v: f64, wanted: &str| assert_eq!(tick(v), wanted);
+        check(0.1 + 0.2, "0.3");
+        check(-0.0, "0");
+        check(1500.0, "1500");
+        check(2.5e-7, "2.5e-7");
+        check(1e6, "1e6");
+        check(0.002, "0.002");
+    }
 }

@@ -58,3 +58,55 @@ fn draw(tree: &Tree, width: u32, height: u32) -> Result<Pixmap> {
     resvg::render(tree, Transform::from_row(scale, 0.0, 0.0, scale, dx, dy), &mut pixmap.as_mut());
     Ok(pixmap)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HALVES: &str = r##"<svg xmlns="http://www.w3.org/2000/svg" width="20" height="10" viewBox="0 0 20 10">
+        <rect width="10" height="10" fill="#ff0000"/><image href="/etc/hostname" width="20" height="10"/></svg>"##;
+
+    #[test]
+    fn pixels_are_where_the_svg_has_them() {
+        let rgb = svg_to_rgb(HALVES, 40, 20).unwrap();
+        assert_eq!(rgb.len(), 40 * 20 * 3);
+        let at = |x: usize, y: usize| {
+            [rgb[(y * 40 + x) * 3], rgb[(y * 40 + x) * 3 + 1], rgb[(y * 40 + x) * 3 + 2]]
+        };
+        assert_eq!((at(5, 5), at(35, 5)), ([255, 0, 0], [255, 255, 255]));
+        // Another aspect: fitted and centred on white.
+        let square = svg_to_rgb(HALVES, 40, 40).unwrap();
+        let at = |x: usize, y: usize| square[(y * 40 + x) * 3 + 1];
+        assert_eq!((at(5, 5), at(5, 20), at(5, 35)), (255, 0, 255));
+    }
+
+    #[test]
+    fn png_has_the_asked_width() {
+        let png = svg_to_png(HALVES, 100).unwrap();
+        assert_eq!(&png[..8], b"\x89PNG\r\n\x1a\n");
+        assert_eq!(&png[16..24], &[0, 0, 0, 100, 0, 0, 0, 50]);
+        assert_eq!(png, svg_to_png(HALVES, 100).unwrap());
+    }
+
+    #[test]
+    fn sizes_and_nonsense_are_refused_by_name() {
+        let refused = |r: Result<Vec<u8>>, field: &str| match r {
+            Err(Error::Input(i)) => assert_eq!(i.field, field, "{i}"),
+            other => panic!("{:?}", other.map(|v| v.len())),
+        };
+        for width in [0, 15, 4097, u32::MAX] {
+            refused(svg_to_png(HALVES, width), "width");
+            refused(svg_to_rgb(HALVES, width, 64), "width");
+            refused(svg_to_rgb(HALVES, 64, width), "height");
+        }
+        for width in [16, 4096] {
+            assert!(svg_to_png(HALVES, width).is_ok());
+        }
+        let tower = r#"<svg xmlns="http://www.w3.org/2000/svg" width="10" height="1000"/>"#;
+        refused(svg_to_png(tower, 41), "width");
+        assert!(svg_to_png(tower, 40).is_ok());
+        for text in ["", "<svg", "hello", "<svg xmlns='http://www.w3.org/2000/svg' width='0' height='1'/>"] {
+            refused(svg_to_png(text, 64), "svg");
+        }
+    }
+}

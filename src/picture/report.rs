@@ -133,7 +133,7 @@ impl Page {
             match inlined(svg, &format!("p{}-", self.pictures)) {
                 Some(inline) => inline,
                 None => format!(
-                    "<img alt=\"{}\" src=\"data:image/svg+xml;base64,{}\">",
+                    "<img alt=\"{}\" src=\"data:image/svg+xml;base64,{}\"/>",
                     escape(caption),
                     base64::engine::general_purpose::STANDARD.encode(svg)
                 ),
@@ -172,6 +172,10 @@ fn is_numeric_column(rows: &[Vec<String>], column: usize) -> bool {
 fn inlined(svg: &str, prefix: &str) -> Option<String> {
     let document = Document::parse(svg).ok()?;
     let root = document.root_element();
+    // HTML reads comments, CDATA and instructions differently from XML: what is checked must be what is read.
+    if svg[root.range()].contains("<!") || svg[root.range()].contains("<?") {
+        return None;
+    }
     if root.tag_name().name() != "svg" || !root.descendants().all(|n| is_harmless(&n)) {
         return None;
     }
@@ -209,7 +213,7 @@ fn inlined(svg: &str, prefix: &str) -> Option<String> {
 /// handlers, no styles, links only to ids of the same picture.
 fn is_harmless(node: &Node) -> bool {
     if !node.is_element() {
-        return node.is_text() || node.is_comment() || node.is_root();
+        return node.is_text();
     }
     const KNOWN: [&str; 20] = [
         "svg",
@@ -288,3 +292,138 @@ code { font-family: ui-monospace, SFMono-Regular, Menlo, Consolas, monospace; }
   pre { white-space: pre-wrap; }
 }
 ";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::HashSet;
+
+    const CLIPPED: &str = r##"<?xml version="1.0"?><svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"
+        width="10" height="10" aria-labelledby="a b"><title id="a">x</title><desc id="b">y</desc>
+        <defs><clipPath id="c"><rect width="5" height="5"/></clipPath><linearGradient id='g'/></defs>
+        <g clip-path="url(#c)"><use href="#d"/><use xlink:href="#d"/><rect id="d" fill="url(#g)" width="9" height="9"/></g></svg>"##;
+
+    fn of(blocks: Vec<Block>) -> String {
+        let sections = vec![Section { heading: "h".into(), blocks }];
+        Report { title: "t".into(), lead: "l".into(), sections }.to_html()
+    }
+    fn svg(text: &str) -> Block {
+        Block::Svg { svg: text.into(), caption: String::new() }
+    }
+    /// The body is written so that it is XML too; returns it for counting.
+    fn body(html: &str) -> &str {
+        let body = &html[html.find("<body>").unwrap()..html.find("</html>").unwrap()];
+        Document::parse(body).unwrap_or_else(|e| panic!("{e}\n{body}"));
+        body
+    }
+
+    #[test]
+    fn everything_is_escaped() {
+        let bad = || "</title></td><script>alert(1)</script><img src=x onerror=y> & \"'".to_string();
+        let html = Report {
+            title: bad(),
+            lead: bad(),
+            sections: vec![Section {
+                heading: bad(),
+                blocks: vec![
+                    Block::Text(bad()),
+                    Block::Code(bad()),
+                    Block::KeyValues(vec![(bad(), bad())]),
+                    Block::Table { columns: vec![bad()], rows: vec![vec![bad()]], note: bad() },
+                    Block::Details { summary: bad(), blocks: vec![Block::Text(bad())] },
+                    Block::Svg { svg: bad(), caption: bad() },
+                ],
+            }],
+        }
+        .to_html();
+        assert!(!html.contains("<script") && !html.contains("<img src=x"), "{html}");
+        assert_eq!(html.matches("&lt;script&gt;alert(1)").count(), 15);
+        body(&html);
+    }
+
+    #[test]
+    fn ids_of_several_pictures_do_not_clash() {
+        let html = of(vec![svg(CLIPPED), Block::Details { summary: "s".into(), blocks: vec![svg(CLIPPED)] }]);
+        let document = Document::parse(body(&html)).unwrap();
+        let ids: Vec<&str> = document.descendants().filter_map(|n| n.attribute("id")).collect();
+        let known: HashSet<&str> = ids.iter().copied().collect();
+        assert_eq!((ids.len(), known.len()), (10, 10), "{ids:?}");
+        let mut used = 0;
+        for a in document.descendants().flat_map(|n| n.attributes().collect::<Vec<_>>()) {
+            let one = match (a.name(), a.value()) {
+                ("href", v) => vec![&v[1..]],
+                ("aria-labelledby", v) => v.split(' ').collect(),
+                (_, v) if v.starts_with("url(#") => vec![&v[5..v.len() - 1]],
+                _ => continue,
+            };
+            used += one.len();
+            assert!(one.iter().all(|id| known.contains(id)), "{one:?} among {known:?}");
+        }
+        assert_eq!(used, 12);
+    }
+
+    #[test]
+    fn pictures_that_could_act_become_images() {
+        let wrap = |inner: &str| {
+            format!("<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"9\" height=\"9\">{inner}</svg>")
+        };
+        let acting = [
+            "<script>alert(1)</script>",
+            "<rect onclick=\"alert(1)\"/>",
+            "<foreignObject><p/></foreignObject>",
+            "<style>body { display: none }</style>",
+            "<image href=\"http://example.org/x.png\"/>",
+            "<use href=\"http://example.org/x.svg#a\"/>",
+            "<rect fill=\"url(http://example.org/a)\"/>",
+            "<rect style=\"fill: url(http://example.org/a)\"/>",
+            "<a href=\"javascript:alert(1)\"><rect/></a>",
+            "<!--><script>alert(1)</script>-->",
+            "<title><![CDATA[><script>alert(1)</script>]]></title>",
+            "<g",
+        ];
+        for inner in acting {
+            let html = of(vec![svg(&wrap(inner))]);
+            assert!(html.contains("<img alt=\"\" src=\"data:image/svg+xml;base64,"), "{inner}");
+            assert!(!html.contains(inner), "{inner}");
+            body(&html);
+        }
+        assert!(of(vec![svg(&wrap("<rect width=\"9\" height=\"9\"/>"))]).contains("<rect width"));
+    }
+
+    #[test]
+    fn our_own_pictures_stand_in_the_page_and_nothing_is_loaded() {
+        use crate::picture::{Style, animation_svg, plot, scene_svg};
+        let scene = crate::picture::scene::tests::hall();
+        let track = crate::trajectory::Track {
+            name: "red".into(),
+            x: vec![1.0, 2.0],
+            y: vec![1.0, 2.0],
+            ..Default::default()
+        };
+        let film = crate::trajectory::Trajectory {
+            times: vec![0.0, 1.0],
+            bodies: vec![track],
+            ..Default::default()
+        };
+        let line = plot::Series { name: "a".into(), points: vec![(0.0, 1.0), (1.0, 2.0)], band: None };
+        let html = of(vec![
+            svg(&scene_svg(&scene, &Style::default())),
+            svg(&animation_svg(&scene, &film, &Style::default())),
+            svg(&plot::lines("t", "x", "y", &[line])),
+        ]);
+        assert_eq!(html.matches("<svg ").count(), 3);
+        assert!(!html.contains("<img"));
+        let without_names = html.replace("http://www.w3.org/", "");
+        for link in ["http://", "https://", "@import", "<link", "<script", "src="] {
+            assert!(!without_names.contains(link), "{link}");
+        }
+        body(&html);
+    }
+
+    #[test]
+    fn numbers_are_set_right_and_words_left() {
+        let rows: Vec<Vec<String>> =
+            [["a", "0.5 ± 0.1", "-"], ["b", "-3e-9", "yes"]].map(|r| r.map(String::from).to_vec()).to_vec();
+        assert_eq!([0, 1, 2].map(|c| is_numeric_column(&rows, c)), [false, true, false]);
+    }
+}

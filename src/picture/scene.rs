@@ -65,8 +65,8 @@ pub(super) enum Look {
 
 /// A picture is at most this many times as high as wide, and at most twice this as wide as high.
 const TALLEST: f64 = 1.6;
-/// Statics may widen the view up to this many times what moves needs; beyond that they are cut off.
-const WIDEST: f64 = 3.0;
+/// Statics may widen the view by this share of what moves needs, on every side; larger ones are cut off.
+const WIDEST: f64 = 0.75;
 
 impl View {
     /// A view `width` px wide of everything that matters: bodies, goal, what an action may place, all places
@@ -119,7 +119,7 @@ impl View {
 
     /// Width of a line that looks `share` of a 640 px picture's pixel wide, px.
     pub fn pen(&self, share: f64) -> f64 {
-        share * (self.width / 640.0).clamp(0.3, 3.0)
+        share * (self.width / 640.0).clamp(0.55, 3.0)
     }
 }
 
@@ -258,8 +258,22 @@ fn draw_shape(
             px(c[1]),
             px(r.max(SMALLEST))
         ),
-        // A rounded segment is a line as thick as it is; the paint's own stroke would outline nothing.
-        ([a, b], r) => write!(
+        ([a, b], r) if r > view.pen(1.0) => {
+            let along = [b[0] - a[0], b[1] - a[1]];
+            let length = (along[0] * along[0] + along[1] * along[1]).sqrt().max(1e-9);
+            let side = [-along[1] / length * r, along[0] / length * r];
+            let corners = [
+                [a[0] - side[0], a[1] - side[1]],
+                [b[0] - side[0], b[1] - side[1]],
+                [b[0] + side[0], b[1] + side[1]],
+                [a[0] + side[0], a[1] + side[1]],
+            ]
+            .map(|p| format!("{} {}", px(p[0]), px(p[1])));
+            let [p, q, s, t] = corners;
+            write!(out, "<path d=\"M{p}L{q}A{r} {r} 0 0 1 {s}L{t}A{r} {r} 0 0 1 {p}Z\" {paint}/>", r = px(r))
+        }
+        // A segment thinner than a pen is drawn with a pen.
+        ([a, b], _) => write!(
             out,
             "<line x1=\"{}\" y1=\"{}\" x2=\"{}\" y2=\"{}\" stroke=\"{}\" stroke-width=\"{}\" \
              stroke-linecap=\"round\"/>",
@@ -268,7 +282,7 @@ fn draw_shape(
             px(b[0]),
             px(b[1]),
             darker(fill),
-            px((2.0 * r).max(view.pen(2.0)))
+            px(view.pen(2.0))
         ),
         (corners, _) => {
             write!(out, "<polygon points=\"{}\" {paint} stroke-linejoin=\"round\"/>", points(corners))
@@ -362,4 +376,170 @@ fn focus(scene: &Scene, film: Option<&Trajectory>) -> Bounds {
 
 fn join(a: Bounds, b: Bounds) -> Bounds {
     [a[0].min(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].max(b[3])]
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use crate::picture::png::{svg_to_png, svg_to_rgb};
+    use crate::task::FAMILIES;
+    use resvg::usvg::roxmltree::Document;
+
+    /// A hall 10 m square with a goal, one of each shape, and names that try to break out.
+    pub fn hall() -> Scene {
+        let text = r##"{"format": "iplw.scene/1", "name": "<script>alert('a & b')</script>",
+            "bodies": [
+              {"name": "red", "shape": {"type": "disc", "radius": 1}, "position": [3, 7], "angle": 0.6},
+              {"name": "\"/><script>1</script>&amp;]]>", "shape": {"type": "box", "half_width": 1, "half_height": 0.5},
+               "position": [7, 7], "angle": 0.3},
+              {"name": "wedge", "shape": {"type": "polygon", "vertices": [[-0.5, -0.4], [1, -0.4], [0, 0.8]]},
+               "position": [2, 3], "angle": 0.2},
+              {"name": "rod", "shape": {"type": "segment", "from": [-1, 0], "to": [1, 0], "radius": 0.2},
+               "position": [7, 4], "angle": 1.0}],
+            "statics": [
+              {"name": "floor <&>", "shape": {"type": "halfspace", "normal": [0, 1], "offset": 0}},
+              {"name": "left", "shape": {"type": "segment", "from": [0, 0], "to": [0, 10], "radius": 0}},
+              {"name": "right", "shape": {"type": "box", "half_width": 0.2, "half_height": 5}, "position": [10, 5]}],
+            "goal": {"type": "inside", "body": "red", "region": [[4, 1], [6, 1], [6, 2], [4, 2]]}}"##;
+        Scene::from_json(text).unwrap()
+    }
+
+    /// The scene seen in a mirror at x = 5 m.
+    fn mirrored(scene: &Scene) -> Scene {
+        let flip = |p: [f64; 2]| [10.0 - p[0], p[1]];
+        let shape = |s: &Shape| match s {
+            Shape::Polygon { vertices } => {
+                Shape::Polygon { vertices: vertices.iter().rev().map(|v| [-v[0], v[1]]).collect() }
+            }
+            Shape::Segment { from, to, radius } => {
+                Shape::Segment { from: [-from[0], from[1]], to: [-to[0], to[1]], radius: *radius }
+            }
+            Shape::Halfspace { normal, offset } => {
+                Shape::Halfspace { normal: [-normal[0], normal[1]], offset: *offset }
+            }
+            other => other.clone(),
+        };
+        let mut m = scene.clone();
+        for b in &mut m.bodies {
+            b.position = b.position.map(flip);
+            // A disc's line points along its x axis, which the mirror turns round.
+            let round = matches!(b.shape, Shape::Disc { .. });
+            b.angle = if round { std::f64::consts::PI - b.angle } else { -b.angle };
+            b.shape = shape(&b.shape);
+        }
+        for s in &mut m.statics {
+            s.position = flip(s.position);
+            s.angle = -s.angle;
+            s.shape = shape(&s.shape);
+        }
+        if let Some(Goal::Inside { region, .. }) = &mut m.goal {
+            region.iter_mut().for_each(|p| *p = flip(*p));
+        }
+        m
+    }
+
+    /// Parses as XML and as SVG, and holds no text or element that a name smuggled in.
+    pub fn check_svg(svg: &str) {
+        let document = Document::parse(svg).unwrap_or_else(|e| panic!("{e}\n{svg}"));
+        assert_eq!(document.root_element().tag_name().name(), "svg");
+        assert!(document.descendants().all(|n| n.tag_name().name() != "script"), "{svg}");
+        assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
+        svg_to_png(svg, 64).unwrap();
+    }
+
+    /// The colour at a place of the world, in the view that `scene_svg` takes.
+    fn colour_at(scene: &Scene, p: [f64; 2]) -> [u8; 3] {
+        let view = View::new(scene, None, 1200.0);
+        let svg = scene_svg(scene, &Style { width: 1200, ..Style::default() });
+        let rgb = svg_to_rgb(&svg, 1200, view.height as u32).unwrap();
+        let at = view.at(p);
+        let i = (at[1] as usize * 1200 + at[0] as usize) * 3;
+        [rgb[i], rgb[i + 1], rgb[i + 2]]
+    }
+
+    #[test]
+    fn pictures_are_well_formed_and_names_escaped() {
+        for names in [false, true] {
+            check_svg(&scene_svg(&hall(), &Style { names, ..Style::default() }));
+        }
+        for family in FAMILIES {
+            check_svg(&scene_svg(&(family.candidates)(0)[0], &Style::default()));
+        }
+        check_svg(&scene_svg(&Scene::empty(), &Style::default()));
+    }
+
+    #[test]
+    fn things_are_drawn_where_they_are() {
+        let scene = hall();
+        let check = |p: [f64; 2], wanted: &str| {
+            let wanted = crate::picture::svg::channels(wanted);
+            assert_eq!(colour_at(&scene, p), wanted, "at {p:?}");
+        };
+        // Off the line that shows the angle, well within each shape; y is up.
+        check([3.0, 6.5], "#D62F2F");
+        check([3.0, 7.5], "#D62F2F");
+        check([3.0, 5.8], "#FFFFFF");
+        check([7.2, 7.1], crate::picture::svg::PALETTE[0]);
+        check([2.2, 3.0], crate::picture::svg::PALETTE[1]);
+        check([7.0, 4.0], crate::picture::svg::PALETTE[2]);
+        check([5.0, -0.15], "#A9B0B8");
+        check([10.0, 8.0], "#A9B0B8");
+        check([5.0, 8.0], "#FFFFFF");
+        // On the line that shows the angle.
+        check([3.0 + 0.5 * 0.6f64.cos(), 7.0 + 0.5 * 0.6f64.sin()], "#FFFFFF");
+    }
+
+    #[test]
+    fn a_mirrored_scene_gives_a_mirrored_picture() {
+        let (scene, width) = (hall(), 400u32);
+        let draw = |s: &Scene| {
+            let svg = scene_svg(s, &Style { width, ..Style::default() });
+            let height = View::new(s, None, f64::from(width)).height as u32;
+            svg_to_rgb(&svg, width, height).unwrap()
+        };
+        let (one, other) = (draw(&scene), draw(&mirrored(&scene)));
+        assert_eq!(one.len(), other.len());
+        let w = width as usize;
+        let differing = (0..one.len() / 3)
+            .filter(|i| {
+                let j = i / w * w + (w - 1 - i % w);
+                (0..3).any(|c| one[i * 3 + c].abs_diff(other[j * 3 + c]) > 64)
+            })
+            .count();
+        // Edges are smoothed from another side; nothing else may differ. The scene itself is far from
+        // symmetric: against its own mirror image thousands of pixels differ.
+        assert!(differing < 40, "{differing} pixels differ");
+        let own = (0..one.len() / 3)
+            .filter(|i| {
+                let j = i / w * w + (w - 1 - i % w);
+                (0..3).any(|c| one[i * 3 + c].abs_diff(one[j * 3 + c]) > 64)
+            })
+            .count();
+        assert!(own > 4000, "{own}");
+    }
+
+    #[test]
+    fn same_scene_same_bytes_and_bounded_width() {
+        let draw = |width| scene_svg(&hall(), &Style { width, ..Style::default() });
+        assert_eq!(draw(640), draw(640));
+        assert!(draw(0).contains("width=\"16\"") && draw(u32::MAX).contains("width=\"4096\""));
+    }
+
+    #[test]
+    fn the_view_ignores_how_far_a_floor_goes_on() {
+        let with_floor = |half: f64| {
+            let mut s = hall();
+            s.statics.truncate(0);
+            let text = format!(
+                r#"{{"name": "f", "shape": {{"type": "segment", "from": [-{half}, 0], "to": [{half}, 0]}}}}"#
+            );
+            s.statics.push(serde_json::from_str(&text).unwrap());
+            View::new(&s, None, 400.0)
+        };
+        let view = with_floor(1e4);
+        assert!(view.bounds[2] - view.bounds[0] < 20.0 && view.bounds[1] < 0.0, "{view:?}");
+        // A wall of the usual kind is seen whole.
+        let walled = View::new(&(FAMILIES[0].candidates)(0)[0], None, 400.0);
+        assert!(walled.bounds[0] < -0.8 && walled.bounds[2] > 43.4, "{walled:?}");
+    }
 }

@@ -10,12 +10,24 @@ pub fn escape(text: &str) -> String {
             '>' => out.push_str("&gt;"),
             '"' => out.push_str("&quot;"),
             '\'' => out.push_str("&#39;"),
-            '\t' | '\n' | '\r' => out.push(c),
-            c if c.is_control() || matches!(c, '\u{fffe}' | '\u{ffff}') => out.push('\u{fffd}'),
-            c => out.push(c),
+            c => out.push(writable(c)),
         }
     }
     out
+}
+
+/// The text without what XML cannot hold even escaped; for writers that escape the rest themselves.
+pub fn cleaned(text: &str) -> String {
+    text.chars().map(writable).collect()
+}
+
+/// The character, or U+FFFD if XML forbids it.
+fn writable(c: char) -> char {
+    match c {
+        '\t' | '\n' | '\r' => c,
+        c if c.is_control() || matches!(c, '\u{fffe}' | '\u{ffff}') => '\u{fffd}',
+        c => c,
+    }
 }
 
 /// The colour-blind-safe palette of Okabe and Ito (2008), without black and ordered for contrast on white.
