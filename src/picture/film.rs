@@ -177,14 +177,14 @@ fn paths(scene: &Scene, trajectory: &Trajectory) -> Vec<Vec<Knot>> {
 fn path(track: &Track, times: &[f64], gravity: [f64; 2], rest_angle: f64) -> Vec<Knot> {
     let mut knots: Vec<Knot> = Vec::new();
     let mut last: Option<usize> = None;
-    for i in 0..times.len().min(track.x.len()).min(track.y.len()) {
-        let at = [track.x[i], track.y[i]];
-        if !(times[i].is_finite() && at[0].is_finite() && at[1].is_finite()) {
+    for (i, ((t, x), y)) in times.iter().zip(&track.x).zip(&track.y).enumerate() {
+        let (t, at) = (*t, [*x, *y]);
+        if !(t.is_finite() && at[0].is_finite() && at[1].is_finite()) {
             continue;
         }
         let seen_angle = track.angle.get(i).copied().filter(|a| a.is_finite());
         let angle = seen_angle.unwrap_or_else(|| knots.last().map_or(rest_angle, |k| k.angle));
-        let here = Knot { t: times[i], at, angle, jump: last.is_some_and(|l| l + 1 != i) };
+        let here = Knot { t, at, angle, jump: last.is_some_and(|l| l + 1 != i) };
         if let (Some(before), Some(l)) = (knots.last().copied(), last)
             && !here.jump
             && here.t > before.t

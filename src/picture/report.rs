@@ -55,13 +55,13 @@ impl Report {
             page.out.push_str("</section>\n");
         }
         let mut lead = String::new();
-        paragraphs(&mut lead, &self.lead, " class=\"lead\"");
+        paragraphs(&mut lead, &self.lead);
         format!(
             "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
              <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
              <meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\">\n\
              <meta name=\"color-scheme\" content=\"light dark\">\n<title>{title}</title>\n\
-             <style>\n{CSS}</style>\n</head>\n<body>\n<main>\n<header>\n<h1>{title}</h1>\n{lead}</header>\n\
+             <style>\n{CSS}</style>\n</head>\n<body>\n<main>\n<header>\n<h1>{title}</h1>\n<div class=\"lead\">\n{lead}</div>\n</header>\n\
              {}</main>\n</body>\n</html>\n",
             page.out,
             title = escape(&self.title),
@@ -83,7 +83,7 @@ impl Page {
     fn blocks(&mut self, blocks: &[Block]) {
         for block in blocks {
             match block {
-                Block::Text(text) => paragraphs(&mut self.out, text, ""),
+                Block::Text(text) => paragraphs(&mut self.out, text),
                 Block::Table { columns, rows, note } => self.table(columns, rows, note),
                 Block::Svg { svg, caption } => self.picture(svg, caption),
                 Block::KeyValues(pairs) => {
@@ -150,10 +150,10 @@ impl Page {
     }
 }
 
-fn paragraphs(out: &mut String, text: &str, class: &str) {
+fn paragraphs(out: &mut String, text: &str) {
     let text = text.replace("\r\n", "\n");
     for paragraph in text.split("\n\n").map(str::trim).filter(|p| !p.is_empty()) {
-        let _ = writeln!(out, "<p{class}>{}</p>", escape(paragraph));
+        let _ = writeln!(out, "<p>{}</p>", escape(paragraph));
     }
 }
 
@@ -262,6 +262,7 @@ h1 { font-size: 1.75rem; line-height: 1.2; margin: 0.5rem 0 0.75rem; }
 h2 { font-size: 1.25rem; margin: 2.25rem 0 0.5rem; padding-top: 1rem; border-top: 1px solid var(--line); }
 p { margin: 0.5rem 0; max-width: 46rem; white-space: pre-line; }
 .lead { font-size: 1.1rem; border-left: 4px solid var(--accent); padding-left: 0.9rem; }
+.lead:not(:has(p)) { display: none; }
 figure { margin: 1rem 0; }
 figcaption { color: var(--soft); font-size: 0.875rem; margin-top: 0.35rem; max-width: 46rem; }
 .wide { overflow-x: auto; }
