@@ -27,9 +27,13 @@ def reply(status: str, body: str, kind: str = "application/json") -> bytes:
 
 
 @contextmanager
-def serving(answer: Answer) -> Iterator[Stub]:
-    """`answer(number of the request, method, path)` gives the raw response; None hangs up."""
+def serving(answer: Answer, hold: bool = False) -> Iterator[Stub]:
+    """`answer(number of the request, method, path)` gives the raw response; None hangs up.
+
+    `hold` keeps event streams open to the end, as a silent server would.
+    """
     stub = Stub()
+    done = threading.Event()
 
     class Handler(BaseHTTPRequestHandler):
         def _any(self) -> None:
@@ -38,6 +42,9 @@ def serving(answer: Answer) -> Iterator[Stub]:
             raw = answer(len(stub.seen) - 1, self.command, self.path)
             if raw is not None:
                 self.wfile.write(raw)
+                self.wfile.flush()
+                if hold and self.path.endswith("/events"):
+                    done.wait()
             self.close_connection = True
 
         do_GET = do_POST = do_DELETE = _any
@@ -53,6 +60,7 @@ def serving(answer: Answer) -> Iterator[Stub]:
     try:
         yield stub
     finally:
+        done.set()
         server.shutdown()
         server.server_close()
         thread.join()

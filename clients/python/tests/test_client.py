@@ -214,6 +214,18 @@ def test_waiting_without_events_looks() -> None:
         assert iplw.Client(stub.url).job("j").wait(progress=True) == {"x": 1}
 
 
+def test_waiting_ends_in_time_though_nothing_comes() -> None:
+    def answer(n: int, method: str, path: str) -> bytes:
+        if path.endswith("/events"):
+            # Headers that promise events, then silence while the client holds on.
+            return b"HTTP/1.1 200 OK\r\nContent-Type: text/event-stream\r\nContent-Length: 99\r\n\r\n"
+        return reply("200 OK", job("running"))
+
+    with serving(answer, hold=True) as stub:
+        with pytest.raises(TimeoutError, match="job j has not ended in time"):
+            iplw.Client(stub.url, timeout=60).job("j").wait(timeout=0.1)
+
+
 def test_failed_jobs_say_why() -> None:
     failed = {"id": "j", "kind": "train", "state": "failed", "error": {"detail": "loss is not finite"}}
     with serving(lambda n, method, path: reply("200 OK", json.dumps(failed))) as stub:

@@ -114,7 +114,7 @@ def test_server_ends_after_an_exception() -> None:
 def test_a_dead_server_is_reported_and_replaced() -> None:
     child = run(
         "os.kill(client.server.pid, 9)\n"
-        "try:\n    client.create_world('bowling')\nexcept iplw.ServerUnavailable as error:\n    print(error)\n"
+        "try:\n    client.create_world('bowling')\nexcept iplw.ServerUnavailable as error:\n print(error)\n"
         "with iplw.Client() as new:\n    print(len(new.worlds()))"
     )
     out, _ = child.communicate()

@@ -1,12 +1,12 @@
 """Client of iplw: worlds to act in, latent factors to estimate, policies to transfer.
 
     import gymnasium, iplw
-    env = gymnasium.make("iplw/Bowling-v0", world="sim")      # a private server starts and stops by itself
+    env = gymnasium.make("iplw/Bowling-v0", world="sim")  # a private server starts and stops by itself
 
-    with iplw.Client() as client:                             # or iplw.Client("http://127.0.0.1:8080")
+    with iplw.Client() as client:  # or iplw.Client("http://127.0.0.1:8080")
         found = client.iplw("bowling", world="bowling-real").wait(progress=True)
 
-The files: `client` is the way in; `world`, `job` and `policy` are handles on what the server keeps; `envs` has
+The files: `client` is the way in; `world`, `job`, `policy` are handles on what the server keeps; `envs` has
 the Gymnasium environments; `server` runs a private server; `http` speaks to one; `errors` is what they raise.
 """
 

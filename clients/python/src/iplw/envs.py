@@ -134,7 +134,7 @@ class PlacementEnv(gymnasium.Env[Observation, Any]):
             self.client.close()
 
     def set_latents(self, **latents: float) -> dict[str, float] | None:
-        """Sets some of density, friction, restitution; all of them afterwards. Sealed worlds raise `Problem`."""
+        """Sets some of density, friction, restitution; gives all of them. A sealed world raises `Problem`."""
         return self.world.set_latents(**latents).latents
 
     def rollout(
@@ -162,7 +162,7 @@ class PlacementEnv(gymnasium.Env[Observation, Any]):
         task = str(info["task"])
         if self._shown is None or self._shown[0] != task:
             self._shown = (task, self._picture(self._image_size))
-        return self._shown[1].copy()
+        return np.array(self._shown[1])
 
     def _picture(self, size: int, action: int | list[float] | None = None) -> NDArray[np.uint8]:
         return _square(png.decode(self.world.render(width=size, action=action)), size)

@@ -1,8 +1,9 @@
-"""Requests to one server: JSON in and out, problems as exceptions, retries only where repeating is harmless."""
+"""Requests to one server: JSON in and out, refusals as exceptions, repeats only where they do no harm."""
 
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
@@ -86,12 +87,16 @@ class Http:
         response = self._send(method, path, payload, headers, slack, repeat, stream=False)
         return response.data
 
-    def events(self, path: str, last_id: str = "") -> Iterator[Event]:
-        """Server-sent events from `path` until the stream ends; continues after the event `last_id`."""
+    def events(self, path: str, last_id: str = "", patience: float = math.inf) -> Iterator[Event]:
+        """Server-sent events from `path` until the stream ends; continues after the event `last_id`.
+
+        Silence for `patience` or the timeout, whichever is less, s, raises `ServerUnavailable`.
+        """
         headers = {"Accept": "text/event-stream", "Cache-Control": "no-cache"}
         if last_id:
             headers["Last-Event-ID"] = last_id
-        response = self._send("GET", path, None, headers, 0.0, False, stream=True)
+        slack = min(0.0, max(patience, 0.01) - self.timeout)
+        response = self._send("GET", path, None, headers, slack, False, stream=True)
         try:
             yield from _parse(response.stream(65536))
         except (urllib3.exceptions.HTTPError, OSError) as error:

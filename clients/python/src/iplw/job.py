@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 import time
 from collections.abc import Callable
@@ -51,8 +52,8 @@ class Job:
     def wait(self, progress: bool = False, timeout: float | None = None) -> dict[str, Any]:
         """The job's result, once it has one.
 
-        `progress` draws a bar on stderr. Raises `JobFailed`, `JobCancelled`, or `TimeoutError` after `timeout`
-        seconds (the job goes on; wait again or cancel it).
+        `progress` draws a bar on stderr. Raises `JobFailed`, `JobCancelled`, or, after `timeout` seconds,
+        `TimeoutError` (the job goes on; wait again or cancel it).
         """
         bar = _Bar(sys.stderr) if progress else None
         deadline = None if timeout is None else time.monotonic() + timeout
@@ -91,7 +92,8 @@ class Job:
         while not self.ended:
             seen = last_id
             try:
-                for event in self._http.events(path("jobs", self.id, "events"), last_id):
+                patience = math.inf if deadline is None else deadline - time.monotonic()
+                for event in self._http.events(path("jobs", self.id, "events"), last_id, patience):
                     last_id = event.id or last_id
                     self.data = json.loads(event.data)
                     if watch:

@@ -154,7 +154,8 @@ class World:
     def step(self, action: Action) -> tuple[NDArray[np.float64], float, bool, bool, dict[str, Any]]:
         """Acts once: (observation, reward, terminated, truncated, info).
 
-        An action that cannot be placed leaves the episode open: `info["valid"]` is False, `info["reason"]` says why.
+        An action that cannot be placed leaves the episode open: `info["valid"]` is False and
+        `info["reason"]` says why.
         """
         answer = self._http.call("POST", self._path("step"), {"action": encode(action)}, slack=1.0)
         return (
@@ -176,8 +177,8 @@ class World:
     ) -> Rollouts:
         """Rolls out many actions on one task (default: the episode's), each from the start, as one batch.
 
-        More than `batch` actions go out in several requests; if one is refused, the earlier ones have happened.
-        `stop=False` goes on after the goal is reached.
+        More than `batch` actions go out in several requests; if one is refused, those before it have
+        happened. `stop=False` goes on after the goal is reached.
         """
         if not 1 <= batch <= MOST_ACTIONS:
             raise ValueError(f"batch is {batch}; allowed: 1 to {MOST_ACTIONS}")

@@ -1,0 +1,24 @@
+"""The examples run, from a checkout."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples" / "python"
+
+
+def test_train_outside() -> None:
+    pytest.importorskip("sklearn")
+    small = ["--tasks", "8", "--actions", "25", "--tests", "2", "--rounds", "1"]
+    run = subprocess.run(
+        [sys.executable, EXAMPLES / "train_outside.py", *small], capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 0, run.stderr
+    rows = {line.split()[0]: line.split()[1:] for line in run.stdout.splitlines() if line}
+    for ranking in ("random", "learned"):
+        assert 0.0 <= float(rows[ranking][0]) <= 1.0
+        assert int(rows[ranking][-1]) > 0, "real attempts are counted"
