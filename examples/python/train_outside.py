@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.ensemble import ExtraTreesClassifier
+from sklearn.ensemble import HistGradientBoostingClassifier
 
 import iplw
 
@@ -46,14 +46,19 @@ def main() -> None:
             with client.create_world("bowling", kind="sim", latents=latents) as sim:
                 inputs, solved = practice(sim, train, options.actions, rng)
             seconds = time.perf_counter() - clock
-            print(f"{len(solved)} simulated rollouts, {solved.mean():.1%} solve, {seconds:.0f} s")
-            model = ExtraTreesClassifier(
-                300, min_samples_leaf=2, class_weight="balanced", n_jobs=2, random_state=options.seed
+            print(f"{len(solved) // 2} simulated rollouts, {solved.mean():.1%} solve, {seconds:.0f} s")
+            model = HistGradientBoostingClassifier(
+                learning_rate=0.05,
+                max_iter=200,
+                max_leaf_nodes=8,
+                class_weight="balanced",
+                random_state=options.seed,
             )
             model.fit(inputs, solved)
 
             def learned(observation: Array, actions: Array) -> Array:
-                scores: Array = model.predict_proba(features(observation, actions))[:, 1]
+                seen = features(observation, actions), features(*mirrored(observation, actions))
+                scores: Array = sum(model.predict_proba(inputs)[:, 1] for inputs in seen)
                 return scores
 
             def random(observation: Array, actions: Array) -> Array:
@@ -84,15 +89,17 @@ def estimate(client: iplw.Client, real: iplw.World, options: argparse.Namespace)
 def practice(
     sim: iplw.World, tasks: Sequence[str], count: int, rng: np.random.Generator
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Random valid actions on each task: (n, features) inputs and (n,) whether they solved it."""
+    """Random valid actions on each task: (2n, features) inputs and (2n,) whether they solved it."""
     inputs, solved = [], []
     for task in tasks:
         observation, _ = sim.reset(task=task)
         # About a quarter of the actions cannot be placed; that costs no rollout.
         actions = rng.random((count, sim.dimension))
         results = sim.rollout(actions)
-        inputs.append(features(observation, actions[results.valid]))
-        solved.append(results.solved[results.valid])
+        placed, outcome = actions[results.valid], results.solved[results.valid]
+        # Left and right are alike, so every rollout counts twice.
+        inputs += [features(observation, placed), features(*mirrored(observation, placed))]
+        solved += [outcome, outcome]
     return np.concatenate(inputs), np.concatenate(solved)
 
 
@@ -121,7 +128,7 @@ def features(observation: Array, actions: Array) -> Array:
     """
     # Shares of the scene's width: (x, y, radius) of green and blue, then of red from the action, whose
     # radius runs from 2 to 32 of 256 pixels.
-    balls = np.asarray(observation).reshape(-1, 3)
+    balls = observation.reshape(-1, 3)
     red = np.column_stack([actions[:, 0], actions[:, 1], (2 + 30 * actions[:, 2]) / 256])
     columns: list[Any] = [actions, np.broadcast_to(observation, (len(actions), observation.size))]
     for x, y, radius in balls:
@@ -136,6 +143,14 @@ def features(observation: Array, actions: Array) -> Array:
     middle = balls[:, 0].mean()
     columns += [red[:, 0] - middle, np.full(len(actions), np.ptp(balls[:, 0]))]
     return np.column_stack(columns)
+
+
+def mirrored(observation: Array, actions: Array) -> tuple[Array, Array]:
+    """The same seen in a mirror: green and blue change places."""
+    balls, actions = observation.reshape(-1, 3)[::-1].copy(), actions.copy()
+    balls[:, 0] = 1 - balls[:, 0]
+    actions[:, 0] = 1 - actions[:, 0]
+    return balls.ravel(), actions
 
 
 def auccess(solved_at: Sequence[float]) -> float:
