@@ -15,7 +15,8 @@ fn main() {
         Some(path) => read(path),
         None => bowling(200),
     };
-    let engines = if arguments.len() > 1 { arguments[1..].to_vec() } else { vec!["lanes".into(), "rapier".into()] };
+    let engines =
+        if arguments.len() > 1 { arguments[1..].to_vec() } else { vec!["lanes".into(), "rapier".into()] };
     // One thread: figures are per core.
     rayon::ThreadPoolBuilder::new().num_threads(1).build_global().expect("the pool is built once");
     for name in engines {
@@ -60,7 +61,8 @@ fn measure(name: &str, scenes: &[Scene]) {
 }
 
 fn level_named(name: &str) -> Level {
-    let level = Level::ALL.into_iter().find(|l| format!("{l:?}").to_lowercase() == name).expect("a level's name");
+    let level =
+        Level::ALL.into_iter().find(|l| format!("{l:?}").to_lowercase() == name).expect("a level's name");
     assert!(level.available(), "this machine lacks {name}");
     level
 }

@@ -6,6 +6,7 @@ mod measure;
 mod output;
 mod parse;
 mod rollout;
+mod serve;
 mod tasks;
 mod train;
 
@@ -31,6 +32,8 @@ enum Command {
     Run(experiment::RunArgs),
     /// Experiments with their baselines, over several seeds.
     Experiment(experiment::ExperimentArgs),
+    /// Serve worlds over HTTP.
+    Serve(serve::Args),
     /// Roll scenes out: one scene a line in, one result a line out.
     Rollout(rollout::Args),
     /// List tasks, splits and action spaces.
@@ -43,6 +46,8 @@ enum Command {
     Train(train::TrainArgs),
     /// Try a policy in a hidden world.
     Evaluate(train::EvaluateArgs),
+    /// Print the OpenAPI document.
+    Openapi,
 }
 
 /// Parses the command line, runs the command, turns errors into exit codes.
@@ -51,6 +56,8 @@ pub fn main() -> ExitCode {
     let done = match cli.command {
         Command::Run(args) => experiment::run(&args),
         Command::Experiment(args) => experiment::experiment(&args),
+        Command::Serve(args) => serve::run(&args),
+        Command::Openapi => serve::print_openapi(),
         Command::Rollout(args) => rollout::run(&args),
         Command::Tasks(args) => tasks::run(&args),
         Command::Measure(args) => measure::run(&args),

@@ -1,0 +1,64 @@
+//! `iplw serve` and `iplw openapi`.
+
+use std::io::Read;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use iplw::error::{Error, Result};
+use iplw::serve::{ServeConfig, openapi, serve_blocking};
+
+use super::output;
+
+/// Worlds over HTTP. Four are ready at once: bowling-sim, bowling-real, basketball-sim, basketball-real.
+/// Documentation is served at /docs, the OpenAPI document at /openapi.json.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Address to listen on; port 0 takes a free one, printed on the first line of standard output.
+    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8080")]
+    http: String,
+    /// Directory for jobs and policies; without it they last as long as the server.
+    #[arg(long, value_name = "DIR")]
+    data_dir: Option<PathBuf>,
+    /// Seconds after which a world that a client made and no longer uses goes.
+    #[arg(long, default_value_t = 1800)]
+    idle: u64,
+    /// Most worlds at a time.
+    #[arg(long, default_value_t = 4096)]
+    worlds: usize,
+    /// Stop when standard input closes: the server ends with the program that started it.
+    #[arg(long)]
+    exit_with_stdin: bool,
+}
+
+pub fn run(args: &Args) -> Result<()> {
+    let Ok(http) = args.http.parse::<SocketAddr>() else {
+        return Err(Error::input(
+            "--http",
+            format!("{:?}", args.http),
+            "an address and port such as 127.0.0.1:8080",
+        ));
+    };
+    iplw::error::within("--idle", args.idle as f64, 1.0, 1e9)?;
+    iplw::error::within("--worlds", args.worlds as f64, 4.0, 1e6)?;
+    if args.exit_with_stdin {
+        std::thread::spawn(|| {
+            // Whatever comes is of no interest; the end is.
+            let _ = std::io::copy(&mut std::io::stdin().lock().by_ref(), &mut std::io::sink());
+            std::process::exit(0);
+        });
+    }
+    let idle = Duration::from_secs(args.idle);
+    serve_blocking(ServeConfig {
+        http,
+        data_dir: args.data_dir.clone(),
+        idle,
+        worlds: args.worlds,
+        ..ServeConfig::default()
+    })
+}
+
+/// Prints the OpenAPI document that the server serves.
+pub fn print_openapi() -> Result<()> {
+    output::print(&(openapi().trim_end().to_string() + "\n"))
+}
