@@ -5,20 +5,18 @@
 //! its own count of steps.
 
 use super::Feed;
+use super::contact::{Gap, with_static};
 use super::kernel;
+use super::simd::{Mask, Register, V, Wide};
 use crate::task::geometry::polygon_contains;
 use crate::trajectory::{End, Trajectory};
-use crate::world::effect::Act;
 use crate::world::effect::{Active, Constants, LANES, MOST_PARAMETERS, MovingLanes};
 use crate::world::goal::{Condition, Party};
 use crate::world::prepare::{Prepared, PreparedShape};
 use crate::world::record::{Recorder, State};
-
-/// One number per lane.
-pub type V = [f64; LANES];
+use crate::world::effect::Act;
 
 /// Everything about up to [`LANES`] rollouts at work.
-#[repr(C, align(64))]
 pub struct Batch {
     pub bodies: Vec<BodyLanes>,
     pub statics: Vec<StaticLanes>,
@@ -58,7 +56,6 @@ pub struct Batch {
 }
 
 /// A disc in every lane.
-#[repr(C, align(64))]
 #[derive(Clone)]
 pub struct BodyLanes {
     pub moving: MovingLanes,
@@ -96,7 +93,6 @@ pub enum Core {
 }
 
 /// An edge from (ax, ay) with outward normal (nx, ny); it runs along (-ny, nx).
-#[repr(C, align(64))]
 #[derive(Clone)]
 pub struct EdgeLanes {
     pub ax: V,
@@ -107,7 +103,6 @@ pub struct EdgeLanes {
 }
 
 /// A disc and what it may touch.
-#[repr(C, align(64))]
 #[derive(Clone)]
 pub struct Pair {
     /// Index of a body.
@@ -116,9 +111,7 @@ pub struct Pair {
     pub second: usize,
     /// Sum of both bodies' `travel` below which they cannot touch.
     pub limit: V,
-    /// m; negative for overlap
-    pub separation: V,
-    /// From first to second, or from the static to the body.
+    /// Unit normal from first to second, or from the static to the body.
     pub nx: V,
     pub ny: V,
     /// Accumulated normal, tangential and bias impulse, N s.
@@ -149,7 +142,7 @@ pub struct Pair {
 /// An effect in every lane.
 pub struct TermLanes {
     pub act: Act,
-    pub constants: [V; MOST_PARAMETERS],
+    pub constants: [[f64; LANES]; MOST_PARAMETERS],
 }
 
 /// A goal in every lane; all lanes' goals are of one kind and between the same parties.
@@ -162,22 +155,10 @@ struct GoalLanes {
 
 enum ConditionLanes {
     /// Squared distance of centres up to which two discs count as touching.
-    Discs {
-        first: usize,
-        second: usize,
-        reach2: V,
-    },
-    DiscStatic {
-        probe: Box<Pair>,
-        tolerance: V,
-    },
+    Discs { first: usize, second: usize, reach2: V },
+    DiscStatic { body: usize, fixed: usize, tolerance: V },
     /// Polygon and the box around it, by lane.
-    Inside {
-        body: usize,
-        regions: [Vec<[f64; 2]>; LANES],
-        low: [V; 2],
-        high: [V; 2],
-    },
+    Inside { body: usize, regions: [Vec<[f64; 2]>; LANES], low: [V; 2], high: [V; 2] },
     Never,
 }
 
@@ -208,7 +189,7 @@ const NEVER_TOUCHED: f64 = -1e9;
 
 /// Integrates everything that `feed` holds.
 #[inline(always)]
-pub fn run(feed: &mut dyn Feed) {
+pub fn run<R: Register, const N: usize>(feed: &mut dyn Feed) {
     let Some((index, first)) = feed.next() else { return };
     let mut batch = Batch::for_topology_of(&first);
     batch.fill(0, index, &first);
@@ -216,14 +197,14 @@ pub fn run(feed: &mut dyn Feed) {
         batch.refill(lane, feed);
     }
     while batch.lanes.iter().any(Option::is_some) {
-        kernel::step(&mut batch);
+        kernel::step::<R, N>(&mut batch);
         if batch.wild {
             batch.retire_diverged(feed);
         }
         if !batch.fresh.is_empty() {
             batch.record_begun();
         }
-        if batch.judge() {
+        if batch.judge::<R, N>() {
             batch.reached(feed);
         }
         if batch.tick >= batch.due {
@@ -244,36 +225,36 @@ impl Batch {
                 vy: [0.0; LANES],
                 omega: [0.0; LANES],
             },
-            angle: [0.0; LANES],
-            bias_x: [0.0; LANES],
-            bias_y: [0.0; LANES],
-            radius: [NOTHING; LANES],
-            inv_mass: [0.0; LANES],
-            spin_per_impulse: [0.0; LANES],
-            travel: [0.0; LANES],
-            carried: [0.0; LANES],
-            rolling: [0.0; LANES],
+            angle: V::all(0.0),
+            bias_x: V::all(0.0),
+            bias_y: V::all(0.0),
+            radius: V::all(NOTHING),
+            inv_mass: V::all(0.0),
+            spin_per_impulse: V::all(0.0),
+            travel: V::all(0.0),
+            carried: V::all(0.0),
+            rolling: V::all(0.0),
             any_carried: false,
         };
         let statics = prepared
             .statics
             .iter()
             .map(|s| StaticLanes {
-                radius: [0.0; LANES],
+                radius: V::all(0.0),
                 core: match &s.shape {
                     PreparedShape::Halfspace { .. } => {
-                        Core::Plane { nx: [0.0; LANES], ny: [0.0; LANES], offset: [0.0; LANES] }
+                        Core::Plane { nx: V::all(0.0), ny: V::all(0.0), offset: V::all(0.0) }
                     }
                     PreparedShape::Convex(c) if c.points.len() == 1 => {
-                        Core::Point { x: [0.0; LANES], y: [0.0; LANES] }
+                        Core::Point { x: V::all(0.0), y: V::all(0.0) }
                     }
                     PreparedShape::Convex(c) => {
                         let blank = EdgeLanes {
-                            ax: [0.0; LANES],
-                            ay: [0.0; LANES],
-                            nx: [0.0; LANES],
-                            ny: [0.0; LANES],
-                            length: [0.0; LANES],
+                            ax: V::all(0.0),
+                            ay: V::all(0.0),
+                            nx: V::all(0.0),
+                            ny: V::all(0.0),
+                            length: V::all(0.0),
                         };
                         Core::Polygon(vec![blank; c.points.len()])
                     }
@@ -287,10 +268,10 @@ impl Batch {
         for first in 0..count {
             pairs.extend((0..prepared.statics.len()).map(|s| Pair::new(first, count + s)));
         }
-        let terms = prepared
-            .effects
-            .iter()
-            .map(|a| TermLanes { act: a.effect.act, constants: [[0.0; LANES]; MOST_PARAMETERS] });
+        let terms = prepared.effects.iter().map(|a| TermLanes {
+            act: a.effect.act,
+            constants: [[0.0; LANES]; MOST_PARAMETERS],
+        });
         Batch {
             bodies: vec![blank; count],
             statics,
@@ -298,15 +279,15 @@ impl Batch {
             terms: terms.collect(),
             clocked: prepared.effects.iter().any(|a| !timeless(a)),
             time_step: prepared.time_step,
-            dt: [0.0; LANES],
-            kick_x: [0.0; LANES],
-            kick_y: [0.0; LANES],
-            touch: [0.0; LANES],
-            slop: [0.0; LANES],
-            bias_rate: [0.0; LANES],
+            dt: V::all(0.0),
+            kick_x: V::all(0.0),
+            kick_y: V::all(0.0),
+            touch: V::all(0.0),
+            slop: V::all(0.0),
+            bias_rate: V::all(0.0),
             tick: 0.0,
-            born: [0.0; LANES],
-            goal: prepared.goal.as_ref().map(|g| GoalLanes::new(&g.condition, count)),
+            born: V::all(0.0),
+            goal: prepared.goal.as_ref().map(|g| GoalLanes::new(&g.condition)),
             lanes: Default::default(),
             due: f64::INFINITY,
             active: Vec::new(),
@@ -453,51 +434,39 @@ impl Batch {
 
     /// Follows the goals; whether a lane has just reached its own.
     #[inline(always)]
-    fn judge(&mut self) -> bool {
+    fn judge<R: Register, const N: usize>(&mut self) -> bool {
         let Some(goal) = &mut self.goal else { return false };
-        let mut holds = [0.0; LANES];
-        match &mut goal.condition {
+        let none = Wide::all(0.0);
+        let holds: Mask<R, N> = match &goal.condition {
             ConditionLanes::Never => return false,
             ConditionLanes::Discs { first, second, reach2 } => {
                 let (a, b) = (&self.bodies[*first].moving, &self.bodies[*second].moving);
-                for l in 0..LANES {
-                    let (dx, dy) = (b.x[l] - a.x[l], b.y[l] - a.y[l]);
-                    holds[l] = if dx * dx + dy * dy <= reach2[l] { 1.0 } else { 0.0 };
-                }
+                let (dx, dy) = (Wide::load(&b.x) - Wide::load(&a.x), Wide::load(&b.y) - Wide::load(&a.y));
+                (dx * dx + dy * dy).at_most(Wide::load(reach2))
             }
-            ConditionLanes::DiscStatic { probe, tolerance } => {
-                let fixed = &self.statics[probe.second - self.bodies.len()];
-                super::contact::with_static(&self.bodies[probe.first], fixed, probe);
-                for l in 0..LANES {
-                    holds[l] = if probe.separation[l] <= tolerance[l] { 1.0 } else { 0.0 };
-                }
+            ConditionLanes::DiscStatic { body, fixed, tolerance } => {
+                let gap: Gap<R, N> = with_static(&self.bodies[*body], &self.statics[*fixed]);
+                gap.separation.at_most(Wide::load(tolerance))
             }
             ConditionLanes::Inside { body, regions, low, high } => {
                 let at = &self.bodies[*body].moving;
-                let mut any = 0.0;
-                for l in 0..LANES {
-                    let near = (at.x[l] >= low[0][l])
-                        & (at.x[l] <= high[0][l])
-                        & (at.y[l] >= low[1][l])
-                        & (at.y[l] <= high[1][l]);
-                    holds[l] = if near { 1.0 } else { 0.0 };
-                    any += holds[l];
-                }
-                if any > 0.0 {
+                let (x, y) = (Wide::load(&at.x), Wide::load(&at.y));
+                let across = Wide::load(&low[0]).at_most(x).and(x.at_most(Wide::load(&high[0])));
+                let near = across.and(Wide::load(&low[1]).at_most(y)).and(y.at_most(Wide::load(&high[1])));
+                if near.any() {
+                    let mut holds = V::all(0.0);
                     for l in 0..LANES {
-                        if holds[l] > 0.0 && !polygon_contains(&regions[l], [at.x[l], at.y[l]]) {
-                            holds[l] = 0.0;
-                        }
+                        holds[l] = f64::from(u8::from(polygon_contains(&regions[l], [at.x[l], at.y[l]])));
                     }
+                    near.and(none.less(Wide::load(&holds)))
+                } else {
+                    near
                 }
             }
-        }
-        let mut reached = false;
-        for l in 0..LANES {
-            goal.held[l] = (goal.held[l] + 1.0) * holds[l];
-            reached |= goal.held[l] >= goal.needed[l];
-        }
-        reached
+        };
+        let held = holds.select(Wide::load(&goal.held) + Wide::all(1.0), none);
+        held.store(&mut goal.held);
+        Wide::load(&goal.needed).at_most(held).any()
     }
 
     fn reached(&mut self, feed: &mut dyn Feed) {
@@ -568,12 +537,11 @@ impl Batch {
 
 impl Pair {
     fn new(first: usize, second: usize) -> Pair {
-        let none = [0.0; LANES];
+        let none = V::all(0.0);
         Pair {
             first,
             second,
-            limit: [f64::INFINITY; LANES],
-            separation: none,
+            limit: V::all(f64::INFINITY),
             nx: none,
             ny: none,
             jn: none,
@@ -587,11 +555,19 @@ impl Pair {
             full_tangent_mass: none,
             friction: none,
             restitution: none,
-            last_touch: [NEVER_TOUCHED; LANES],
+            last_touch: V::all(NEVER_TOUCHED),
             begins: none,
             speed: none,
             pushed: false,
             seen: [u32::MAX; 2],
+        }
+    }
+
+    /// Forgets the impulses of the last step.
+    pub fn let_go(&mut self) {
+        if self.pushed {
+            self.pushed = false;
+            (self.jn, self.jt) = (V::all(0.0), V::all(0.0));
         }
     }
 
@@ -649,8 +625,8 @@ impl StaticLanes {
 }
 
 impl GoalLanes {
-    fn new(condition: &Condition, bodies: usize) -> GoalLanes {
-        let none = [0.0; LANES];
+    fn new(condition: &Condition) -> GoalLanes {
+        let none = V::all(0.0);
         let condition = match condition {
             Condition::Inside { body, .. } => ConditionLanes::Inside {
                 body: *body,
@@ -663,12 +639,12 @@ impl GoalLanes {
                     ConditionLanes::Discs { first, second, reach2: none }
                 }
                 [Party::Body(b), Party::Static(s)] | [Party::Static(s), Party::Body(b)] => {
-                    ConditionLanes::DiscStatic { probe: Box::new(Pair::new(b, bodies + s)), tolerance: none }
+                    ConditionLanes::DiscStatic { body: b, fixed: s, tolerance: none }
                 }
                 [Party::Static(_), Party::Static(_)] => ConditionLanes::Never,
             },
         };
-        GoalLanes { condition, held: none, needed: [f64::INFINITY; LANES] }
+        GoalLanes { condition, held: none, needed: V::all(f64::INFINITY) }
     }
 }
 

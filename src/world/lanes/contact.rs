@@ -5,96 +5,100 @@
 //! angle with the direction to the point), so one pass over the edges and one look at the two ends of the best
 //! edge find it: face, corner, or, for a point within the core, the way out that is shortest.
 
-use super::batch::{BodyLanes, Core, Pair, StaticLanes, V};
-use crate::world::effect::LANES;
+use super::batch::{BodyLanes, Core, StaticLanes};
+use super::simd::{Mask, Register, V, Wide};
 
-/// Fills in separation and normal (from the first disc to the second).
+/// How far two things are apart (m, negative for overlap) and the unit normal: from the first disc to the
+/// second, or from the static to the disc.
+#[derive(Clone, Copy)]
+pub struct Gap<R, const N: usize> {
+    pub separation: Wide<R, N>,
+    pub nx: Wide<R, N>,
+    pub ny: Wide<R, N>,
+}
+
+/// Two discs.
 #[inline(always)]
-pub fn between_discs(a: &BodyLanes, b: &BodyLanes, pair: &mut Pair) {
-    for l in 0..LANES {
-        let dx = b.moving.x[l] - a.moving.x[l];
-        let dy = b.moving.y[l] - a.moving.y[l];
-        let distance = (dx * dx + dy * dy).sqrt();
-        let apart = distance > 0.0;
-        let scale = 1.0 / if apart { distance } else { 1.0 };
-        pair.separation[l] = distance - (a.radius[l] + b.radius[l]);
-        // Concentric discs part along x, as in Chipmunk.
-        pair.nx[l] = if apart { dx * scale } else { 1.0 };
-        pair.ny[l] = dy * scale;
+pub fn between_discs<R: Register, const N: usize>(a: &BodyLanes, b: &BodyLanes) -> Gap<R, N> {
+    between_points(
+        [Wide::load(&a.moving.x), Wide::load(&a.moving.y)],
+        [Wide::load(&b.moving.x), Wide::load(&b.moving.y)],
+        Wide::load(&a.radius) + Wide::load(&b.radius),
+    )
+}
+
+/// A disc and a static.
+#[inline(always)]
+pub fn with_static<R: Register, const N: usize>(disc: &BodyLanes, fixed: &StaticLanes) -> Gap<R, N> {
+    let (x, y) = (Wide::load(&disc.moving.x), Wide::load(&disc.moving.y));
+    let radii = Wide::load(&disc.radius) + Wide::load(&fixed.radius);
+    match &fixed.core {
+        Core::Plane { nx, ny, offset } => {
+            let (nx, ny) = (Wide::load(nx), Wide::load(ny));
+            Gap { separation: nx * x + ny * y - Wide::load(offset) - radii, nx, ny }
+        }
+        Core::Point { x: px, y: py } => between_points([Wide::load(px), Wide::load(py)], [x, y], radii),
+        Core::Polygon(edges) => {
+            let mut best = Wide::all(f64::NEG_INFINITY);
+            let [mut nx, mut ny, mut dx, mut dy, mut length] = [Wide::<R, N>::all(0.0); 5];
+            for e in edges {
+                let (ex, ey) = (Wide::load(&e.nx), Wide::load(&e.ny));
+                let (px, py) = (x - Wide::load(&e.ax), y - Wide::load(&e.ay));
+                let height = ex * px + ey * py;
+                let better = best.less(height);
+                best = better.select(height, best);
+                nx = better.select(ex, nx);
+                ny = better.select(ey, ny);
+                dx = better.select(px, dx);
+                dy = better.select(py, dy);
+                length = better.select(Wide::load(&e.length), length);
+            }
+            let none = Wide::all(0.0);
+            let along = dy * nx - dx * ny;
+            let beyond = length.less(along);
+            let corner = none.less(best).and(along.less(none).or(beyond));
+            let face = Gap { separation: best - radii, nx, ny };
+            if !corner.any() {
+                return face;
+            }
+            let reach = beyond.select(length, none);
+            let (dx, dy) = (dx + reach * ny, dy - reach * nx);
+            let rounded = from_offset(dx, dy, radii);
+            Gap {
+                separation: corner.select(rounded.separation, face.separation),
+                nx: corner.select(rounded.nx, nx),
+                ny: corner.select(rounded.ny, ny),
+            }
+        }
     }
 }
 
-/// Fills in separation and normal (from the static to the disc).
+/// Whether both bodies together may have travelled the way to touching, in any lane.
 #[inline(always)]
-pub fn with_static(disc: &BodyLanes, fixed: &StaticLanes, pair: &mut Pair) {
-    match &fixed.core {
-        Core::Plane { nx, ny, offset } => {
-            for l in 0..LANES {
-                let height = nx[l] * disc.moving.x[l] + ny[l] * disc.moving.y[l] - offset[l];
-                pair.separation[l] = height - disc.radius[l];
-                pair.nx[l] = nx[l];
-                pair.ny[l] = ny[l];
-            }
-        }
-        Core::Point { x, y } => {
-            for l in 0..LANES {
-                let dx = disc.moving.x[l] - x[l];
-                let dy = disc.moving.y[l] - y[l];
-                let distance = (dx * dx + dy * dy).sqrt();
-                let apart = distance > 0.0;
-                let scale = 1.0 / if apart { distance } else { 1.0 };
-                pair.separation[l] = distance - (disc.radius[l] + fixed.radius[l]);
-                pair.nx[l] = if apart { dx * scale } else { 1.0 };
-                pair.ny[l] = dy * scale;
-            }
-        }
-        Core::Polygon(edges) => {
-            let mut best: V = [f64::NEG_INFINITY; LANES];
-            let (mut nx, mut ny, mut ax, mut ay, mut length) =
-                ([0.0; LANES], [0.0; LANES], [0.0; LANES], [0.0; LANES], [0.0; LANES]);
-            for e in edges {
-                for l in 0..LANES {
-                    let height =
-                        e.nx[l] * (disc.moving.x[l] - e.ax[l]) + e.ny[l] * (disc.moving.y[l] - e.ay[l]);
-                    let better = height > best[l];
-                    best[l] = if better { height } else { best[l] };
-                    nx[l] = if better { e.nx[l] } else { nx[l] };
-                    ny[l] = if better { e.ny[l] } else { ny[l] };
-                    ax[l] = if better { e.ax[l] } else { ax[l] };
-                    ay[l] = if better { e.ay[l] } else { ay[l] };
-                    length[l] = if better { e.length[l] } else { length[l] };
-                }
-            }
-            // Vector from the corner to the disc where the corner is nearest.
-            let (mut dx, mut dy, mut corner) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
-            let mut corners = 0.0;
-            for l in 0..LANES {
-                let (x, y) = (disc.moving.x[l] - ax[l], disc.moving.y[l] - ay[l]);
-                let along = y * nx[l] - x * ny[l];
-                let beyond = along > length[l];
-                let at_corner = (best[l] > 0.0) & ((along < 0.0) | beyond);
-                let reach = if beyond { length[l] } else { 0.0 };
-                dx[l] = x + reach * ny[l];
-                dy[l] = y - reach * nx[l];
-                corner[l] = if at_corner { 1.0 } else { 0.0 };
-                corners += corner[l];
-            }
-            for l in 0..LANES {
-                pair.separation[l] = best[l] - (disc.radius[l] + fixed.radius[l]);
-                pair.nx[l] = nx[l];
-                pair.ny[l] = ny[l];
-            }
-            if corners > 0.0 {
-                for l in 0..LANES {
-                    let at_corner = corner[l] > 0.0;
-                    let distance = (dx[l] * dx[l] + dy[l] * dy[l]).sqrt();
-                    let scale = 1.0 / if at_corner { distance } else { 1.0 };
-                    let separation = distance - (disc.radius[l] + fixed.radius[l]);
-                    pair.separation[l] = if at_corner { separation } else { pair.separation[l] };
-                    pair.nx[l] = if at_corner { dx[l] * scale } else { pair.nx[l] };
-                    pair.ny[l] = if at_corner { dy[l] * scale } else { pair.ny[l] };
-                }
-            }
-        }
-    }
+pub fn may_touch<R: Register, const N: usize>(limit: &V, travel: Wide<R, N>) -> bool {
+    let due: Mask<R, N> = Wide::load(limit).at_most(travel);
+    due.any()
+}
+
+#[inline(always)]
+fn between_points<R: Register, const N: usize>(
+    from: [Wide<R, N>; 2],
+    to: [Wide<R, N>; 2],
+    radii: Wide<R, N>,
+) -> Gap<R, N> {
+    from_offset(to[0] - from[0], to[1] - from[1], radii)
+}
+
+#[inline(always)]
+fn from_offset<R: Register, const N: usize>(
+    dx: Wide<R, N>,
+    dy: Wide<R, N>,
+    radii: Wide<R, N>,
+) -> Gap<R, N> {
+    let distance = (dx * dx + dy * dy).sqrt();
+    let (none, one) = (Wide::all(0.0), Wide::all(1.0));
+    let apart = none.less(distance);
+    let scale = one.div(apart.select(distance, one));
+    // Concentric things part along x, as in Chipmunk.
+    Gap { separation: distance - radii, nx: apart.select(dx * scale, one), ny: dy * scale }
 }

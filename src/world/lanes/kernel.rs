@@ -17,8 +17,9 @@
 //!   its search tree.
 //! - A contact lost for a step or two and found again starts without its old impulse.
 
-use super::batch::{Batch, BodyLanes, Pair, V};
-use super::contact::{between_discs, with_static};
+use super::batch::{Batch, BodyLanes, Pair};
+use super::contact::{Gap, between_discs, may_touch, with_static};
+use super::simd::{Mask, Register, Wide};
 use crate::world::effect::{Act, LANES};
 use crate::world::record::{APART_STEPS, CARRIES};
 
@@ -26,178 +27,162 @@ use crate::world::record::{APART_STEPS, CARRIES};
 const SWEEPS: u32 = 10;
 /// m; covers the rounding of travelled ways, far below what matters and far above what rounds off.
 const HAIR: f64 = 1e-6;
+/// Size of a sum of coordinates and speeds above which a state is looked at for divergence.
+const WILD: f64 = 1e7;
 
-/// Advances every lane by one time step. Straight-line loops over lanes that LLVM turns into vectors.
+/// Advances every lane by one time step.
 #[inline(always)]
-pub fn step(batch: &mut Batch) {
+pub fn step<R: Register, const N: usize>(batch: &mut Batch) {
     batch.tick += 1.0;
-    advance(batch);
-    find_contacts(batch);
-    push(batch);
+    advance::<R, N>(batch);
+    find_contacts::<R, N>(batch);
+    push::<R, N>(batch);
     if !batch.active.is_empty() {
-        warm_start(batch);
-        if batch.any_bias { sweep::<true>(batch) } else { sweep::<false>(batch) }
+        warm_start::<R, N>(batch);
+        if batch.any_bias { sweep::<true, R, N>(batch) } else { sweep::<false, R, N>(batch) }
     }
 }
 
 /// Positions, and the bound on how far each body has travelled.
 #[inline(always)]
-fn advance(batch: &mut Batch) {
-    let dt = &batch.dt;
-    let mut wild = false;
+fn advance<R: Register, const N: usize>(batch: &mut Batch) {
+    let dt: Wide<R, N> = Wide::load(&batch.dt);
+    let none = Wide::all(0.0);
+    let mut tame = true;
     for b in &mut batch.bodies {
-        let mut any = false;
-        for l in 0..LANES {
-            let (vx, vy) = (b.moving.vx[l] + b.bias_x[l], b.moving.vy[l] + b.bias_y[l]);
-            let (x, y) = (b.moving.x[l] + vx * dt[l], b.moving.y[l] + vy * dt[l]);
-            b.moving.x[l] = x;
-            b.moving.y[l] = y;
-            b.angle[l] += b.moving.omega[l] * dt[l];
-            b.bias_x[l] = 0.0;
-            b.bias_y[l] = 0.0;
-            let speed = vx.abs() + vy.abs();
-            b.travel[l] += speed * dt[l];
-            let size = x.abs() + y.abs() + speed + b.moving.omega[l].abs();
-            any |= !(size < 1e7);
-        }
-        wild |= any;
+        let vx = Wide::load(&b.moving.vx) + Wide::load(&b.bias_x);
+        let vy = Wide::load(&b.moving.vy) + Wide::load(&b.bias_y);
+        let omega = Wide::load(&b.moving.omega);
+        let (x, y) = (Wide::load(&b.moving.x) + vx * dt, Wide::load(&b.moving.y) + vy * dt);
+        x.store(&mut b.moving.x);
+        y.store(&mut b.moving.y);
+        (Wide::load(&b.angle) + omega * dt).store(&mut b.angle);
+        none.store(&mut b.bias_x);
+        none.store(&mut b.bias_y);
+        let speed = vx.size() + vy.size();
+        (Wide::load(&b.travel) + speed * dt).store(&mut b.travel);
+        let size = x.size() + y.size() + speed + omega.size();
+        // A NaN is neither less nor more: `size - size` is 0 for every finite number and NaN for others.
+        let odd = (size - size).differs(none).or(Wide::all(WILD).less(size));
+        tame &= !odd.any();
     }
-    batch.wild = wild;
+    batch.wild = !tame;
 }
 
 /// Looks at every pair that may touch, writes touches down, and collects those that push.
 #[inline(always)]
-fn find_contacts(batch: &mut Batch) {
+fn find_contacts<R: Register, const N: usize>(batch: &mut Batch) {
     batch.active.clear();
     batch.any_bias = false;
     let count = batch.bodies.len();
+    let touch: Wide<R, N> = Wide::load(&batch.touch);
     for index in 0..batch.pairs.len() {
         let pair = &mut batch.pairs[index];
         let first = &batch.bodies[pair.first];
-        let pushing = if pair.second < count {
+        let (gap, travel, vx, vy): (Gap<R, N>, _, _, _);
+        if pair.second < count {
             let second = &batch.bodies[pair.second];
-            if !may_touch(pair, &first.travel, &second.travel) {
+            travel = Wide::load(&first.travel) + Wide::load(&second.travel);
+            if !may_touch(&pair.limit, travel) {
                 continue;
             }
-            between_discs(first, second, pair);
-            relax(pair, &first.travel, &second.travel, &batch.touch);
-            let mut speed = [0.0; LANES];
-            for l in 0..LANES {
-                speed[l] = (second.moving.vx[l] - first.moving.vx[l]) * pair.nx[l]
-                    + (second.moving.vy[l] - first.moving.vy[l]) * pair.ny[l];
-            }
-            prepare(pair, &speed, &batch.touch, batch.tick, &batch.slop, &batch.bias_rate)
+            gap = between_discs(first, second);
+            vx = Wide::load(&second.moving.vx) - Wide::load(&first.moving.vx);
+            vy = Wide::load(&second.moving.vy) - Wide::load(&first.moving.vy);
         } else {
-            if !may_touch(pair, &first.travel, &[0.0; LANES]) {
+            travel = Wide::load(&first.travel);
+            if !may_touch(&pair.limit, travel) {
                 continue;
             }
-            with_static(first, &batch.statics[pair.second - count], pair);
-            relax(pair, &first.travel, &[0.0; LANES], &batch.touch);
-            let mut speed = [0.0; LANES];
-            for l in 0..LANES {
-                speed[l] = first.moving.vx[l] * pair.nx[l] + first.moving.vy[l] * pair.ny[l];
-            }
-            let found = prepare(pair, &speed, &batch.touch, batch.tick, &batch.slop, &batch.bias_rate);
-            if found.touches {
-                let body = &mut batch.bodies[pair.first];
-                for l in 0..LANES {
-                    let carries = (pair.separation[l] <= batch.touch[l]) & (pair.ny[l] > CARRIES);
-                    body.carried[l] = if carries { 1.0 } else { body.carried[l] };
-                }
-                body.any_carried = true;
-            }
-            found
-        };
-        if pushing.fresh {
+            gap = with_static(first, &batch.statics[pair.second - count]);
+            (vx, vy) = (Wide::load(&first.moving.vx), Wide::load(&first.moving.vy));
+        }
+        // How far the bodies may travel before the pair must be looked at again.
+        let free = gap.separation - touch - Wide::all(HAIR);
+        (travel + free.above(Wide::all(0.0))).store(&mut pair.limit);
+        let touching = gap.separation.at_most(touch);
+        if !touching.any() {
+            pair.let_go();
+            continue;
+        }
+        if pair.second >= count {
+            let carries = touching.and(Wide::all(CARRIES).less(gap.ny));
+            let body = &mut batch.bodies[pair.first];
+            carries.select(Wide::all(1.0), Wide::load(&body.carried)).store(&mut body.carried);
+            body.any_carried = true;
+        }
+        let speed = vx * gap.nx + vy * gap.ny;
+        if begin(pair, touching, speed, batch.tick) {
             batch.fresh.push(index);
         }
-        if pushing.pushes {
-            batch.any_bias |= pushing.bias;
-            batch.active.push(index);
+        let hit = gap.separation.less(Wide::all(0.0));
+        if !hit.any() {
+            pair.let_go();
+            continue;
         }
+        let depth = Wide::all(0.0) - (gap.separation + Wide::load(&batch.slop));
+        batch.any_bias |= prepare(pair, gap, hit, speed, depth, Wide::load(&batch.bias_rate));
+        batch.active.push(index);
     }
     for body in &mut batch.bodies {
         if body.any_carried {
             body.any_carried = false;
-            for l in 0..LANES {
-                body.rolling[l] += body.carried[l];
-                body.carried[l] = 0.0;
-            }
+            let rolling: Wide<R, N> = Wide::load(&body.rolling) + Wide::load(&body.carried);
+            rolling.store(&mut body.rolling);
+            Wide::<R, N>::all(0.0).store(&mut body.carried);
         }
     }
 }
 
-/// Whether any lane's bodies may have come within touch since the pair was last looked at.
+/// Marks the lanes that begin to touch; whether any does.
 #[inline(always)]
-fn may_touch(pair: &Pair, first: &V, second: &V) -> bool {
-    let mut any = false;
-    for l in 0..LANES {
-        any |= first[l] + second[l] >= pair.limit[l];
+fn begin<R: Register, const N: usize>(
+    pair: &mut Pair,
+    touching: Mask<R, N>,
+    speed: Wide<R, N>,
+    tick: f64,
+) -> bool {
+    let now = Wide::all(tick);
+    let last = Wide::load(&pair.last_touch);
+    touching.select(now, last).store(&mut pair.last_touch);
+    let begins = touching.and(Wide::all(f64::from(APART_STEPS)).less(now - last));
+    if !begins.any() {
+        return false;
     }
-    any
+    begins.select(Wide::all(1.0), Wide::all(0.0)).store(&mut pair.begins);
+    speed.store(&mut pair.speed);
+    true
 }
 
-/// Sets how far the bodies may travel before the pair must be looked at again.
+/// Chipmunk's prestep: target bounce and bias speeds; masses of 0 where a lane's pair does not push. Whether
+/// any lane is deeper than its slop.
 #[inline(always)]
-fn relax(pair: &mut Pair, first: &V, second: &V, touch: &V) {
-    for l in 0..LANES {
-        let free = pair.separation[l] - touch[l] - HAIR;
-        pair.limit[l] = first[l] + second[l] + if free > 0.0 { free } else { 0.0 };
-    }
-}
-
-/// What looking at a pair found, in any lane.
-struct Found {
-    touches: bool,
-    pushes: bool,
-    bias: bool,
-    fresh: bool,
-}
-
-/// Chipmunk's prestep: target bounce and bias speeds; masses of 0 where a lane's pair does not push.
-#[inline(always)]
-fn prepare(pair: &mut Pair, speed: &V, touch: &V, tick: f64, slop: &V, bias_rate: &V) -> Found {
-    let (mut touches, mut pushes) = (false, false);
-    for l in 0..LANES {
-        touches |= pair.separation[l] <= touch[l];
-        pushes |= pair.separation[l] < 0.0;
-    }
-    if !touches {
-        if pair.pushed {
-            pair.pushed = false;
-            pair.jn = [0.0; LANES];
-            pair.jt = [0.0; LANES];
-        }
-        return Found { touches, pushes, bias: false, fresh: false };
-    }
-    let mut bias = false;
-    let mut fresh = false;
-    for l in 0..LANES {
-        let touching = pair.separation[l] <= touch[l];
-        let hit = pair.separation[l] < 0.0;
-        let begins = touching & (tick - pair.last_touch[l] > APART_STEPS as f64);
-        fresh |= begins;
-        pair.begins[l] = if begins { 1.0 } else { 0.0 };
-        pair.last_touch[l] = if touching { tick } else { pair.last_touch[l] };
-        pair.speed[l] = speed[l];
-        pair.bounce[l] = speed[l] * pair.restitution[l];
-        let deep = pair.separation[l] + slop[l];
-        pair.bias[l] = if deep < 0.0 { -deep * bias_rate[l] } else { 0.0 };
-        bias |= deep < 0.0;
-        pair.normal_mass[l] = if hit { pair.full_normal_mass[l] } else { 0.0 };
-        pair.tangent_mass[l] = if hit { pair.full_tangent_mass[l] } else { 0.0 };
-        pair.jn[l] = if hit { pair.jn[l] } else { 0.0 };
-        pair.jt[l] = if hit { pair.jt[l] } else { 0.0 };
-        pair.jb[l] = 0.0;
-    }
-    pair.pushed = pushes;
+fn prepare<R: Register, const N: usize>(
+    pair: &mut Pair,
+    gap: Gap<R, N>,
+    hit: Mask<R, N>,
+    speed: Wide<R, N>,
+    depth: Wide<R, N>,
+    bias_rate: Wide<R, N>,
+) -> bool {
+    let none = Wide::all(0.0);
+    gap.nx.store(&mut pair.nx);
+    gap.ny.store(&mut pair.ny);
+    (speed * Wide::load(&pair.restitution)).store(&mut pair.bounce);
+    hit.select(Wide::load(&pair.full_normal_mass), none).store(&mut pair.normal_mass);
+    hit.select(Wide::load(&pair.full_tangent_mass), none).store(&mut pair.tangent_mass);
+    hit.select(Wide::load(&pair.jn), none).store(&mut pair.jn);
+    hit.select(Wide::load(&pair.jt), none).store(&mut pair.jt);
+    (depth.above(none) * bias_rate).store(&mut pair.bias);
+    none.store(&mut pair.jb);
+    pair.pushed = true;
     pair.seen = [u32::MAX; 2];
-    Found { touches, pushes, bias, fresh }
+    none.less(depth).any()
 }
 
 /// Effects, then gravity.
 #[inline(always)]
-fn push(batch: &mut Batch) {
+fn push<R: Register, const N: usize>(batch: &mut Batch) {
     for term in &batch.terms {
         let Act::Motion(motion) = term.act;
         for body in &mut batch.bodies {
@@ -209,50 +194,36 @@ fn push(batch: &mut Batch) {
             motion.kick_lanes(&term.constants, &mut body.moving, batch.time_step);
         }
     }
+    let (kick_x, kick_y): (Wide<R, N>, Wide<R, N>) = (Wide::load(&batch.kick_x), Wide::load(&batch.kick_y));
+    let none = Wide::all(0.0);
     for body in &mut batch.bodies {
-        for l in 0..LANES {
-            // Adding 0 turns -0 into 0, so that adding an impulse of 0 changes no bit.
-            body.moving.vx[l] += batch.kick_x[l] + 0.0;
-            body.moving.vy[l] += batch.kick_y[l] + 0.0;
-            body.moving.omega[l] += 0.0;
-        }
+        // Adding 0 turns -0 into 0, so that adding an impulse of 0 changes no bit.
+        (Wide::load(&body.moving.vx) + kick_x + none).store(&mut body.moving.vx);
+        (Wide::load(&body.moving.vy) + kick_y + none).store(&mut body.moving.vy);
+        (Wide::load(&body.moving.omega) + none).store(&mut body.moving.omega);
     }
 }
 
 /// Applies the impulses of the last step.
 #[inline(always)]
-fn warm_start(batch: &mut Batch) {
+fn warm_start<R: Register, const N: usize>(batch: &mut Batch) {
     let count = batch.bodies.len();
     for index in &batch.active {
         let pair = &batch.pairs[*index];
+        let impulse = Impulse::<R, N>::of(pair, Wide::load(&pair.jn), Wide::load(&pair.jt));
         if pair.second < count {
             let (a, b) = two(&mut batch.bodies, pair.first, pair.second);
-            for l in 0..LANES {
-                let jx = pair.nx[l] * pair.jn[l] - pair.ny[l] * pair.jt[l];
-                let jy = pair.ny[l] * pair.jn[l] + pair.nx[l] * pair.jt[l];
-                a.moving.vx[l] -= jx * a.inv_mass[l];
-                a.moving.vy[l] -= jy * a.inv_mass[l];
-                b.moving.vx[l] += jx * b.inv_mass[l];
-                b.moving.vy[l] += jy * b.inv_mass[l];
-                a.moving.omega[l] -= pair.jt[l] * a.spin_per_impulse[l];
-                b.moving.omega[l] -= pair.jt[l] * b.spin_per_impulse[l];
-            }
+            impulse.pull(a);
+            impulse.push(b);
         } else {
-            let b = &mut batch.bodies[pair.first];
-            for l in 0..LANES {
-                let jx = pair.nx[l] * pair.jn[l] - pair.ny[l] * pair.jt[l];
-                let jy = pair.ny[l] * pair.jn[l] + pair.nx[l] * pair.jt[l];
-                b.moving.vx[l] += jx * b.inv_mass[l];
-                b.moving.vy[l] += jy * b.inv_mass[l];
-                b.moving.omega[l] -= pair.jt[l] * b.spin_per_impulse[l];
-            }
+            impulse.push(&mut batch.bodies[pair.first]);
         }
     }
 }
 
 /// Sequential impulses; without `BIAS` no pair is deeper than the slop and the bias part is left out.
 #[inline(always)]
-fn sweep<const BIAS: bool>(batch: &mut Batch) {
+fn sweep<const BIAS: bool, R: Register, const N: usize>(batch: &mut Batch) {
     let count = batch.bodies.len();
     batch.versions.fill(0);
     for _ in 0..SWEEPS {
@@ -266,9 +237,9 @@ fn sweep<const BIAS: bool>(batch: &mut Batch) {
             }
             let moved = if pair.second < count {
                 let (a, b) = two(&mut batch.bodies, pair.first, pair.second);
-                visit_pair::<BIAS>(pair, a, b)
+                visit_pair::<BIAS, R, N>(pair, a, b)
             } else {
-                visit_static::<BIAS>(pair, &mut batch.bodies[pair.first])
+                visit_static::<BIAS, R, N>(pair, &mut batch.bodies[pair.first])
             };
             if moved {
                 changed = true;
@@ -288,94 +259,129 @@ fn sweep<const BIAS: bool>(batch: &mut Batch) {
 
 /// One visit to a contact of two discs; whether it changed anything.
 #[inline(always)]
-fn visit_pair<const BIAS: bool>(pair: &mut Pair, a: &mut BodyLanes, b: &mut BodyLanes) -> bool {
-    let mut moved = 0u64;
-    for l in 0..LANES {
-        let (nx, ny) = (pair.nx[l], pair.ny[l]);
-        let (vx, vy) = (b.moving.vx[l] - a.moving.vx[l], b.moving.vy[l] - a.moving.vy[l]);
-        let normal = vx * nx + vy * ny;
-        let tangent = vy * nx - vx * ny - (b.radius[l] * b.moving.omega[l] + a.radius[l] * a.moving.omega[l]);
-        let jn = above(pair.jn[l] - (pair.bounce[l] + normal) * pair.normal_mass[l], 0.0);
-        let most = pair.friction[l] * jn;
-        let jt = below(above(pair.jt[l] - tangent * pair.tangent_mass[l], -most), most);
-        let (dn, dt) = (jn - pair.jn[l], jt - pair.jt[l]);
-        moved |= changed(jn, pair.jn[l]) | changed(jt, pair.jt[l]);
-        pair.jn[l] = jn;
-        pair.jt[l] = jt;
-        let (jx, jy) = (nx * dn - ny * dt, ny * dn + nx * dt);
-        a.moving.vx[l] -= jx * a.inv_mass[l];
-        a.moving.vy[l] -= jy * a.inv_mass[l];
-        b.moving.vx[l] += jx * b.inv_mass[l];
-        b.moving.vy[l] += jy * b.inv_mass[l];
-        a.moving.omega[l] -= dt * a.spin_per_impulse[l];
-        b.moving.omega[l] -= dt * b.spin_per_impulse[l];
+fn visit_pair<const BIAS: bool, R: Register, const N: usize>(
+    pair: &mut Pair,
+    a: &mut BodyLanes,
+    b: &mut BodyLanes,
+) -> bool {
+    let (nx, ny) = (Wide::<R, N>::load(&pair.nx), Wide::load(&pair.ny));
+    let vx = Wide::load(&b.moving.vx) - Wide::load(&a.moving.vx);
+    let vy = Wide::load(&b.moving.vy) - Wide::load(&a.moving.vy);
+    let rim = Wide::load(&b.radius) * Wide::load(&b.moving.omega)
+        + Wide::load(&a.radius) * Wide::load(&a.moving.omega);
+    let (impulse, mut moved) = resist(pair, vx * nx + vy * ny, vy * nx - vx * ny - rim);
+    if let Some(impulse) = impulse {
+        impulse.pull(a);
+        impulse.push(b);
     }
     if BIAS {
-        for l in 0..LANES {
-            let (nx, ny) = (pair.nx[l], pair.ny[l]);
-            let speed = (b.bias_x[l] - a.bias_x[l]) * nx + (b.bias_y[l] - a.bias_y[l]) * ny;
-            let jb = above(pair.jb[l] + (pair.bias[l] - speed) * pair.normal_mass[l], 0.0);
-            let d = jb - pair.jb[l];
-            moved |= changed(jb, pair.jb[l]);
-            pair.jb[l] = jb;
-            a.bias_x[l] -= nx * d * a.inv_mass[l];
-            a.bias_y[l] -= ny * d * a.inv_mass[l];
-            b.bias_x[l] += nx * d * b.inv_mass[l];
-            b.bias_y[l] += ny * d * b.inv_mass[l];
+        let bx = Wide::load(&b.bias_x) - Wide::load(&a.bias_x);
+        let by = Wide::load(&b.bias_y) - Wide::load(&a.bias_y);
+        if let Some(d) = resist_bias(pair, bx * nx + by * ny) {
+            let (da, db) = (d * Wide::load(&a.inv_mass), d * Wide::load(&b.inv_mass));
+            (Wide::load(&a.bias_x) - nx * da).store(&mut a.bias_x);
+            (Wide::load(&a.bias_y) - ny * da).store(&mut a.bias_y);
+            (Wide::load(&b.bias_x) + nx * db).store(&mut b.bias_x);
+            (Wide::load(&b.bias_y) + ny * db).store(&mut b.bias_y);
+            moved = true;
         }
     }
-    moved != 0
+    moved
 }
 
 /// One visit to a contact of a disc with a static; whether it changed anything.
 #[inline(always)]
-fn visit_static<const BIAS: bool>(pair: &mut Pair, b: &mut BodyLanes) -> bool {
-    let mut moved = 0u64;
-    for l in 0..LANES {
-        let (nx, ny) = (pair.nx[l], pair.ny[l]);
-        let (vx, vy) = (b.moving.vx[l], b.moving.vy[l]);
-        let normal = vx * nx + vy * ny;
-        let tangent = vy * nx - vx * ny - b.radius[l] * b.moving.omega[l];
-        let jn = above(pair.jn[l] - (pair.bounce[l] + normal) * pair.normal_mass[l], 0.0);
-        let most = pair.friction[l] * jn;
-        let jt = below(above(pair.jt[l] - tangent * pair.tangent_mass[l], -most), most);
-        let (dn, dt) = (jn - pair.jn[l], jt - pair.jt[l]);
-        moved |= changed(jn, pair.jn[l]) | changed(jt, pair.jt[l]);
-        pair.jn[l] = jn;
-        pair.jt[l] = jt;
-        b.moving.vx[l] = vx + (nx * dn - ny * dt) * b.inv_mass[l];
-        b.moving.vy[l] = vy + (ny * dn + nx * dt) * b.inv_mass[l];
-        b.moving.omega[l] -= dt * b.spin_per_impulse[l];
+fn visit_static<const BIAS: bool, R: Register, const N: usize>(pair: &mut Pair, b: &mut BodyLanes) -> bool {
+    let (nx, ny) = (Wide::<R, N>::load(&pair.nx), Wide::load(&pair.ny));
+    let (vx, vy) = (Wide::load(&b.moving.vx), Wide::load(&b.moving.vy));
+    let rim = Wide::load(&b.radius) * Wide::load(&b.moving.omega);
+    let (impulse, mut moved) = resist(pair, vx * nx + vy * ny, vy * nx - vx * ny - rim);
+    if let Some(impulse) = impulse {
+        impulse.push(b);
     }
     if BIAS {
-        for l in 0..LANES {
-            let (nx, ny) = (pair.nx[l], pair.ny[l]);
-            let speed = b.bias_x[l] * nx + b.bias_y[l] * ny;
-            let jb = above(pair.jb[l] + (pair.bias[l] - speed) * pair.normal_mass[l], 0.0);
-            let d = jb - pair.jb[l];
-            moved |= changed(jb, pair.jb[l]);
-            pair.jb[l] = jb;
-            b.bias_x[l] += nx * d * b.inv_mass[l];
-            b.bias_y[l] += ny * d * b.inv_mass[l];
+        let (bx, by) = (Wide::load(&b.bias_x), Wide::load(&b.bias_y));
+        if let Some(d) = resist_bias(pair, bx * nx + by * ny) {
+            let db = d * Wide::load(&b.inv_mass);
+            (bx + nx * db).store(&mut b.bias_x);
+            (by + ny * db).store(&mut b.bias_y);
+            moved = true;
         }
     }
-    moved != 0
+    moved
 }
 
-/// The greater; the bound where the value is NaN. One machine instruction, unlike `f64::max`.
+/// Normal and tangential impulses against relative speeds (of the second against the first); `None` where the
+/// contact is content.
 #[inline(always)]
-fn above(value: f64, bound: f64) -> f64 {
-    if value > bound { value } else { bound }
+fn resist<R: Register, const N: usize>(
+    pair: &mut Pair,
+    normal: Wide<R, N>,
+    tangent: Wide<R, N>,
+) -> (Option<Impulse<R, N>>, bool) {
+    let none = Wide::all(0.0);
+    let (jn_old, jt_old) = (Wide::load(&pair.jn), Wide::load(&pair.jt));
+    let jn = (jn_old - (Wide::load(&pair.bounce) + normal) * Wide::load(&pair.normal_mass)).above(none);
+    let most = Wide::load(&pair.friction) * jn;
+    let jt = (jt_old - tangent * Wide::load(&pair.tangent_mass)).above(none - most).below(most);
+    if !jn.differs(jn_old).or(jt.differs(jt_old)).any() {
+        return (None, false);
+    }
+    jn.store(&mut pair.jn);
+    jt.store(&mut pair.jt);
+    (Some(Impulse::of(pair, jn - jn_old, jt - jt_old)), true)
 }
 
+/// The change of the bias impulse; `None` where the contact is content.
 #[inline(always)]
-fn below(value: f64, bound: f64) -> f64 {
-    if value < bound { value } else { bound }
+fn resist_bias<R: Register, const N: usize>(pair: &mut Pair, speed: Wide<R, N>) -> Option<Wide<R, N>> {
+    let old = Wide::load(&pair.jb);
+    let new = (old + (Wide::load(&pair.bias) - speed) * Wide::load(&pair.normal_mass)).above(Wide::all(0.0));
+    if !new.differs(old).any() {
+        return None;
+    }
+    new.store(&mut pair.jb);
+    Some(new - old)
 }
 
-#[inline(always)]
-fn changed(new: f64, old: f64) -> u64 {
-    new.to_bits() ^ old.to_bits()
+/// An impulse at a contact, N s.
+struct Impulse<R, const N: usize> {
+    x: Wide<R, N>,
+    y: Wide<R, N>,
+    tangential: Wide<R, N>,
+}
+
+impl<R: Register, const N: usize> Impulse<R, N> {
+    #[inline(always)]
+    fn of(pair: &Pair, normal: Wide<R, N>, tangential: Wide<R, N>) -> Self {
+        let (nx, ny) = (Wide::load(&pair.nx), Wide::load(&pair.ny));
+        Impulse { x: nx * normal - ny * tangential, y: ny * normal + nx * tangential, tangential }
+    }
+
+    /// Acts on the body that the normal points to.
+    #[inline(always)]
+    fn push(&self, b: &mut BodyLanes) {
+        let inv_mass = Wide::load(&b.inv_mass);
+        (Wide::load(&b.moving.vx) + self.x * inv_mass).store(&mut b.moving.vx);
+        (Wide::load(&b.moving.vy) + self.y * inv_mass).store(&mut b.moving.vy);
+        self.spin(b);
+    }
+
+    /// Acts in reverse on the body that the normal points away from.
+    #[inline(always)]
+    fn pull(&self, a: &mut BodyLanes) {
+        let inv_mass = Wide::load(&a.inv_mass);
+        (Wide::load(&a.moving.vx) - self.x * inv_mass).store(&mut a.moving.vx);
+        (Wide::load(&a.moving.vy) - self.y * inv_mass).store(&mut a.moving.vy);
+        self.spin(a);
+    }
+
+    /// Both discs are turned the same way: force and arm are reversed.
+    #[inline(always)]
+    fn spin(&self, body: &mut BodyLanes) {
+        let turned = Wide::load(&body.moving.omega) - self.tangential * Wide::load(&body.spin_per_impulse);
+        turned.store(&mut body.moving.omega);
+    }
 }
 
 #[inline(always)]

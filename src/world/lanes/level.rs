@@ -2,6 +2,8 @@
 
 use super::Feed;
 use super::batch;
+#[cfg(target_arch = "x86_64")]
+use std::arch::x86_64::{__m128d, __m256d, __m512d};
 
 /// A set of instructions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,28 +46,33 @@ impl Level {
 
 /// Runs the batch with the level's instructions; a level this machine lacks is taken for the baseline.
 pub fn run(feed: &mut dyn Feed, level: Level) {
-    if !level.available() {
-        return batch::run(feed);
-    }
     match level {
         // SAFETY: `available` has just found the instructions on this machine.
         #[cfg(target_arch = "x86_64")]
-        Level::Avx2 => unsafe { run_avx2(feed) },
+        Level::Avx2 if level.available() => unsafe { run_avx2(feed) },
         // SAFETY: as above.
         #[cfg(target_arch = "x86_64")]
-        Level::Avx512 => unsafe { run_avx512(feed) },
-        _ => batch::run(feed),
+        Level::Avx512 if level.available() => unsafe { run_avx512(feed) },
+        _ => run_baseline(feed),
     }
+}
+
+/// Every x86-64 machine has 128-bit registers; elsewhere the compiler makes of single lanes what it can.
+fn run_baseline(feed: &mut dyn Feed) {
+    #[cfg(target_arch = "x86_64")]
+    batch::run::<__m128d, 4>(feed);
+    #[cfg(not(target_arch = "x86_64"))]
+    batch::run::<f64, 8>(feed);
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 fn run_avx2(feed: &mut dyn Feed) {
-    batch::run(feed);
+    batch::run::<__m256d, 2>(feed);
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw")]
 fn run_avx512(feed: &mut dyn Feed) {
-    batch::run(feed);
+    batch::run::<__m512d, 1>(feed);
 }

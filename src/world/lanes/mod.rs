@@ -16,6 +16,7 @@ mod batch;
 mod contact;
 mod kernel;
 mod level;
+mod simd;
 
 use super::goal::Condition;
 use super::prepare::{Prepared, PreparedShape};
