@@ -10,6 +10,7 @@
 //! are constants of the pair, and spin meets only the tangential part.
 //!
 //! Differences from the source:
+//! - A contact whose impulses would change by less than [`CONTENT`] of themselves is left as it is.
 //! - A sweep leaves out contacts that it cannot change: those whose last visit changed nothing and whose bodies
 //!   have not changed since. The result is the same to the last bit.
 //! - A pair is looked at only when its bodies may have travelled as far as they were apart.
@@ -27,6 +28,9 @@ use crate::world::record::{APART_STEPS, CARRIES};
 const SWEEPS: u32 = 10;
 /// m; covers the rounding of travelled ways, far below what matters and far above what rounds off.
 const HAIR: f64 = 1e-6;
+/// A contact whose impulses would change by less than this share of the normal impulse is content and left as it
+/// is: a thousand times what rounds off, so that a resting ball costs one visit and not ten.
+const CONTENT: f64 = 1e-12;
 /// Size of a sum of coordinates and speeds above which a state is looked at for divergence.
 const WILD: f64 = 1e7;
 
@@ -324,12 +328,17 @@ fn resist<R: Register, const N: usize>(
     let jn = (jn_old - (Wide::load(&pair.bounce) + normal) * Wide::load(&pair.normal_mass)).above(none);
     let most = Wide::load(&pair.friction) * jn;
     let jt = (jt_old - tangent * Wide::load(&pair.tangent_mass)).above(none - most).below(most);
-    if !jn.differs(jn_old).or(jt.differs(jt_old)).any() {
+    let (dn, dt) = (jn - jn_old, jt - jt_old);
+    let content = Wide::all(CONTENT) * jn;
+    let moved = content.less(dn.size()).or(content.less(dt.size()));
+    if !moved.any() {
         return (None, false);
     }
+    let (jn, jt) = (moved.select(jn, jn_old), moved.select(jt, jt_old));
+    let (dn, dt) = (moved.select(dn, none), moved.select(dt, none));
     jn.store(&mut pair.jn);
     jt.store(&mut pair.jt);
-    (Some(Impulse::of(pair, jn - jn_old, jt - jt_old)), true)
+    (Some(Impulse::of(pair, dn, dt)), true)
 }
 
 /// The change of the bias impulse; `None` where the contact is content.
@@ -337,11 +346,12 @@ fn resist<R: Register, const N: usize>(
 fn resist_bias<R: Register, const N: usize>(pair: &mut Pair, speed: Wide<R, N>) -> Option<Wide<R, N>> {
     let old = Wide::load(&pair.jb);
     let new = (old + (Wide::load(&pair.bias) - speed) * Wide::load(&pair.normal_mass)).above(Wide::all(0.0));
-    if !new.differs(old).any() {
+    let moved = (Wide::all(CONTENT) * new).less((new - old).size());
+    if !moved.any() {
         return None;
     }
-    new.store(&mut pair.jb);
-    Some(new - old)
+    moved.select(new, old).store(&mut pair.jb);
+    Some(moved.select(new - old, Wide::all(0.0)))
 }
 
 /// An impulse at a contact, N s.
