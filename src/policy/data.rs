@@ -68,6 +68,7 @@ pub fn label(
     config: &LabelConfig,
     progress: &dyn Progress,
 ) -> Result<Dataset> {
+    training.validate()?;
     let mut draws: Vec<Draw> = tasks.iter().map(|task| Draw::new(task, config.seed)).collect();
     let mut found: Vec<Vec<(ValidAction, bool)>> = vec![Vec::new(); tasks.len()];
     let mut round = vec![config.per_task; tasks.len()];
@@ -231,5 +232,98 @@ impl<'a> Draw<'a> {
             }
         }
         Ok(jobs)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::policy::toy;
+    use crate::progress::Silent;
+    use crate::task::scene::Goal;
+
+    /// Red falls freely and solves if it does so within a column, which is decided by its x alone.
+    fn column(id: &str, [left, right]: [f64; 2]) -> Task {
+        let mut task = toy::task(0.3);
+        task.id = id.into();
+        task.scene.steps = 5;
+        let region = vec![[left, -99.0], [right, -99.0], [right, 99.0], [left, 99.0]];
+        task.scene.goal = Some(Goal::Inside { body: "red".into(), region, hold_s: 0.0, stop: None });
+        task
+    }
+
+    fn config(per_task: usize) -> LabelConfig {
+        LabelConfig { per_task, enough_solving: 0, most_per_task: per_task, ..LabelConfig::default() }
+    }
+
+    fn plain() -> Training {
+        Training::Fixed { latents: Latents::default(), effects: Vec::new() }
+    }
+
+    #[test]
+    fn labels_are_what_the_world_does() {
+        let tasks = [column("a", [2.0, 5.0]), column("b", [7.0, 7.5])];
+        let data = label(&tasks, &plain(), &config(60), &Silent).unwrap();
+        data.validate().unwrap();
+        assert_eq!(data.rows.len(), 120);
+        for row in &data.rows {
+            let x = 10.0 * row.action.values()[0];
+            let [left, right] = [[2.0, 5.0], [7.0, 7.5]][row.task];
+            assert_eq!(row.solved, x > left && x < right, "{x}");
+            assert!(matches!(tasks[row.task].place(&row.action), Placement::Valid(_)));
+        }
+        let mut distinct: Vec<_> = data.rows.iter().map(|r| format!("{} {:?}", r.task, r.action)).collect();
+        distinct.sort_unstable();
+        distinct.dedup();
+        assert_eq!(distinct.len(), 120, "no action twice");
+    }
+
+    #[test]
+    fn rare_successes_are_searched_longer_up_to_the_bound() {
+        let tasks = [column("rare", [7.0, 7.2]), column("never", [90.0, 91.0]), column("often", [1.0, 9.0])];
+        let config = LabelConfig { enough_solving: 5, most_per_task: 700, ..config(50) };
+        let data = label(&tasks, &plain(), &config, &Silent).unwrap();
+        let count = |t: usize| data.rows.iter().filter(|r| r.task == t).count();
+        let solving = |t: usize| data.rows.iter().filter(|r| r.task == t && r.solved).count();
+        assert!(solving(0) >= 5 && count(0) > 50 && count(0) < 700, "{} of {}", solving(0), count(0));
+        assert_eq!((count(1), count(2)), (700, 50));
+    }
+
+    #[test]
+    fn same_labels_for_any_number_of_threads_and_order_of_tasks() {
+        let tasks = [column("a", [2.0, 5.0]), column("b", [4.0, 8.0])];
+        let run = |tasks: &[Task], threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| label(tasks, &Training::paper_randomised(), &config(30), &Silent).unwrap().rows)
+        };
+        let one = run(&tasks, 1);
+        assert_eq!(run(&tasks, 3), one);
+        let turned = run(&[tasks[1].clone(), tasks[0].clone()], 2);
+        let of = |rows: &[Example], t| -> Vec<_> {
+            rows.iter().filter(|r| r.task == t).map(|r| (r.action.clone(), r.solved)).collect()
+        };
+        assert_eq!(of(&turned, 0), of(&one, 1));
+    }
+
+    #[test]
+    fn randomised_latents_stay_within_and_fill_their_ranges() {
+        let mut rng = rng::stream(1, "test");
+        let drawn: Vec<[f64; 3]> = (0..500)
+            .map(|_| Training::paper_randomised().draw(&mut rng).values().map(|v| v.unwrap()))
+            .collect();
+        for (i, [low, high]) in [[0.1, 20.0], [0.0, 3.0], [0.0, 1.0]].into_iter().enumerate() {
+            let mean = drawn.iter().map(|d| d[i]).sum::<f64>() / 500.0;
+            assert!(drawn.iter().all(|d| (low..=high).contains(&d[i])));
+            // Five standard errors of a uniform draw's mean.
+            assert!((mean - (low + high) / 2.0).abs() < 5.0 * (high - low) / 12f64.sqrt() / 500f64.sqrt());
+        }
+        Training::paper_randomised().validate().unwrap();
+        let upside_down = Training::Randomised {
+            density: [2.0, 1.0],
+            friction: [0.0, 1.0],
+            restitution: [0.0, 1.0],
+            effects: Vec::new(),
+        };
+        assert!(upside_down.validate().unwrap_err().to_string().contains("density"));
     }
 }

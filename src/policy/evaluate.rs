@@ -123,3 +123,85 @@ fn first_success(
     }
     Ok(None)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::policy::toy;
+    use crate::progress::Silent;
+
+    /// Likes small x.
+    struct Leftmost;
+    impl Policy for Leftmost {
+        fn score(&self, _: &Task, actions: &[ValidAction]) -> Result<Vec<f32>> {
+            Ok(actions.iter().map(|a| -a.values()[0] as f32).collect())
+        }
+        fn describe(&self) -> String {
+            "leftmost".into()
+        }
+    }
+
+    fn config(batch: usize) -> EvaluateConfig {
+        EvaluateConfig { candidates: 1000, seed: 1, batch }
+    }
+
+    /// Number of valid attempts until the first success, by trying one at a time in order of x.
+    fn by_hand(task: &Task, valid: impl Fn(f64) -> bool, solves: impl Fn(f64) -> bool) -> Option<usize> {
+        let mut x: Vec<f64> = candidates(task, &config(1)).unwrap().iter().map(|a| a.values()[0]).collect();
+        x.sort_by(f64::total_cmp);
+        let mut tried = x.into_iter().filter(|x| valid(*x)).take(ATTEMPTS);
+        tried.position(solves).map(|k| k + 1)
+    }
+
+    #[test]
+    fn counts_valid_attempts_only_whatever_the_batch() {
+        let task = toy::task(0.3);
+        // Every third step of 0.002 is unplaceable; success begins at x = 0.07.
+        let valid = |x: f64| (x / 0.002) as u64 % 3 != 0;
+        let solves = |x: f64| x > 0.07;
+        let wanted = by_hand(&task, valid, solves);
+        assert!(wanted.is_some_and(|k| k > 20), "{wanted:?}");
+        for batch in [1, 7, 8, 100, 5000] {
+            let mut attempt = |_: &Task, actions: &[ValidAction]| {
+                let outcome = |a: &ValidAction| valid(a.values()[0]).then(|| solves(a.values()[0]));
+                Ok(actions.iter().map(outcome).collect())
+            };
+            let found =
+                evaluate(&Leftmost, std::slice::from_ref(&task), &config(batch), &mut attempt, &Silent)
+                    .unwrap();
+            assert_eq!(found.solved_at, [wanted], "batches of {batch}");
+            assert_eq!(found.auccess, auccess(&[wanted]));
+        }
+    }
+
+    #[test]
+    fn stops_at_a_hundred_valid_attempts() {
+        let task = toy::task(0.3);
+        let mut tried = 0;
+        let mut attempt = |_: &Task, actions: &[ValidAction]| {
+            tried += actions.len();
+            Ok(vec![Some(false); actions.len()])
+        };
+        let found = evaluate(&Leftmost, &[task], &config(8), &mut attempt, &Silent).unwrap();
+        assert_eq!((found.solved_at, found.auccess), (vec![None], 0.0));
+        assert_eq!(tried, ATTEMPTS, "no interaction is spent beyond");
+    }
+
+    #[test]
+    fn candidates_are_the_same_for_every_policy_and_distinct() {
+        let task = toy::task(0.3);
+        let some = candidates(&task, &config(1)).unwrap();
+        assert_eq!(some, candidates(&task, &config(8)).unwrap());
+        assert_eq!(some.len(), 1000);
+        let all = candidates(&task, &EvaluateConfig { candidates: 9999, ..config(1) }).unwrap();
+        assert_eq!(all.len(), 5000);
+        assert!(some.iter().all(|a| all.contains(a)));
+    }
+
+    #[test]
+    fn a_world_that_loses_outcomes_is_an_error() {
+        let mut attempt = |_: &Task, _: &[ValidAction]| Ok(vec![Some(true)]);
+        let result = evaluate(&Leftmost, &[toy::task(0.3)], &config(8), &mut attempt, &Silent);
+        assert!(matches!(result, Err(Error::Failed(_))));
+    }
+}
