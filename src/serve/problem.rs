@@ -32,6 +32,9 @@ pub struct Problem {
 /// Answers of handlers.
 pub type Answer<T> = std::result::Result<T, Problem>;
 
+/// Media type of every error.
+pub const PROBLEM: &str = "application/problem+json";
+
 const BASE: &str = "https://iplw.dev/problems/";
 
 impl Problem {
@@ -132,7 +135,7 @@ impl IntoResponse for Problem {
     fn into_response(self) -> Response {
         let status = StatusCode::from_u16(self.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
         let body = serde_json::to_vec(&self).unwrap_or_default();
-        let kind = HeaderValue::from_static("application/problem+json");
+        let kind = HeaderValue::from_static(PROBLEM);
         let mut response = (status, [(header::CONTENT_TYPE, kind)], body).into_response();
         if status == StatusCode::TOO_MANY_REQUESTS && self.kind.ends_with("/busy") {
             response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from_static("1"));

@@ -24,7 +24,7 @@ use utoipa_axum::routes;
 use utoipa_swagger_ui::{Config, SwaggerUi};
 
 use super::app::App;
-use super::problem::{Answer, Problem};
+use super::problem::{Answer, PROBLEM, Problem};
 
 /// Largest body, bytes.
 pub const BODY_LIMIT: usize = 16 * 1024 * 1024;
@@ -149,11 +149,22 @@ fn panicked(_: Box<dyn Any + Send>) -> Response<Body> {
     Problem::defect().into_response()
 }
 
-/// Counts the request, and keeps browsers from guessing types.
+/// Counts the request, keeps browsers from guessing types, and sees that every error is a problem, also one
+/// that a library answered.
 async fn count(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
     let method = request.method().as_str().to_string();
     let route = request.extensions().get::<MatchedPath>().map_or("none", |p| p.as_str()).to_string();
+    let path = request.uri().path().to_string();
     let mut response = next.run(request).await;
+    let status = response.status();
+    let told = response.headers().get(header::CONTENT_TYPE).is_some_and(|t| t == PROBLEM);
+    if !told && status == StatusCode::NOT_FOUND {
+        response = Problem::no_route(&path).into_response();
+    } else if !told && (status.is_client_error() || status.as_u16() == 500) {
+        let title = status.canonical_reason().unwrap_or("Error");
+        response =
+            Problem::new(status, "http", title, format!("{path} was answered with {status}")).into_response();
+    }
     app.metrics.answered(&method, &route, response.status().as_u16());
     let nosniff = HeaderValue::from_static("nosniff");
     response.headers_mut().insert(HeaderName::from_static("x-content-type-options"), nosniff);

@@ -1,0 +1,894 @@
+//! The server over real sockets: every endpoint, every kind of bad input, restart, lock, idling out.
+
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use iplw::serve::{ServeConfig, Server};
+use reqwest::Method;
+use reqwest::blocking::{Client, Response};
+use serde_json::{Value, json};
+
+/// A server in this process, stopped when dropped.
+struct Running {
+    url: String,
+    client: Client,
+    stop: Option<tokio::sync::oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Running {
+    fn start() -> Running {
+        Running::with(ServeConfig::default()).unwrap()
+    }
+
+    fn on(directory: &Path) -> iplw::error::Result<Running> {
+        Running::with(ServeConfig { data_dir: Some(directory.into()), ..ServeConfig::default() })
+    }
+
+    fn with(config: ServeConfig) -> iplw::error::Result<Running> {
+        let config = ServeConfig { http: "127.0.0.1:0".parse().unwrap(), ..config };
+        let (told, address) = std::sync::mpsc::channel();
+        let (stop, stopped) = tokio::sync::oneshot::channel();
+        let thread = std::thread::spawn(move || {
+            let runtime = tokio::runtime::Runtime::new().unwrap();
+            runtime.block_on(async {
+                match Server::bind(config).await {
+                    Ok(server) => {
+                        told.send(Ok(server.address())).unwrap();
+                        let stop = async move { drop(stopped.await) };
+                        server.run(stop).await.unwrap();
+                    }
+                    Err(e) => told.send(Err(e)).unwrap(),
+                }
+            });
+        });
+        let url = format!("http://{}", address.recv().unwrap()?);
+        let client = Client::builder().timeout(Duration::from_secs(120)).build().unwrap();
+        Ok(Running { url, client, stop: Some(stop), thread: Some(thread) })
+    }
+
+    fn send(&self, method: Method, path: &str, body: impl Into<reqwest::blocking::Body>) -> Response {
+        self.client.request(method, format!("{}{path}", self.url)).body(body).send().unwrap()
+    }
+
+    fn get(&self, path: &str) -> Value {
+        ok(self.send(Method::GET, path, ""), 200)
+    }
+
+    fn post(&self, path: &str, body: &Value, status: u16) -> Value {
+        ok(self.send(Method::POST, path, body.to_string()), status)
+    }
+
+    /// Waits for a job's end by its events; returns it.
+    fn finish(&self, job: &Value) -> Value {
+        let events = self.events(job["id"].as_str().unwrap(), None);
+        let (_, name, last) = events.last().unwrap();
+        assert_eq!(name, "done");
+        last.clone()
+    }
+
+    /// (id, event, data) of every event after `seen`.
+    fn events(&self, job: &str, seen: Option<u64>) -> Vec<(u64, String, Value)> {
+        let mut request = self.client.get(format!("{}/v1/jobs/{job}/events", self.url));
+        if let Some(seen) = seen {
+            request = request.header("Last-Event-ID", seen.to_string());
+        }
+        let response = request.send().unwrap();
+        if response.status() == 204 {
+            return Vec::new();
+        }
+        assert_eq!(response.headers()["content-type"], "text/event-stream");
+        let (mut events, mut id, mut name) = (Vec::new(), 0, String::new());
+        for line in BufReader::new(response).lines() {
+            let line = line.unwrap();
+            match line.split_once(": ") {
+                Some(("id", v)) => id = v.parse().unwrap(),
+                Some(("event", v)) => name = v.into(),
+                Some(("data", v)) => events.push((id, name.clone(), serde_json::from_str(v).unwrap())),
+                _ => {}
+            }
+        }
+        events
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        drop(self.stop.take());
+        // Idle connections would be waited for.
+        self.client = Client::new();
+        if let Some(thread) = self.thread.take() {
+            let ended = thread.join();
+            assert!(ended.is_ok() || std::thread::panicking(), "the server panicked");
+        }
+    }
+}
+
+/// The JSON of an answer that must have this status.
+fn ok(response: Response, status: u16) -> Value {
+    let (got, url) = (response.status().as_u16(), response.url().clone());
+    let text = response.text().unwrap();
+    assert_eq!(got, status, "{url}: {text}");
+    serde_json::from_str(&text).unwrap()
+}
+
+/// Checks that an answer is a problem of this status and kind; returns it.
+fn problem(response: Response, status: u16, slug: &str) -> Value {
+    let kind = response.headers().get("content-type").map(|v| v.to_str().unwrap().to_string());
+    let value = ok(response, status);
+    assert_eq!(kind.as_deref(), Some("application/problem+json"), "{value}");
+    assert_eq!(value["status"], status);
+    assert_eq!(value["type"], format!("https://iplw.dev/problems/{slug}"), "{value}");
+    assert!(value["title"].is_string() && value["detail"].is_string(), "{value}");
+    value
+}
+
+/// Number of the first discrete action of a task that can (or cannot) be placed.
+fn action(server: &Running, task: &str, valid: bool) -> u64 {
+    let body = json!({"task": task, "actions": (0..64).collect::<Vec<_>>()});
+    let results = server.post("/v1/worlds/bowling-sim/rollout", &body, 200)["results"].clone();
+    results.as_array().unwrap().iter().position(|r| r["valid"] == valid).unwrap() as u64
+}
+
+#[test]
+fn default_worlds_play_whole_episodes() {
+    let server = Running::start();
+    for id in ["bowling-sim", "bowling-real", "basketball-sim", "basketball-real"] {
+        let world = server.get(&format!("/v1/worlds/{id}"));
+        assert_eq!(world["id"], id);
+        assert_eq!(world["state"], json!({"task": null, "phase": "new", "episodes": 0}));
+        assert_eq!(world["sealed"], id.ends_with("real"));
+        assert_eq!(world["latents"].is_null(), id.ends_with("real"));
+        assert_eq!(world["effects"].is_null(), id.ends_with("real"));
+        let names = world["observation_space"]["names"].as_array().unwrap().len();
+        let start = server.post(&format!("/v1/worlds/{id}/reset"), &json!({"seed": 5}), 200);
+        assert_eq!(start["observation"].as_array().unwrap().len(), names);
+        assert_eq!(start["info"]["split"], "train");
+        let task = &start["info"]["task"];
+        let again = server.post(&format!("/v1/worlds/{id}/reset"), &json!({"seed": 5}), 200);
+        assert_eq!(start, again, "a seed decides the task");
+        let before = server.get(&format!("/v1/worlds/{id}"))["interactions"].as_u64().unwrap();
+        let mut steps = 0;
+        let last = loop {
+            let step = server.post(&format!("/v1/worlds/{id}/step"), &json!({"action": 1009 * steps}), 200);
+            assert_eq!(step["truncated"], false);
+            assert_eq!(step["info"]["task"], *task);
+            assert_eq!(step["observation"].as_array().unwrap().len(), names);
+            if step["info"]["valid"] == true {
+                break step;
+            }
+            assert_eq!((&step["terminated"], &step["reward"]), (&json!(false), &json!(0.0)));
+            assert!(step["info"]["reason"].is_string());
+            assert_eq!(step["observation"], start["observation"]);
+            steps += 1;
+        };
+        assert_eq!(last["terminated"], true);
+        assert_eq!(last["reward"], f64::from(u8::from(last["info"]["solved"] == true)));
+        assert_eq!(last["info"]["interactions"], before + 1, "only the valid action was an attempt");
+        let refused = server.send(Method::POST, &format!("/v1/worlds/{id}/step"), r#"{"action": 1}"#);
+        problem(refused, 409, "refused");
+    }
+}
+
+#[test]
+fn unseeded_resets_go_on_deterministically() {
+    let server = Running::start();
+    let sequence = |id: &str| -> Vec<Value> {
+        server.post(&format!("/v1/worlds/{id}/reset"), &json!({"seed": 9}), 200);
+        (0..5)
+            .map(|_| server.post(&format!("/v1/worlds/{id}/reset"), &json!({}), 200)["info"]["task"].clone())
+            .collect()
+    };
+    let (first, second) = (sequence("bowling-sim"), sequence("bowling-real"));
+    assert_eq!(first, second);
+    assert!(first.iter().any(|t| *t != first[0]), "{first:?}");
+    let test = server.post("/v1/worlds/bowling-sim/reset", &json!({"split": "test"}), 200);
+    assert_eq!(test["info"]["split"], "test");
+}
+
+#[test]
+fn certified_actions_solve_their_tasks_in_the_real_world() {
+    let server = Running::start();
+    for family in ["bowling", "basketball"] {
+        let tasks = server.get(&format!("/v1/tasks/{family}"));
+        let row = &tasks["tasks"][0];
+        let body = json!({"task": row["id"]});
+        server.post(&format!("/v1/worlds/{family}-real/reset"), &body, 200);
+        let body = json!({"action": row["certificate"]["action"]});
+        let step = server.post(&format!("/v1/worlds/{family}-real/step"), &body, 200);
+        assert_eq!(
+            (&step["reward"], &step["info"]["solved"]),
+            (&json!(1.0), &json!(true)),
+            "{family} {step}"
+        );
+    }
+}
+
+#[test]
+fn steps_and_rollouts_agree_and_latents_matter() {
+    let server = Running::start();
+    let task = "bowling:001";
+    let valid = action(&server, task, true);
+    let world = server.post("/v1/worlds", &json!({"task": task, "latents": {"friction": 0.1}}), 201);
+    let path = format!("/v1/worlds/{}", world["id"].as_str().unwrap());
+    assert_eq!(world["latents"], json!({"density": 1.0, "friction": 0.1, "restitution": 0.5}));
+    server.post(&format!("{path}/reset"), &json!({}), 200);
+    let body = json!({"actions": [valid, valid], "trajectories": true});
+    let rolled = server.post(&format!("{path}/rollout"), &body, 200);
+    assert_eq!(rolled["results"][0], rolled["results"][1]);
+    assert_eq!((&rolled["task"], &rolled["interactions"]), (&json!(task), &json!(2)));
+    let result = &rolled["results"][0];
+    let samples = result["t"].as_array().unwrap().len();
+    for body in ["green", "blue", "red"] {
+        for axis in ["x", "y", "angle"] {
+            assert_eq!(result["bodies"][body][axis].as_array().unwrap().len(), samples);
+        }
+    }
+    let step = server.post(&format!("{path}/step"), &json!({"action": valid}), 200);
+    assert_eq!(step["info"]["collisions"], result["contacts"]["collisions"]);
+    assert_eq!(step["info"]["rolling_steps"], result["contacts"]["rolling_steps"]);
+    assert_eq!(step["info"]["steps"], result["steps"]);
+    let width = 256.0 / 6.0;
+    let x = result["bodies"]["green"]["x"][samples - 1].as_f64().unwrap();
+    assert!((step["observation"][0].as_f64().unwrap() - x / width).abs() < 1e-12);
+    let set = server.post(&format!("{path}/set_latents"), &json!({"mass": 3.0, "restitution": 0.9}), 200);
+    assert_eq!(set["latents"], json!({"density": 3.0, "friction": 0.1, "restitution": 0.9}));
+    let other = server.post(&format!("{path}/rollout"), &body, 200);
+    assert_ne!(other["results"][0]["bodies"], result["bodies"]);
+    // Without being asked for, samples stay at home; so does the goal's stop.
+    let short = server.post(&format!("{path}/rollout"), &json!({"actions": [valid], "stop": false}), 200);
+    assert_eq!(short["results"][0]["steps"], 4000);
+    assert!(short["results"][0].get("t").is_none());
+}
+
+#[test]
+fn a_real_world_keeps_its_secrets_and_its_budget() {
+    let server = Running::start();
+    let valid = action(&server, "bowling:000", true);
+    let invalid = action(&server, "bowling:000", false);
+    let body = json!({"task": "bowling:000", "kind": "real", "damping": 0.5, "latents": {"friction": 0.123}, "budget": 3, "noise": 0.01});
+    let world = server.post("/v1/worlds", &body, 201);
+    let path = format!("/v1/worlds/{}", world["id"].as_str().unwrap());
+    assert_eq!((&world["budget"], &world["remaining"]), (&json!(3), &json!(3)));
+    assert!(!world.to_string().contains("0.123"), "{world}");
+    let refused = server.send(Method::POST, &format!("{path}/set_latents"), r#"{"friction": 1}"#);
+    problem(refused, 403, "sealed");
+    let rollout = |actions: Value| {
+        server.send(Method::POST, &format!("{path}/rollout"), json!({"actions": actions}).to_string())
+    };
+    assert_eq!(ok(rollout(json!([invalid, valid, invalid, valid])), 200)["interactions"], 2);
+    problem(rollout(json!([valid, valid])), 429, "budget-spent");
+    assert_eq!(ok(rollout(json!([invalid])), 200)["interactions"], 2, "an unplaceable action costs nothing");
+    let placed = server.send(Method::GET, &format!("{path}/render?view=scene&action={valid}"), "");
+    assert_eq!(placed.status(), 200);
+    assert_eq!(server.get(&path)["remaining"], 1, "a picture of the scene costs nothing");
+    let film = server.send(Method::GET, &format!("{path}/render?view=filmstrip&action={valid}"), "");
+    assert_eq!(
+        (film.status().as_u16(), film.headers()["content-type"].to_str().unwrap()),
+        (200, "image/png")
+    );
+    assert_eq!(server.get(&path)["remaining"], 0);
+    let film = server.send(Method::GET, &format!("{path}/render?view=animation&action={valid}"), "");
+    problem(film, 429, "budget-spent");
+    let scene = server.send(Method::GET, &format!("{path}/render"), "");
+    assert_eq!(scene.status(), 200, "the scene costs nothing");
+    server.post(&format!("{path}/reset"), &json!({}), 200);
+    problem(
+        server.send(Method::POST, &format!("{path}/step"), json!({"action": valid}).to_string()),
+        429,
+        "budget-spent",
+    );
+    // Open by request: then it tells.
+    let open =
+        json!({"task": "bowling:000", "kind": "real", "sealed": false, "latents": {"friction": 0.123}});
+    let open = server.post("/v1/worlds", &open, 201);
+    assert_eq!(open["latents"]["friction"], 0.123);
+    assert_eq!(open["effects"][0]["name"], "linear_drag");
+}
+
+#[test]
+fn pictures_are_pictures() {
+    let server = Running::start();
+    let valid = action(&server, "bowling:002", true);
+    for (query, kind, start) in [
+        ("".to_string(), "image/png", b"\x89PNG".as_slice()),
+        ("format=svg&width=100".into(), "image/svg+xml", b"<svg"),
+        (format!("view=scene&action={valid}&task=bowling:002"), "image/png", b"\x89PNG"),
+        (format!("view=filmstrip&action={valid}&task=bowling:002&format=svg"), "image/svg+xml", b"<svg"),
+        (format!("view=animation&action={valid}&task=bowling:002"), "image/svg+xml", b"<svg"),
+    ] {
+        let picture = server.send(Method::GET, &format!("/v1/worlds/bowling-sim/render?{query}"), "");
+        assert_eq!(
+            (picture.status().as_u16(), picture.headers()["content-type"].to_str().unwrap()),
+            (200, kind)
+        );
+        let bytes = picture.bytes().unwrap();
+        assert!(bytes.starts_with(start), "{query}: {:?}", &bytes[..40]);
+    }
+}
+
+#[test]
+fn custom_scenes_are_worlds() {
+    let server = Running::start();
+    let made = server.send(
+        Method::POST,
+        "/v1/worlds",
+        json!({"scene": scene(), "effects": [{"name": "linear_drag", "parameters": {"c": 0.1}}]}).to_string(),
+    );
+    let place = made.headers()["location"].to_str().unwrap().to_string();
+    let world = ok(made, 201);
+    assert_eq!(place, format!("/v1/worlds/{}", world["id"].as_str().unwrap()));
+    assert_eq!(world["task"], "custom:shot");
+    let rolled = server.post(&format!("{place}/rollout"), &json!({"actions": [[0.5], [1.0], 3]}), 200);
+    assert_eq!(rolled["results"].as_array().unwrap().len(), 3);
+    server.post(&format!("{place}/reset"), &json!({}), 200);
+    let step = server.post(&format!("{place}/step"), &json!({"action": [0.9]}), 200);
+    assert_eq!(step["terminated"], true);
+    assert_eq!(server.send(Method::DELETE, &place, "").status(), 204);
+    problem(server.send(Method::GET, &place, ""), 404, "not-found");
+}
+
+fn scene() -> Value {
+    json!({
+        "format": "iplw.scene/1", "name": "shot", "steps": 240,
+        "bodies": [{"name": "ball", "shape": {"type": "disc", "radius": 0.1}, "position": [0, 1]}],
+        "statics": [{"name": "ground", "shape": {"type": "halfspace", "normal": [0, 1], "offset": 0}}],
+        "goal": {"type": "inside", "body": "ball", "region": [[2, 0], [3, 0], [3, 1], [2, 1]]},
+        "action": {"components": [{"target": "ball", "set": "vx", "low": 0, "high": 5}],
+                   "discrete": {"type": "grid", "counts": [10]}}
+    })
+}
+
+#[test]
+fn tasks_are_listed() {
+    let server = Running::start();
+    let families = server.get("/v1/tasks");
+    assert_eq!(families["families"][0]["split"], json!({"train": 60, "validation": 20, "test": 20}));
+    assert_eq!(families["families"][0]["action_space"]["count"], 50_000);
+    let family = server.get("/v1/tasks/bowling");
+    assert_eq!(family["tasks"].as_array().unwrap().len(), 100);
+    let task = server.get("/v1/tasks/bowling/017");
+    assert_eq!((&task["id"], &task["split"]), (&family["tasks"][17]["id"], &family["tasks"][17]["split"]));
+    assert_eq!(task, server.get("/v1/tasks/bowling/17"));
+    // What is served can be sent back.
+    let made = server.post("/v1/worlds", &json!({"scene": task["scene"]}), 201);
+    assert_eq!(made["action_space"], family["action_space"]);
+}
+
+/// Method, path, body, status, kind of problem, field (where there is one).
+type Row = (&'static str, String, String, u16, &'static str, &'static str);
+
+fn row(
+    method: &'static str,
+    path: impl Into<String>,
+    body: impl Into<String>,
+    status: u16,
+    slug: &'static str,
+    field: &'static str,
+) -> Row {
+    (method, path.into(), body.into(), status, slug, field)
+}
+
+#[test]
+fn bad_input_is_a_problem_that_names_it() {
+    let server = Running::start();
+    server.post("/v1/worlds/bowling-sim/reset", &json!({"task": "bowling:000"}), 200);
+    let overlap = {
+        let mut s = scene();
+        for name in ["b", "c"] {
+            let body = json!({"name": name, "shape": {"type": "disc", "radius": 0.1}, "position": [1, 1]});
+            s["bodies"].as_array_mut().unwrap().push(body);
+        }
+        json!({"scene": s}).to_string()
+    };
+    let with = |key: &str, value: Value| {
+        let mut s = scene();
+        s[key] = value;
+        json!({"scene": s}).to_string()
+    };
+    let flat = with(
+        "bodies",
+        json!([{"name": "ball", "shape": {"type": "polygon", "vertices": [[0, 0], [1, 0], [2, 0]]}, "position": [0, 1]}]),
+    );
+    let huge = with("steps", json!(1_000_000))
+        .replace("\"scene\":{", "\"scene\":{\"observe_every\":1,\"time_step\":0.001,");
+    let many = json!({"actions": vec![0; 4097]}).to_string();
+    let invalid = action(&server, "bowling:000", false);
+    let film = format!("/v1/worlds/bowling-sim/render?view=filmstrip&task=bowling:000&action={invalid}");
+    let (step, reset, rollout) =
+        ("/v1/worlds/bowling-sim/step", "/v1/worlds/bowling-sim/reset", "/v1/worlds/bowling-sim/rollout");
+    let (set, worlds, iplw) = ("/v1/worlds/bowling-sim/set_latents", "/v1/worlds", "/v1/iplw");
+    let (render, policies) = ("/v1/worlds/bowling-sim/render", "/v1/policies");
+    let (bad, wrong, missing) = ("malformed", "invalid-value", "not-found");
+    let query = |q: &str| format!("{render}?{q}");
+    let rows: Vec<Row> = vec![
+        row("POST", step, "{", 400, bad, ""),
+        row("POST", step, "[[0.5,0.5,0.5]]", 400, bad, ""),
+        row("POST", step, "nonsense", 400, bad, ""),
+        row("POST", step, "{\"action\": 1} x", 400, bad, ""),
+        row("POST", step, "\u{1}", 400, bad, ""),
+        row("POST", step, "", 400, bad, ""),
+        row("POST", step, r#"{"action": [0.5, 0.5, 0.5], "acton": 1}"#, 400, bad, "acton"),
+        row("POST", step, r#"{"action": [0.5, NaN, 0.5]}"#, 400, bad, "action[1]"),
+        row("POST", step, r#"{"action": [0.5, Infinity, 0.5]}"#, 400, bad, "action[1]"),
+        row("POST", step, r#"{"action": [0.5, 1e999, 0.5]}"#, 400, bad, "action[1]"),
+        row("POST", step, r#"{"action": [0.5, null, 0.5]}"#, 400, bad, "action[1]"),
+        row("POST", step, r#"{"action": [0.5, "x", 0.5]}"#, 400, bad, "action[1]"),
+        row("POST", step, r#"{"action": "1"}"#, 400, bad, "action"),
+        row("POST", step, r#"{"action": true}"#, 400, bad, "action"),
+        row("POST", step, r#"{"action": {}}"#, 400, bad, "action"),
+        row("POST", step, r#"{"action": 1.5}"#, 400, bad, "action"),
+        row("POST", step, r#"{"action": -1}"#, 400, bad, "action"),
+        row("POST", step, r#"{"action": 1, "action": 2}"#, 400, bad, ""),
+        row("POST", step, r#"{"action": [0.5, 1.01, 0.5]}"#, 422, wrong, "action[1]"),
+        row("POST", step, r#"{"action": [0.5, -1e-9, 0.5]}"#, 422, wrong, "action[1]"),
+        row("POST", step, r#"{"action": [0.5, 0.5]}"#, 422, wrong, "action"),
+        row("POST", step, r#"{"action": []}"#, 422, wrong, "action"),
+        row("POST", step, r#"{"action": 50000}"#, 422, wrong, "action"),
+        row("POST", step, r#"{"action": 18446744073709551615}"#, 422, wrong, "action"),
+        row("POST", reset, r#"{"seed": -1}"#, 400, bad, "seed"),
+        row("POST", reset, r#"{"seed": 1.5}"#, 400, bad, "seed"),
+        row("POST", reset, r#"{"seed": "1"}"#, 400, bad, "seed"),
+        row("POST", reset, r#"{"seed": 99999999999999999999}"#, 400, bad, "seed"),
+        row("POST", reset, r#"{"split": "tset"}"#, 400, bad, "split"),
+        row("POST", reset, r#"{"task": "bowling:100"}"#, 404, missing, ""),
+        row("POST", reset, r#"{"task": "basketball:000"}"#, 404, missing, ""),
+        row("POST", "/v1/worlds/nope/reset", "{}", 404, missing, ""),
+        row("POST", rollout, r#"{"actions": 5}"#, 400, bad, "actions"),
+        row("POST", rollout, r#"{}"#, 400, bad, ""),
+        row("POST", rollout, r#"{"actions": [0, [0.5, 0.5, 7]]}"#, 422, wrong, "actions[1][2]"),
+        row("POST", rollout, r#"{"actions": [0, 50000]}"#, 422, wrong, "actions[1]"),
+        row("POST", rollout, many, 413, "too-large", ""),
+        row("POST", "/v1/worlds/bowling-real/rollout", r#"{"actions": [0]}"#, 409, "refused", ""),
+        row(
+            "POST",
+            "/v1/worlds/bowling-real/rollout",
+            r#"{"task": "bowling:000", "actions": [0], "stop": false}"#,
+            422,
+            wrong,
+            "stop",
+        ),
+        row("POST", set, r#"{"friction": -0.1}"#, 422, wrong, "friction"),
+        row("POST", set, r#"{"restitution": 1.1}"#, 422, wrong, "restitution"),
+        row("POST", set, r#"{"mass": 0}"#, 422, wrong, "mass"),
+        row("POST", set, r#"{"mass": 1, "density": 1}"#, 422, wrong, "mass"),
+        row("POST", set, r#"{"fricton": 1}"#, 400, bad, "fricton"),
+        row("POST", set, "[1, 1]", 400, bad, ""),
+        row("POST", "/v1/worlds/basketball-real/set_latents", r#"{"friction": 1}"#, 403, "sealed", ""),
+        row("POST", worlds, "{}", 422, wrong, "task"),
+        row("POST", worlds, r#"{"task": "curling"}"#, 404, missing, ""),
+        row("POST", worlds, r#"{"task": "bowling:1000"}"#, 404, missing, ""),
+        row("POST", worlds, r#"{"task": "bowling", "kind": "surreal"}"#, 400, bad, "kind"),
+        row("POST", worlds, r#"{"task": "bowling", "engine": "warp"}"#, 422, wrong, "engine"),
+        row("POST", worlds, r#"{"task": "bowling", "latents": [1, 1, 0.5]}"#, 400, bad, "latents"),
+        row(
+            "POST",
+            worlds,
+            r#"{"task": "bowling", "latents": {"friction": 11}}"#,
+            422,
+            wrong,
+            "latents.friction",
+        ),
+        row("POST", worlds, r#"{"task": "bowling", "damping": 0}"#, 422, wrong, "damping"),
+        row("POST", worlds, r#"{"task": "bowling", "damping": 1.5}"#, 422, wrong, "damping"),
+        row("POST", worlds, r#"{"task": "bowling", "damping": 1e-300}"#, 422, wrong, "damping"),
+        row(
+            "POST",
+            worlds,
+            r#"{"task": "bowling", "effects": [{"name": "magic"}]}"#,
+            422,
+            wrong,
+            "effects[0].name",
+        ),
+        row(
+            "POST",
+            worlds,
+            r#"{"task": "bowling", "effects": [{"name": "linear_drag", "parameters": {"k": 1}}]}"#,
+            422,
+            wrong,
+            "effects[0].parameters.k",
+        ),
+        row(
+            "POST",
+            worlds,
+            r#"{"task": "bowling", "effects": [{"name": "linear_drag", "parameters": {"c": -1}}]}"#,
+            422,
+            wrong,
+            "effects[0].parameters.c",
+        ),
+        row("POST", worlds, r#"{"task": "bowling", "budget": 5}"#, 422, wrong, "budget"),
+        row("POST", worlds, r#"{"task": "bowling", "noise": 0.1}"#, 422, wrong, "noise"),
+        row("POST", worlds, r#"{"task": "bowling", "kind": "real", "noise": -1}"#, 422, wrong, "noise"),
+        row("POST", worlds, r#"{"task": "bowling", "kind": "real", "budget": -1}"#, 400, bad, "budget"),
+        row("POST", worlds, r#"{"scene": [1]}"#, 400, bad, "scene"),
+        row(
+            "POST",
+            worlds,
+            r#"{"scene": {"format": "iplw.scene/1", "bodies": []}}"#,
+            422,
+            wrong,
+            "scene.bodies",
+        ),
+        row(
+            "POST",
+            worlds,
+            r#"{"scene": {"format": "iplw.scene/1", "bodies": [], "bodes": 1}}"#,
+            400,
+            bad,
+            "scene.bodes",
+        ),
+        row("POST", worlds, with("action", Value::Null), 422, wrong, "scene.action"),
+        row("POST", worlds, with("goal", Value::Null), 422, wrong, "scene.goal"),
+        row("POST", worlds, with("format", json!("iplw.scene/2")), 422, wrong, "scene.format"),
+        row("POST", worlds, with("time_step", json!(0)), 422, wrong, "scene.time_step"),
+        row("POST", worlds, overlap, 422, wrong, "scene.bodies[2].position"),
+        row("POST", worlds, flat, 422, wrong, "scene.bodies[0].shape.vertices[1]"),
+        row("POST", worlds, huge, 201, "", ""),
+        row("GET", "/v1/worlds/nope", "", 404, missing, ""),
+        row("DELETE", "/v1/worlds/nope", "", 404, missing, ""),
+        row("GET", "/v1/worlds/%ff", "", 400, bad, "path"),
+        row("GET", "/v1/tasks/curling", "", 404, missing, ""),
+        row("GET", "/v1/tasks/bowling/100", "", 404, missing, ""),
+        row("GET", "/v1/tasks/bowling/x", "", 404, missing, ""),
+        row("GET", query("format=gif"), "", 422, wrong, "format"),
+        row("GET", query("view=side"), "", 422, wrong, "view"),
+        row("GET", query("view=filmstrip"), "", 422, wrong, "action"),
+        row("GET", query("view=animation&format=png&action=1"), "", 422, wrong, "format"),
+        row("GET", query("action=a,b"), "", 422, wrong, "action"),
+        row("GET", query("action=nan,0.5,0.5"), "", 422, wrong, "action[0]"),
+        row("GET", query("action=0.5,0.5"), "", 422, wrong, "action"),
+        row("GET", query("width=15"), "", 422, wrong, "width"),
+        row("GET", query("width=99999"), "", 422, wrong, "width"),
+        row("GET", query("widht=99"), "", 422, wrong, "widht"),
+        row("GET", query("width=99&width=99"), "", 422, wrong, "width"),
+        row("GET", query("task=bowling:999"), "", 404, missing, ""),
+        row("GET", film, "", 422, wrong, "action"),
+        row("POST", iplw, "{}", 400, bad, ""),
+        row("POST", iplw, r#"{"task": "curling"}"#, 404, missing, ""),
+        row("POST", iplw, r#"{"task": "bowling", "strategy": "psychic"}"#, 422, wrong, "strategy"),
+        row("POST", iplw, r#"{"task": "bowling", "rounds": 0}"#, 422, wrong, "rounds"),
+        row("POST", iplw, r#"{"task": "bowling", "actions": 0}"#, 422, wrong, "actions"),
+        row("POST", iplw, r#"{"task": "bowling", "actions": 18446744073709551615}"#, 422, wrong, "actions"),
+        row("POST", iplw, r#"{"task": "bowling", "samples": 1}"#, 422, wrong, "samples"),
+        row("POST", iplw, r#"{"task": "bowling", "world": "nope"}"#, 404, missing, ""),
+        row("POST", iplw, r#"{"task": "bowling", "world": "bowling-sim"}"#, 422, wrong, "world"),
+        row("POST", iplw, r#"{"task": "bowling", "world": "basketball-real"}"#, 422, wrong, "world"),
+        row("POST", iplw, r#"{"task": "bowling", "world": "bowling-real", "real": {}}"#, 422, wrong, "real"),
+        row("POST", iplw, r#"{"task": "bowling", "real": {"damping": 2}}"#, 422, wrong, "real.damping"),
+        row(
+            "POST",
+            iplw,
+            r#"{"task": "bowling", "real": {"latents": {"mass": -2}}}"#,
+            422,
+            wrong,
+            "real.latents.mass",
+        ),
+        row("POST", iplw, r#"{"task": "bowling", "real": {"noise": -2}}"#, 422, wrong, "real.noise"),
+        row(
+            "POST",
+            iplw,
+            r#"{"task": "bowling", "real": {"effects": [{"name": "x"}]}}"#,
+            422,
+            wrong,
+            "real.effects[0].name",
+        ),
+        row("POST", policies, r#"{"task": "bowling", "training": "hard"}"#, 400, bad, "training"),
+        row("POST", policies, r#"{"task": "bowling", "batches": 0}"#, 422, wrong, "batches"),
+        row("POST", policies, r#"{"task": "bowling", "batch_size": 1}"#, 422, wrong, "batch_size"),
+        row(
+            "POST",
+            policies,
+            r#"{"task": "bowling", "latents": {"friction": -1}}"#,
+            422,
+            wrong,
+            "latents.friction",
+        ),
+        row(
+            "POST",
+            policies,
+            r#"{"task": "bowling", "training": "randomised", "latents": {}}"#,
+            422,
+            wrong,
+            "latents",
+        ),
+        row("GET", "/v1/policies/nope", "", 404, missing, ""),
+        row("DELETE", "/v1/policies/nope", "", 404, missing, ""),
+        row("GET", "/v1/policies/nope/weights", "", 404, missing, ""),
+        row("POST", "/v1/policies/nope/act", r#"{"task": "bowling:000"}"#, 404, missing, ""),
+        row("POST", "/v1/policies/nope/evaluate", r#"{"world": "bowling-real"}"#, 404, missing, ""),
+        row("PUT", "/v1/policies/mine/weights", "not safetensors", 422, wrong, ""),
+        row("PUT", "/v1/policies/mine/weights", "", 422, wrong, ""),
+        row("PUT", "/v1/policies/.mine/weights", "x", 422, wrong, "id"),
+        row("PUT", "/v1/policies/a%2Fb/weights", "x", 422, wrong, "id"),
+        row("GET", "/v1/jobs/job-99", "", 404, missing, ""),
+        row("GET", "/v1/jobs/99", "", 404, missing, ""),
+        row("DELETE", "/v1/jobs/job-99", "", 404, missing, ""),
+        row("GET", "/v1/jobs/job-99/events", "", 404, missing, ""),
+        row("GET", "/", "", 404, missing, ""),
+        row("GET", "/docs/nope.js", "", 404, missing, ""),
+        row("PATCH", worlds, "", 405, "method-not-allowed", ""),
+        row("GET", step, "", 405, "method-not-allowed", ""),
+    ];
+    for (method, path, body, status, slug, field) in &rows {
+        let response = server.send(method.parse().unwrap(), path, body.to_string());
+        if *status < 300 {
+            assert_eq!(response.status().as_u16(), *status, "{path} {body}: {}", response.text().unwrap());
+            continue;
+        }
+        assert_eq!(
+            response.status().as_u16(),
+            *status,
+            "{method} {path} {body}: {}",
+            response.text().unwrap()
+        );
+        let told = problem(response, *status, slug);
+        if !field.is_empty() {
+            assert_eq!(told["field"], *field, "{method} {path} {body}: {told}");
+            assert!(told["allowed"].is_string(), "{told}");
+        }
+    }
+    let not_text = server.send(Method::POST, step, vec![b'{', 0xff, b'}']);
+    problem(not_text, 400, bad);
+    let long = format!("{{\"action\": [{}0]}}", " ".repeat(17 * 1024 * 1024));
+    problem(server.send(Method::POST, step, long), 413, "too-large");
+    let nested = format!("{{\"action\": {}", "[".repeat(100_000));
+    problem(server.send(Method::POST, step, nested), 400, bad);
+    // Nothing above was an attempt, and nothing broke.
+    assert_eq!(server.get("/v1/worlds/bowling-real")["interactions"], 0);
+    let metrics = server.send(Method::GET, "/metrics", "").text().unwrap();
+    assert!(metrics.contains("iplw_errors_total{class=\"5xx\"} 0"), "{metrics}");
+}
+
+#[test]
+fn estimation_counts_on_its_world_and_tells_its_progress() {
+    let server = Running::start();
+    let body = json!({"task": "bowling", "world": "bowling-real", "rounds": 3, "actions": 3, "samples": 12, "budget": 4, "seed": 1});
+    let sent = server.send(Method::POST, "/v1/iplw", body.to_string());
+    let place = sent.headers()["location"].to_str().unwrap().to_string();
+    let job = ok(sent, 202);
+    assert_eq!(place, format!("/v1/jobs/{}", job["id"].as_str().unwrap()));
+    assert_eq!(job["config"], body);
+    let events = server.events(job["id"].as_str().unwrap(), None);
+    let ids: Vec<u64> = events.iter().map(|e| e.0).collect();
+    assert_eq!(ids, (1..=ids.len() as u64).collect::<Vec<_>>());
+    assert!(events[..events.len() - 1].iter().all(|e| e.1 == "progress"));
+    let done = server.get(&place);
+    assert_eq!(done, events.last().unwrap().2);
+    assert_eq!(done["state"], "succeeded", "{done}");
+    let result = &done["result"];
+    assert_eq!(result["real_interactions"], 4, "the budget holds");
+    assert_eq!(result["stopped"], "budget");
+    let names: Vec<&str> =
+        result["latents"].as_array().unwrap().iter().map(|l| l["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["density", "friction", "restitution"]);
+    assert!(
+        result["seconds"].as_f64().unwrap() > 0.0 && result["strategy"] == "mixed" && result["seed"] == 1
+    );
+    assert_eq!(server.get("/v1/worlds/bowling-real")["interactions"], 4);
+    // A watcher that lost its connection goes on where it was, and is told when there is no more.
+    let rest = server.events(job["id"].as_str().unwrap(), Some(ids[2]));
+    assert_eq!(rest, events[3..]);
+    assert!(server.events(job["id"].as_str().unwrap(), ids.last().copied()).is_empty());
+    let request = server.client.get(format!("{}{place}/events", server.url)).header("Last-Event-ID", "x");
+    problem(request.send().unwrap(), 422, "invalid-value");
+    // The same seed in a world of the job's own finds the same.
+    let own = json!({"task": "bowling", "rounds": 3, "actions": 3, "samples": 12, "budget": 4, "seed": 1});
+    let own = server.finish(&server.post("/v1/iplw", &own, 202));
+    assert_eq!(own["result"]["latents"], result["latents"]);
+    assert_eq!(server.get("/v1/jobs")["jobs"].as_array().unwrap().len(), 2);
+    assert_eq!(server.send(Method::DELETE, &place, "").status(), 204);
+    problem(server.send(Method::GET, &place, ""), 404, "not-found");
+}
+
+#[test]
+fn jobs_are_cancelled_and_their_queue_is_bounded() {
+    let server = Running::with(ServeConfig { workers: 1, queue: 1, ..ServeConfig::default() }).unwrap();
+    let endless = json!({"task": "bowling", "rounds": 1000, "actions": 50, "samples": 1000});
+    let running = server.post("/v1/iplw", &endless, 202);
+    let path = format!("/v1/jobs/{}", running["id"].as_str().unwrap());
+    // The events say when it has begun.
+    let events = server.client.get(format!("{}{path}/events", server.url)).send().unwrap();
+    let mut lines = BufReader::new(events).lines();
+    assert!(lines.by_ref().any(|l| l.unwrap().contains("\"running\"")));
+    let waiting = server.post("/v1/iplw", &endless, 202);
+    assert_eq!(waiting["state"], "queued");
+    problem(server.send(Method::POST, "/v1/iplw", endless.to_string()), 429, "capacity");
+    let gone =
+        ok(server.send(Method::DELETE, &format!("/v1/jobs/{}", waiting["id"].as_str().unwrap()), ""), 202);
+    assert_eq!(gone["state"], "cancelled");
+    ok(server.send(Method::DELETE, &path, ""), 202);
+    assert!(lines.any(|l| l.unwrap() == "event: done"));
+    let ended = server.get(&path);
+    assert_eq!(
+        (&ended["state"], &ended["result"], &ended["error"]),
+        (&json!("cancelled"), &Value::Null, &Value::Null)
+    );
+    assert_eq!(server.send(Method::DELETE, &path, "").status(), 204);
+}
+
+#[test]
+fn policies_are_trained_act_are_evaluated_and_travel() {
+    let server = Running::start();
+    let body = json!({"task": "bowling:000", "batches": 20, "latents": {"friction": 0.7}, "seed": 3});
+    let trained = server.finish(&server.post("/v1/policies", &body, 202));
+    assert_eq!(trained["state"], "succeeded", "{trained}");
+    assert_eq!(trained["result"]["loss"].as_array().unwrap().len(), 20);
+    let id = trained["result"]["policy"].as_str().unwrap();
+    let policy = server.get(&format!("/v1/policies/{id}"));
+    assert_eq!(
+        (&policy["task"], &policy["training"], &policy["job"]),
+        (&json!("bowling"), &json!("fixed"), &trained["id"])
+    );
+    let act = |id: &str| {
+        server.post(&format!("/v1/policies/{id}/act"), &json!({"task": "bowling:017", "count": 10}), 200)
+    };
+    let acted = act(id);
+    let scores: Vec<f64> =
+        acted["actions"].as_array().unwrap().iter().map(|a| a["score"].as_f64().unwrap()).collect();
+    assert!(scores.len() == 10 && scores.is_sorted_by(|a, b| a >= b), "{scores:?}");
+    let indices: Vec<&Value> = acted["actions"].as_array().unwrap().iter().map(|a| &a["index"]).collect();
+    let tried = server.post(
+        "/v1/worlds/bowling-sim/rollout",
+        &json!({"task": "bowling:017", "actions": indices}),
+        200,
+    );
+    assert!(
+        tried["results"].as_array().unwrap().iter().all(|r| r["valid"] == true),
+        "what is proposed can be placed"
+    );
+    // Down, up under another name, and it acts the same; up again, and it is replaced.
+    let weights = server.send(Method::GET, &format!("/v1/policies/{id}/weights"), "");
+    assert_eq!(weights.headers()["content-type"], "application/octet-stream");
+    let weights = weights.bytes().unwrap().to_vec();
+    assert_eq!(policy["bytes"], weights.len());
+    let put = |status| ok(server.send(Method::PUT, "/v1/policies/copy/weights", weights.clone()), status);
+    assert_eq!(put(201)["training"], "uploaded");
+    put(200);
+    assert_eq!(act("copy"), acted);
+    assert_eq!(server.get("/v1/policies")["policies"].as_array().unwrap().len(), 2);
+    let cut = server.send(Method::PUT, "/v1/policies/copy/weights", weights[..weights.len() - 5].to_vec());
+    problem(cut, 422, "invalid-value");
+    assert_eq!(act("copy"), acted, "what was refused changed nothing");
+    // A policy of another family does not fit.
+    problem(
+        server.send(Method::POST, "/v1/policies/copy/act", r#"{"task": "basketball:000"}"#),
+        422,
+        "invalid-value",
+    );
+    let other = server.send(Method::POST, "/v1/policies/copy/evaluate", r#"{"world": "basketball-real"}"#);
+    assert_eq!(problem(other, 422, "invalid-value")["field"], "world");
+    let body = json!({"world": "bowling-real", "attempts": 2});
+    let evaluated = server.finish(&server.post("/v1/policies/copy/evaluate", &body, 202));
+    let result = &evaluated["result"];
+    assert_eq!(evaluated["config"]["policy"], "copy");
+    assert_eq!(
+        (result["tasks"].as_array().unwrap().len(), result["solved_within"].as_array().unwrap().len()),
+        (20, 100)
+    );
+    let spent = result["interactions"].as_u64().unwrap();
+    let needed: u64 =
+        result["tasks"].as_array().unwrap().iter().map(|t| t["solved_at"].as_u64().unwrap_or(2)).sum();
+    assert!((20..=40).contains(&spent) && needed <= spent, "{result}");
+    assert_eq!(server.get("/v1/worlds/bowling-real")["interactions"], spent);
+    assert_eq!(server.send(Method::DELETE, "/v1/policies/copy", "").status(), 204);
+    problem(server.send(Method::GET, "/v1/policies/copy", ""), 404, "not-found");
+}
+
+#[test]
+fn jobs_and_policies_survive_a_restart_and_one_server_owns_a_directory() {
+    let directory = tempfile::tempdir().unwrap();
+    let (ended, running, policy, weights) = {
+        let server = Running::on(directory.path()).unwrap();
+        let refused = Running::on(directory.path()).err().unwrap();
+        assert!(refused.to_string().contains("in use by another server"), "{refused}");
+        let body = json!({"task": "bowling:000", "batches": 5, "training": "randomised"});
+        let ended = server.finish(&server.post("/v1/policies", &body, 202));
+        let id = ended["result"]["policy"].as_str().unwrap().to_string();
+        let weights = server.send(Method::GET, &format!("/v1/policies/{id}/weights"), "").bytes().unwrap();
+        let endless = json!({"task": "bowling", "rounds": 1000, "actions": 50, "samples": 1000});
+        let running = server.post("/v1/iplw", &endless, 202);
+        (ended, running, server.get(&format!("/v1/policies/{id}")), weights)
+    };
+    let server = Running::on(directory.path()).unwrap();
+    assert_eq!(server.get(&format!("/v1/jobs/{}", ended["id"].as_str().unwrap())), ended);
+    let stopped = server.get(&format!("/v1/jobs/{}", running["id"].as_str().unwrap()));
+    assert_eq!(stopped["state"], "failed");
+    assert_eq!(stopped["error"]["type"], "https://iplw.dev/problems/interrupted");
+    assert!(stopped["error"]["detail"].as_str().unwrap().contains("start it again"));
+    let id = policy["id"].as_str().unwrap();
+    assert_eq!(server.get(&format!("/v1/policies/{id}")), policy);
+    assert_eq!(server.send(Method::GET, &format!("/v1/policies/{id}/weights"), "").bytes().unwrap(), weights);
+    // Numbers go on.
+    let next = server.post("/v1/policies", &json!({"task": "bowling:000", "batches": 1}), 202);
+    assert_eq!(next["id"], "job-3");
+    assert_eq!(
+        server.events(ended["id"].as_str().unwrap(), None).len(),
+        1,
+        "of an old job only the end is known"
+    );
+}
+
+#[test]
+fn worlds_idle_out_and_have_a_limit() {
+    let now = Arc::new(AtomicU64::new(0));
+    let clock = now.clone();
+    let server = Running::with(ServeConfig {
+        idle: Duration::from_secs(600),
+        worlds: 6,
+        clock: Arc::new(move || Duration::from_secs(clock.load(Ordering::SeqCst))),
+        ..ServeConfig::default()
+    })
+    .unwrap();
+    let make = || server.send(Method::POST, "/v1/worlds", r#"{"task": "bowling"}"#);
+    let id = |r: Response| format!("/v1/worlds/{}", ok(r, 201)["id"].as_str().unwrap());
+    let (used, unused) = (id(make()), id(make()));
+    assert!(problem(make(), 429, "capacity")["detail"].as_str().unwrap().contains("delete one"));
+    now.store(500, Ordering::SeqCst);
+    server.get(&used);
+    now.store(700, Ordering::SeqCst);
+    problem(server.send(Method::GET, &unused, ""), 404, "not-found");
+    server.get(&used);
+    now.store(100_000, Ordering::SeqCst);
+    let left = server.get("/v1/worlds");
+    let left: Vec<&str> =
+        left["worlds"].as_array().unwrap().iter().map(|w| w["id"].as_str().unwrap()).collect();
+    assert_eq!(left, ["basketball-real", "basketball-sim", "bowling-real", "bowling-sim"]);
+    assert_ne!(id(make()), used, "ids are not used again");
+    assert_eq!(server.send(Method::DELETE, "/v1/worlds/bowling-sim", "").status(), 204);
+    problem(server.send(Method::POST, "/v1/worlds/bowling-sim/reset", ""), 404, "not-found");
+}
+
+#[test]
+fn clients_at_once_are_all_counted() {
+    let server = Running::start();
+    let valid = action(&server, "bowling:000", true);
+    let before = server.get("/v1/worlds/bowling-sim")["interactions"].as_u64().unwrap();
+    let body = json!({"task": "bowling:000", "actions": vec![valid; 8]});
+    std::thread::scope(|scope| {
+        for _ in 0..8 {
+            scope.spawn(|| {
+                for world in ["bowling-sim", "bowling-real"] {
+                    server.post(&format!("/v1/worlds/{world}/rollout"), &body, 200);
+                }
+            });
+        }
+    });
+    assert_eq!(server.get("/v1/worlds/bowling-sim")["interactions"], before + 64);
+    assert_eq!(server.get("/v1/worlds/bowling-real")["interactions"], 64);
+}
+
+#[test]
+fn the_rest_answers() {
+    let server = Running::start();
+    assert_eq!(server.get("/healthz")["status"], "ok");
+    assert_eq!(server.get("/readyz")["status"], "ready");
+    assert_eq!(server.get("/openapi.json")["openapi"], "3.1.0");
+    let docs = server.send(Method::GET, "/docs", "");
+    assert_eq!(docs.status(), 200);
+    assert!(docs.text().unwrap().contains("swagger-ui.css"));
+    assert_eq!(
+        server.send(Method::GET, "/docs/swagger-ui-bundle.js", "").status(),
+        200,
+        "nothing is fetched from elsewhere"
+    );
+    let metrics = server.send(Method::GET, "/metrics", "").text().unwrap();
+    for name in
+        ["requests_total{", "errors_total{", "worlds{", "interactions_total{", "rollouts_total ", "jobs{"]
+    {
+        assert!(metrics.contains(&format!("iplw_{name}")), "{name} in {metrics}");
+    }
+    assert_eq!(server.get("/v1/policies"), json!({"policies": []}));
+    assert_eq!(server.get("/v1/jobs"), json!({"jobs": []}));
+    assert_eq!(server.send(Method::HEAD, "/healthz", "").status(), 200);
+    let bound = ServeConfig {
+        http: server.url.trim_start_matches("http://").parse().unwrap(),
+        ..ServeConfig::default()
+    };
+    let runtime = tokio::runtime::Runtime::new().unwrap();
+    let taken = runtime.block_on(Server::bind(bound)).err().unwrap();
+    assert!(taken.to_string().contains("cannot listen"), "{taken}");
+}
