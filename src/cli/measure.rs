@@ -27,7 +27,7 @@ pub struct Args {
     #[arg(long, default_value_t = 50)]
     trials: usize,
     /// Standard deviation of position noise, m.
-    #[arg(long, default_value_t = 0.0)]
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     noise: f64,
     /// Seed of actions and noise.
     #[arg(long, default_value_t = 0)]

@@ -1,0 +1,243 @@
+//! The commands as a user runs them: formats, exit codes, and that bad input writes nothing.
+
+use std::io::Write;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+
+use serde_json::Value;
+
+fn iplw(args: &[&str], input: &str) -> Output {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_iplw"))
+        .args(args)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // A command that refuses its arguments may be gone before it reads.
+    let _ = child.stdin.take().unwrap().write_all(input.as_bytes());
+    child.wait_with_output().unwrap()
+}
+
+fn good(args: &[&str], input: &str) -> String {
+    let out = iplw(args, input);
+    assert!(out.status.success(), "{args:?}: {}", String::from_utf8_lossy(&out.stderr));
+    String::from_utf8(out.stdout).unwrap()
+}
+
+/// Exit code 2, one line on stderr holding `wanted`, nothing on stdout.
+fn refused(args: &[&str], input: &str, wanted: &str) {
+    let out = iplw(args, input);
+    let error = String::from_utf8_lossy(&out.stderr);
+    assert_eq!(out.status.code(), Some(2), "{args:?}: {error}");
+    assert!(error.contains(wanted), "{args:?}: {error:?} does not say {wanted:?}");
+    assert_eq!(error.trim_end().lines().count(), 1, "{args:?}: {error}");
+    assert!(out.stdout.is_empty(), "{args:?} wrote to stdout");
+}
+
+const FALL: &str = r#"{"format":"iplw.scene/1","bodies":[{"name":"ball","shape":{"type":"disc","radius":0.5},"position":[0,100]}],"gravity":[0,-9.8],"time_step":0.001,"steps":1000,"observe_every":500}"#;
+
+#[test]
+fn rollout_gives_a_line_per_scene_on_every_engine() {
+    let two = format!("{FALL}\n\n{FALL}\n");
+    for engine in ["auto", "rapier", "lanes"] {
+        let out = good(&["rollout", "--engine", engine], &two);
+        let lines: Vec<Value> = out.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+        assert_eq!(lines.len(), 2);
+        let line = &lines[0];
+        assert_eq!(line["solved"], Value::Null);
+        assert_eq!(line["steps"], 1000);
+        assert_eq!(line["t"].as_array().unwrap().len(), 3);
+        assert_eq!(line["contacts"]["collisions"], 0);
+        let y = line["bodies"]["ball"]["y"][2].as_f64().unwrap();
+        assert!((y - (100.0 - 4.9)).abs() < 0.01, "{engine}: {y}");
+    }
+}
+
+#[test]
+fn rollout_refuses_bad_scenes_by_line_and_field() {
+    let swap = |from: &str, to: &str| format!("{FALL}\n{}\n", FALL.replace(from, to));
+    for (input, wanted) in [
+        (swap("\"radius\":0.5", "\"radius\":-1"), "standard input:2: `bodies[0].shape.radius` is -1"),
+        (swap("\"radius\":0.5", "\"radius\":1e999"), "standard input:2"),
+        (swap("\"radius\":0.5", "\"radius\":\"big\""), "bodies[0].shape"),
+        (swap("\"radius\"", "\"raduis\""), "raduis"),
+        (swap("iplw.scene/1", "iplw.scene/9"), "iplw.scene/9"),
+        (swap("\"steps\":1000", "\"steps\":0"), "`steps` is 0"),
+        (swap("\"steps\":1000", "\"steps\":-4"), "steps"),
+        (swap("\"time_step\":0.001", "\"time_step\":0"), "time_step"),
+        (swap("\"position\":[0,100]", "\"position\":[0]"), "position"),
+        (swap(",\"position\":[0,100]", ""), "`bodies[0].position` is missing"),
+        (swap("\"gravity\"", "\"effects\":[{\"name\":\"magic\"}],\"gravity\""), "magic"),
+        (
+            swap(
+                "\"gravity\"",
+                "\"effects\":[{\"name\":\"linear_drag\",\"parameters\":{\"k\":1}}],\"gravity\"",
+            ),
+            "parameters.k",
+        ),
+        (
+            swap("\"gravity\"", "\"goal\":{\"type\":\"contact\",\"bodies\":[\"ball\",\"cube\"]},\"gravity\""),
+            "cube",
+        ),
+        (format!("{FALL}\n{{\"format\""), "standard input:2"),
+        (
+            swap(
+                "}]",
+                "},{\"name\":\"ball\",\"shape\":{\"type\":\"disc\",\"radius\":0.5},\"position\":[9,9]}]",
+            ),
+            "`bodies[1].name`",
+        ),
+        (
+            swap(
+                "}]",
+                "},{\"name\":\"b\",\"shape\":{\"type\":\"disc\",\"radius\":0.5},\"position\":[0.1,100]}]",
+            ),
+            "overlaps",
+        ),
+        (
+            swap(
+                "}]",
+                "}],\"statics\":[{\"name\":\"s\",\"shape\":{\"type\":\"polygon\",\"vertices\":[[0,0],[1,0],[2,0]]}}]",
+            ),
+            "convex",
+        ),
+    ] {
+        refused(&["rollout"], &input, wanted);
+    }
+    refused(&["rollout", "--engine", "warp"], FALL, "rapier");
+}
+
+#[test]
+fn rollout_writes_its_file_whole_or_not_at_all() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("out.jsonl");
+    let out = path.to_str().unwrap();
+    refused(&["rollout", "--out", out], "{\"format\":1}", "format");
+    assert!(!path.exists());
+    good(&["rollout", "--out", out], FALL);
+    assert_eq!(std::fs::read_to_string(&path).unwrap().lines().count(), 1);
+    assert_eq!(files(dir.path()), ["out.jsonl"]);
+}
+
+#[test]
+fn tasks_are_listed() {
+    let all: Value = serde_json::from_str(&good(&["tasks", "--json"], "")).unwrap();
+    assert_eq!(all["families"].as_array().unwrap().len(), 2);
+    let bowling: Value = serde_json::from_str(&good(&["tasks", "bowling", "--json"], "")).unwrap();
+    assert_eq!(bowling["tasks"].as_array().unwrap().len(), 100);
+    assert_eq!(bowling["splits"]["test"].as_array().unwrap().len(), 20);
+    assert_eq!(bowling["action_space"]["count"], 50_000);
+    assert!(good(&["tasks"], "").contains("basketball"));
+    refused(&["tasks", "curling"], "", "bowling, basketball");
+}
+
+#[test]
+fn measured_files_read_back_and_hide_the_truth() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("m");
+    let args =
+        ["--task", "basketball", "--effect", "linear_drag:c=0.223", "--trials", "6", "--noise", "0.002"];
+    let run = |to: &Path, seed: &str| {
+        let mut all = vec!["measure"];
+        all.extend(args);
+        all.extend(["--seed", seed, "--out", to.to_str().unwrap()]);
+        good(&all, "")
+    };
+    run(&out, "1");
+    let text = std::fs::read_to_string(out.join("scene.json")).unwrap();
+    let scene = iplw::task::Scene::from_json(&text).unwrap();
+    assert!(scene.effects.is_empty() && scene.damping.is_none(), "the hidden effect is not told");
+    let trials = iplw::reality::read_trials(&out.join("trials.csv"), &scene).unwrap();
+    assert_eq!(trials.len(), 6);
+    let plank =
+        |t: &iplw::reality::Trial| t.scene.statics.iter().find(|s| s.name == "plank").unwrap().position;
+    assert_ne!(plank(&trials[0]), plank(&trials[1]), "each trial's plank stands where its action put it");
+    let again = dir.path().join("again");
+    run(&again, "1");
+    assert_eq!(
+        std::fs::read(out.join("trials.csv")).unwrap(),
+        std::fs::read(again.join("trials.csv")).unwrap()
+    );
+    run(&again, "2");
+    assert_ne!(
+        std::fs::read(out.join("trials.csv")).unwrap(),
+        std::fs::read(again.join("trials.csv")).unwrap()
+    );
+}
+
+#[test]
+fn measure_refuses_before_it_writes() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("m");
+    for (args, wanted) in [
+        (vec!["--task", "curling"], "curling"),
+        (vec!["--task", "bowling:999"], "bowling:999"),
+        (vec!["--task", "bowling", "--effect", "magic"], "magic"),
+        (vec!["--task", "bowling", "--effect", "linear_drag:c=-1"], "-1"),
+        (vec!["--task", "bowling", "--noise", "-1"], "noise"),
+        (vec!["--task", "bowling", "--noise", "NaN"], "noise"),
+        (vec!["--task", "bowling", "--trials", "0"], "--trials"),
+        (vec!["--task", "bowling", "--real", "damping=2"], "damping"),
+    ] {
+        let mut all = vec!["measure"];
+        all.extend(args);
+        all.extend(["--out", out.to_str().unwrap()]);
+        refused(&all, "", wanted);
+        assert!(!out.exists());
+    }
+}
+
+#[test]
+fn estimate_prints_the_contract() {
+    let args = ["estimate", "--task", "basketball", "--real", "damping=0.8", "--strategy", "mixed"];
+    let mut all = args.to_vec();
+    all.extend(["--rounds", "2", "--actions", "5", "--samples", "24", "--seed", "1", "--json"]);
+    let report: Value = serde_json::from_str(&good(&all, "")).unwrap();
+    assert_eq!(report["latents"].as_array().unwrap().len(), 3);
+    for latent in report["latents"].as_array().unwrap() {
+        assert!(
+            latent["name"].is_string() && latent["value"].is_number() && latent["identifiable"].is_boolean()
+        );
+        assert_eq!(latent["ci95"].as_array().unwrap().len(), 2);
+    }
+    assert_eq!(report["residuals"].as_array().unwrap().len(), 2);
+    assert_eq!(report["real_interactions"], 10);
+    assert_eq!((&report["strategy"], &report["seed"]), (&Value::from("mixed"), &Value::from(1)));
+    assert!(report["seconds"].as_f64().unwrap() > 0.0 && report["config"].is_object());
+    refused(&["estimate", "--strategy", "psychic"], "", "collisions, rolling, random, mixed");
+    refused(&["estimate", "--preset", "slow"], "", "fast or paper");
+    refused(&["estimate", "--rounds", "0"], "", "rounds");
+    refused(&["estimate", "--real", "grip=1"], "", "grip");
+}
+
+#[test]
+fn a_policy_is_trained_kept_and_tried() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("p.safetensors");
+    let file = path.to_str().unwrap();
+    let latents = ["--latents", "friction=0.2,restitution=0.7"];
+    let mut all = vec!["train", "--task", "basketball", "--per-task", "40", "--batches", "60", "--out", file];
+    all.extend(latents);
+    good(&all, "");
+    let tried: Value = serde_json::from_str(&good(
+        &["evaluate", "--task", "basketball", "--policy", file, "--candidates", "500", "--json"],
+        "",
+    ))
+    .unwrap();
+    assert_eq!(tried["tasks"].as_array().unwrap().len(), 5);
+    assert!((0.0..=1.0).contains(&tried["auccess"].as_f64().unwrap()));
+    refused(&["evaluate", "--task", "bowling", "--policy", file], "", "basketball");
+    std::fs::write(&path, b"not weights").unwrap();
+    refused(&["evaluate", "--task", "basketball", "--policy", file], "", "p.safetensors");
+}
+
+#[test]
+fn help_and_unknown_words() {
+    assert!(good(&["--help"], "").contains("rollout"));
+    assert_eq!(iplw(&["fly"], "").status.code(), Some(2));
+}
+
+fn files(dir: &Path) -> Vec<String> {
+    std::fs::read_dir(dir).unwrap().map(|e| e.unwrap().file_name().to_string_lossy().into_owned()).collect()
+}
