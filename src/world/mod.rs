@@ -23,7 +23,7 @@ use crate::task::Scene;
 use crate::task::scene::EffectTerm;
 use crate::trajectory::Trajectory;
 pub use lanes::Level;
-use lanes::Topology;
+use lanes::{Settings, Topology};
 pub use latent::Latents;
 use prepare::{Prepared, prepare};
 
@@ -76,6 +76,15 @@ pub fn simulate_map_at<T: Send>(
     engine: Engine,
     keep: impl Fn(usize, Trajectory) -> T + Sync,
 ) -> Result<Vec<T>> {
+    simulate_map_set(Settings { level, end_at_rest: true }, rollouts, engine, keep)
+}
+
+fn simulate_map_set<T: Send>(
+    settings: Settings,
+    rollouts: &[Rollout],
+    engine: Engine,
+    keep: impl Fn(usize, Trajectory) -> T + Sync,
+) -> Result<Vec<T>> {
     let work = divide(rollouts, engine)?;
     let finished: Vec<Result<Vec<(usize, T)>>> = work
         .into_par_iter()
@@ -84,7 +93,7 @@ pub fn simulate_map_at<T: Send>(
             Part::Lanes(indices) => {
                 let kept = Vec::with_capacity(indices.len());
                 let mut feed = Chunk { rollouts, indices: indices.into_iter(), keep: &keep, kept };
-                lanes::run(&mut feed, level);
+                lanes::run(&mut feed, settings);
                 Ok(feed.kept)
             }
         })

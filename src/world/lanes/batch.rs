@@ -4,17 +4,18 @@
 //! A lane that ends is filled with the next rollout at once, so lanes start at different times and each keeps
 //! its own count of steps.
 
-use super::Feed;
 use super::contact::{Gap, with_static};
 use super::kernel;
+use super::rest::{LOOK_EVERY, Snapshot};
 use super::simd::{Mask, Register, V, Wide};
+use super::{Feed, Settings};
 use crate::task::geometry::polygon_contains;
 use crate::trajectory::{End, Trajectory};
+use crate::world::effect::Act;
 use crate::world::effect::{Active, Constants, LANES, MOST_PARAMETERS, MovingLanes};
 use crate::world::goal::{Condition, Party};
 use crate::world::prepare::{Prepared, PreparedShape};
 use crate::world::record::{Recorder, State};
-use crate::world::effect::Act;
 
 /// Everything about up to [`LANES`] rollouts at work.
 pub struct Batch {
@@ -53,6 +54,8 @@ pub struct Batch {
     pub any_bias: bool,
     /// Some state has left all reason.
     pub wild: bool,
+    /// The state after the last step, if some lane may have come to rest.
+    snapshot: Option<Snapshot>,
 }
 
 /// A disc in every lane.
@@ -70,6 +73,9 @@ pub struct BodyLanes {
     pub inv_mass: V,
     /// Spin gained from a tangential impulse of 1 N s at the rim, rad/s.
     pub spin_per_impulse: V,
+    /// Way of the last step in which a lane was fast, m.
+    pub way_x: V,
+    pub way_y: V,
     /// Upper bound of the way travelled, m (sum of both components' sizes).
     pub travel: V,
     /// Whether a static carries the body in this step (0 or 1), and in how many steps one did.
@@ -155,10 +161,23 @@ struct GoalLanes {
 
 enum ConditionLanes {
     /// Squared distance of centres up to which two discs count as touching.
-    Discs { first: usize, second: usize, reach2: V },
-    DiscStatic { body: usize, fixed: usize, tolerance: V },
+    Discs {
+        first: usize,
+        second: usize,
+        reach2: V,
+    },
+    DiscStatic {
+        body: usize,
+        fixed: usize,
+        tolerance: V,
+    },
     /// Polygon and the box around it, by lane.
-    Inside { body: usize, regions: [Vec<[f64; 2]>; LANES], low: [V; 2], high: [V; 2] },
+    Inside {
+        body: usize,
+        regions: [Vec<[f64; 2]>; LANES],
+        low: [V; 2],
+        high: [V; 2],
+    },
     Never,
 }
 
@@ -172,8 +191,6 @@ struct Lane {
     solved: bool,
     /// Ticks of the next observation and of the end.
     due: f64,
-    /// The state after the previous step, if it is being watched for rest.
-    timeless: bool,
 }
 
 /// Chipmunk's share of overlap left after a second: 0.9 a 60th of a second.
@@ -189,7 +206,7 @@ const NEVER_TOUCHED: f64 = -1e9;
 
 /// Integrates everything that `feed` holds.
 #[inline(always)]
-pub fn run<R: Register, const N: usize>(feed: &mut dyn Feed) {
+pub fn run<R: Register, const N: usize>(feed: &mut dyn Feed, settings: Settings) {
     let Some((index, first)) = feed.next() else { return };
     let mut batch = Batch::for_topology_of(&first);
     batch.fill(0, index, &first);
@@ -209,6 +226,13 @@ pub fn run<R: Register, const N: usize>(feed: &mut dyn Feed) {
         }
         if batch.tick >= batch.due {
             batch.observe_due(feed);
+        }
+        if settings.end_at_rest {
+            if let Some(before) = batch.snapshot.take() {
+                batch.end_at_rest(&before, feed);
+            } else if batch.tick % LOOK_EVERY == 0.0 {
+                batch.snapshot = Snapshot::of(&batch);
+            }
         }
     }
 }
@@ -231,6 +255,8 @@ impl Batch {
             radius: V::all(NOTHING),
             inv_mass: V::all(0.0),
             spin_per_impulse: V::all(0.0),
+            way_x: V::all(0.0),
+            way_y: V::all(0.0),
             travel: V::all(0.0),
             carried: V::all(0.0),
             rolling: V::all(0.0),
@@ -268,10 +294,10 @@ impl Batch {
         for first in 0..count {
             pairs.extend((0..prepared.statics.len()).map(|s| Pair::new(first, count + s)));
         }
-        let terms = prepared.effects.iter().map(|a| TermLanes {
-            act: a.effect.act,
-            constants: [[0.0; LANES]; MOST_PARAMETERS],
-        });
+        let terms = prepared
+            .effects
+            .iter()
+            .map(|a| TermLanes { act: a.effect.act, constants: [[0.0; LANES]; MOST_PARAMETERS] });
         Batch {
             bodies: vec![blank; count],
             statics,
@@ -295,6 +321,7 @@ impl Batch {
             versions: vec![0; count],
             any_bias: false,
             wild: false,
+            snapshot: None,
         }
     }
 
@@ -359,10 +386,47 @@ impl Batch {
             stop: prepared.stop,
             solved: false,
             due: self.tick + f64::from(prepared.observe_every.min(prepared.steps)),
-            timeless: prepared.effects.iter().all(timeless),
         };
         new.recorder.observe(0, &self.states(lane));
         self.lanes[lane] = Some(new);
+    }
+
+    /// Ends the lanes in which the last step changed nothing: every further step would be the same.
+    fn end_at_rest(&mut self, before: &Snapshot, feed: &mut dyn Feed) {
+        for lane in 0..LANES {
+            let Some(rolling) = before.same(self, lane) else { continue };
+            let step = self.step_of(lane);
+            let (states, reached) = (self.states(lane), self.steps_to_goal(lane));
+            let Some(own) = &mut self.lanes[lane] else { continue };
+            let mut last = own.steps;
+            let mut end = End::Horizon;
+            if let Some(more) = reached.filter(|more| *more <= own.steps - step) {
+                own.solved = true;
+                if own.stop {
+                    (last, end) = (step + more, End::Goal);
+                }
+            }
+            for k in (step + 1..last).filter(|k| k % own.observe_every == 0) {
+                own.recorder.observe(k, &states);
+            }
+            if last > step {
+                own.recorder.observe(last, &states);
+            }
+            own.recorder.rolled(rolling * (last - step));
+            self.retire(lane, last, end, feed);
+        }
+    }
+
+    /// After how many more steps like the last one the goal is reached.
+    fn steps_to_goal(&self, lane: usize) -> Option<u32> {
+        let goal = self.goal.as_ref()?;
+        let unsolved = goal.held[lane] > 0.0 && goal.needed[lane].is_finite();
+        unsolved.then(|| (goal.needed[lane] - goal.held[lane]) as u32)
+    }
+
+    /// Whether the lane holds a rollout.
+    pub fn is_used(&self, lane: usize) -> bool {
+        self.lanes[lane].is_some()
     }
 
     /// Leaves a lane empty.

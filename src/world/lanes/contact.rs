@@ -90,11 +90,7 @@ fn between_points<R: Register, const N: usize>(
 }
 
 #[inline(always)]
-fn from_offset<R: Register, const N: usize>(
-    dx: Wide<R, N>,
-    dy: Wide<R, N>,
-    radii: Wide<R, N>,
-) -> Gap<R, N> {
+fn from_offset<R: Register, const N: usize>(dx: Wide<R, N>, dy: Wide<R, N>, radii: Wide<R, N>) -> Gap<R, N> {
     let distance = (dx * dx + dy * dy).sqrt();
     let (none, one) = (Wide::all(0.0), Wide::all(1.0));
     let apart = none.less(distance);

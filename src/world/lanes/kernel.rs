@@ -21,6 +21,7 @@
 use super::batch::{Batch, BodyLanes, Pair};
 use super::contact::{Gap, between_discs, may_touch, with_static};
 use super::simd::{Mask, Register, Wide};
+use super::tunnel::{WATCHED, stop_fast_discs};
 use crate::world::effect::{Act, LANES};
 use crate::world::record::{APART_STEPS, CARRIES};
 
@@ -52,25 +53,34 @@ pub fn step<R: Register, const N: usize>(batch: &mut Batch) {
 fn advance<R: Register, const N: usize>(batch: &mut Batch) {
     let dt: Wide<R, N> = Wide::load(&batch.dt);
     let none = Wide::all(0.0);
-    let mut tame = true;
+    let (mut tame, mut fast) = (true, false);
     for b in &mut batch.bodies {
         let vx = Wide::load(&b.moving.vx) + Wide::load(&b.bias_x);
         let vy = Wide::load(&b.moving.vy) + Wide::load(&b.bias_y);
         let omega = Wide::load(&b.moving.omega);
-        let (x, y) = (Wide::load(&b.moving.x) + vx * dt, Wide::load(&b.moving.y) + vy * dt);
+        let (way_x, way_y) = (vx * dt, vy * dt);
+        let (x, y) = (Wide::load(&b.moving.x) + way_x, Wide::load(&b.moving.y) + way_y);
         x.store(&mut b.moving.x);
         y.store(&mut b.moving.y);
         (Wide::load(&b.angle) + omega * dt).store(&mut b.angle);
         none.store(&mut b.bias_x);
         none.store(&mut b.bias_y);
-        let speed = vx.size() + vy.size();
-        (Wide::load(&b.travel) + speed * dt).store(&mut b.travel);
-        let size = x.size() + y.size() + speed + omega.size();
+        let way = way_x.size() + way_y.size();
+        (Wide::load(&b.travel) + way).store(&mut b.travel);
+        if (Wide::all(WATCHED) * Wide::load(&b.radius)).less(way).any() {
+            fast = true;
+            way_x.store(&mut b.way_x);
+            way_y.store(&mut b.way_y);
+        }
+        let size = x.size() + y.size() + vx.size() + vy.size() + omega.size();
         // A NaN is neither less nor more: `size - size` is 0 for every finite number and NaN for others.
         let odd = (size - size).differs(none).or(Wide::all(WILD).less(size));
         tame &= !odd.any();
     }
     batch.wild = !tame;
+    if fast {
+        stop_fast_discs(batch);
+    }
 }
 
 /// Looks at every pair that may touch, writes touches down, and collects those that push.

@@ -1,7 +1,7 @@
 //! Which instructions the kernel is compiled for: the same code several times, chosen at run time.
 
-use super::Feed;
 use super::batch;
+use super::{Feed, Settings};
 #[cfg(target_arch = "x86_64")]
 use std::arch::x86_64::{__m128d, __m256d, __m512d};
 
@@ -45,34 +45,34 @@ impl Level {
 }
 
 /// Runs the batch with the level's instructions; a level this machine lacks is taken for the baseline.
-pub fn run(feed: &mut dyn Feed, level: Level) {
-    match level {
+pub fn run(feed: &mut dyn Feed, settings: Settings) {
+    match settings.level {
         // SAFETY: `available` has just found the instructions on this machine.
         #[cfg(target_arch = "x86_64")]
-        Level::Avx2 if level.available() => unsafe { run_avx2(feed) },
+        Level::Avx2 if Level::Avx2.available() => unsafe { run_avx2(feed, settings) },
         // SAFETY: as above.
         #[cfg(target_arch = "x86_64")]
-        Level::Avx512 if level.available() => unsafe { run_avx512(feed) },
-        _ => run_baseline(feed),
+        Level::Avx512 if Level::Avx512.available() => unsafe { run_avx512(feed, settings) },
+        _ => run_baseline(feed, settings),
     }
 }
 
 /// Every x86-64 machine has 128-bit registers; elsewhere the compiler makes of single lanes what it can.
-fn run_baseline(feed: &mut dyn Feed) {
+fn run_baseline(feed: &mut dyn Feed, settings: Settings) {
     #[cfg(target_arch = "x86_64")]
-    batch::run::<__m128d, 4>(feed);
+    batch::run::<__m128d, 4>(feed, settings);
     #[cfg(not(target_arch = "x86_64"))]
-    batch::run::<f64, 8>(feed);
+    batch::run::<f64, 8>(feed, settings);
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-fn run_avx2(feed: &mut dyn Feed) {
-    batch::run::<__m256d, 2>(feed);
+fn run_avx2(feed: &mut dyn Feed, settings: Settings) {
+    batch::run::<__m256d, 2>(feed, settings);
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw")]
-fn run_avx512(feed: &mut dyn Feed) {
-    batch::run::<__m512d, 1>(feed);
+fn run_avx512(feed: &mut dyn Feed, settings: Settings) {
+    batch::run::<__m512d, 1>(feed, settings);
 }

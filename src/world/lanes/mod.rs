@@ -10,13 +10,16 @@
 //! Differences from the source:
 //! - The first step moves bodies at their initial speeds and then accelerates them, as in Pymunk; the rapier
 //!   engine accelerates first. Both are of first order in the time step.
+//! - A disc fast enough to pass through a static in one step is stopped at it: see `tunnel`.
 //! - Overlap is tolerated up to Chipmunk's 0.1 m only for bodies larger than 0.6 m across; less for smaller.
 
 mod batch;
 mod contact;
 mod kernel;
 mod level;
+mod rest;
 mod simd;
+mod tunnel;
 
 use super::goal::Condition;
 use super::prepare::{Prepared, PreparedShape};
@@ -31,9 +34,18 @@ pub trait Feed {
     fn done(&mut self, index: usize, trajectory: Trajectory);
 }
 
+/// How a batch is run; neither changes any result.
+#[derive(Clone, Copy, Debug)]
+pub struct Settings {
+    /// Instructions to use.
+    pub level: Level,
+    /// Whether a lane in which nothing changes any more is ended by filling in the rest.
+    pub end_at_rest: bool,
+}
+
 /// Integrates everything that `feed` holds.
-pub fn run(feed: &mut dyn Feed, level: Level) {
-    level::run(feed, level);
+pub fn run(feed: &mut dyn Feed, settings: Settings) {
+    level::run(feed, settings);
 }
 
 /// Whether this engine takes the scene: every movable body is a disc.
