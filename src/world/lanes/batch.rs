@@ -73,7 +73,8 @@ pub struct BodyLanes {
     pub inv_mass: V,
     /// Spin gained from a tangential impulse of 1 N s at the rim, rad/s.
     pub spin_per_impulse: V,
-    /// Way of the last step in which a lane was fast, m.
+    /// Whether the body is fast in some lane in this step, and then its way in it, m.
+    pub fast: bool,
     pub way_x: V,
     pub way_y: V,
     /// Upper bound of the way travelled, m (sum of both components' sizes).
@@ -255,6 +256,7 @@ impl Batch {
             radius: V::all(NOTHING),
             inv_mass: V::all(0.0),
             spin_per_impulse: V::all(0.0),
+            fast: false,
             way_x: V::all(0.0),
             way_y: V::all(0.0),
             travel: V::all(0.0),

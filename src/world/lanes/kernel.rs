@@ -67,7 +67,8 @@ fn advance<R: Register, const N: usize>(batch: &mut Batch) {
         none.store(&mut b.bias_y);
         let way = way_x.size() + way_y.size();
         (Wide::load(&b.travel) + way).store(&mut b.travel);
-        if (Wide::all(WATCHED) * Wide::load(&b.radius)).less(way).any() {
+        b.fast = (Wide::all(WATCHED) * Wide::load(&b.radius).size()).less(way).any();
+        if b.fast {
             fast = true;
             way_x.store(&mut b.way_x);
             way_y.store(&mut b.way_y);

@@ -17,7 +17,7 @@ const STOPPED: f64 = 0.9;
 /// Stops the discs that would pass into or through a static; called after positions have advanced.
 #[cold]
 pub fn stop_fast_discs(batch: &mut Batch) {
-    for body in &mut batch.bodies {
+    for body in batch.bodies.iter_mut().filter(|b| b.fast) {
         for lane in 0..LANES {
             let way = [body.way_x[lane], body.way_y[lane]];
             if way[0].abs() + way[1].abs() <= WATCHED * body.radius[lane] || body.radius[lane] < 0.0 {

@@ -1,0 +1,40 @@
+"""Writes golden Pymunk trajectories: reads scenes as JSON lines, writes tests/golden/NAME.json.
+
+    cargo run --release --example sampled_scenes -- bowling 30 0.8 | python benches/pymunk_golden.py bowling_damped
+
+`make golden` or the loop at the end of benches/compare.sh makes all of them. Pymunk runs with its defaults.
+"""
+
+import json
+import pathlib
+import sys
+
+import pymunk
+
+import pymunk_scene
+
+TIMES = (1.0, 2.0, 4.0)
+
+
+def trajectory(scene):
+    space, bodies = pymunk_scene.build(scene)
+    dt = scene["time_step"]
+    steps, seen = [], []
+    for time in TIMES:
+        step = round(time / dt)
+        for _ in range(step - (steps[-1] if steps else 0)):
+            space.step(dt)
+        steps.append(step)
+        seen.append([[b.position.x, b.position.y] for b in bodies])
+    return {"scene": scene, "steps": steps, "positions": seen}
+
+
+def main():
+    rows = [json.dumps(trajectory(json.loads(line))) for line in sys.stdin]
+    out = pathlib.Path(__file__).parent.parent / "tests" / "golden" / f"{sys.argv[1]}.json"
+    out.parent.mkdir(exist_ok=True)
+    out.write_text('{"pymunk": "%s", "rollouts": [\n%s\n]}\n' % (pymunk.version, ",\n".join(rows)))
+
+
+if __name__ == "__main__":
+    main()
