@@ -280,10 +280,12 @@ fn initial(dimensions: [usize; 2], hidden: usize, seed: u64) -> Vec<Layer> {
 }
 
 type Matrix<T> = Tensor<(usize, usize), f32, Cpu, T>;
+/// Weight and bias of a layer.
+type Affine = (Matrix<NoneTape>, Tensor<(usize,), f32, Cpu>);
 
 /// The layers as tensors.
 struct Net {
-    layers: Vec<(Matrix<NoneTape>, Tensor<(usize,), f32, Cpu>)>,
+    layers: Vec<Affine>,
 }
 
 impl Net {
@@ -308,10 +310,7 @@ impl Net {
     }
 }
 
-fn affine<T: Tape<f32, Cpu>>(
-    x: Matrix<T>,
-    (weight, bias): &(Matrix<NoneTape>, Tensor<(usize,), f32, Cpu>),
-) -> Matrix<T> {
+fn affine<T: Tape<f32, Cpu>>(x: Matrix<T>, (weight, bias): &Affine) -> Matrix<T> {
     let y = x.matmul(weight.retaped::<T>().permute::<(usize, usize), Axes2<1, 0>>());
     let shape = *y.shape();
     y + bias.retaped::<T>().broadcast_like::<_, Axis<0>>(&shape)

@@ -157,7 +157,7 @@ mod tests {
     fn counts_valid_attempts_only_whatever_the_batch() {
         let task = toy::task(0.3);
         // Every third step of 0.002 is unplaceable; success begins at x = 0.07.
-        let valid = |x: f64| (x / 0.002) as u64 % 3 != 0;
+        let valid = |x: f64| !((x / 0.002) as u64).is_multiple_of(3);
         let solves = |x: f64| x > 0.07;
         let wanted = by_hand(&task, valid, solves);
         assert!(wanted.is_some_and(|k| k > 20), "{wanted:?}");
