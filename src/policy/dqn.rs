@@ -29,7 +29,8 @@ use crate::progress::Progress;
 use crate::rng;
 use crate::task::{Task, ValidAction};
 
-/// How a policy is trained.
+/// How a policy is trained. More is not better by itself: on 48,000 labels of 60 bowling tasks 3000 batches of 64
+/// ranked unseen tasks worse than the paper's 1000 of 16 (AUCCESS 0.66 against 0.68).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrainConfig {
@@ -109,11 +110,6 @@ impl TrainConfig {
     /// The paper's pretraining for basketball: 1000 batches of 32.
     pub fn paper_basketball() -> TrainConfig {
         TrainConfig { batch_size: 32, ..TrainConfig::paper_bowling() }
-    }
-
-    /// Beyond the paper: 3000 batches of 64 get more out of the same labels, for about ten times the time.
-    pub fn thorough() -> TrainConfig {
-        TrainConfig { batches: 3000, batch_size: 64, ..TrainConfig::paper_bowling() }
     }
 
     /// Errors unless every value is allowed.
