@@ -24,7 +24,8 @@
 //! between the two drives the estimator; the estimate grounds the simulation a policy is trained in.
 //!
 //! Deliberately absent: clocks, I/O and globals in the core (everything above `store/`); any way for an
-//! estimator to read a hidden world's latents; threads of our own (rayon for physics, tokio for serving).
+//! estimator to read a hidden world's latents; threads of our own (rayon for physics, tokio for serving), but for one
+//! a running job.
 
 pub mod error;
 pub mod estimate;

@@ -11,6 +11,9 @@
 //!
 //! [`serve`] runs until the process is told to stop; [`Server`] is the same for tests and other programs.
 
+// A problem is made once per refused request; boxing it everywhere would only hide it.
+#![allow(clippy::result_large_err)]
+
 mod app;
 mod http;
 mod metrics;

@@ -178,7 +178,6 @@ pub fn evaluation(app: &App, id: &str, body: &EvaluateIn, config: Value) -> Resu
     let work: Work = Box::new(move |_, progress: &dyn Progress| {
         let mut spent = Spent { task: String::new(), here: 0, all: 0 };
         let mut attempt = |task: &Task, actions: &[ValidAction]| {
-            // Progress is only told between tasks; a cancelled job should not finish its task first.
             if spent.task != task.id {
                 (spent.task, spent.here) = (task.id.clone(), 0);
             }
