@@ -1,11 +1,14 @@
 """Learn outside the server, act in the real world.
 
 1. Estimate the latent factors of a real world from a few dozen counted interactions (`client.iplw`).
-2. Make a simulation with those latents and roll random actions out on the training tasks, in batches.
-3. Train a scikit-learn classifier: (observation, action) -> solved?
-4. On every test task, try actions in the real world in the classifier's order, and in random order.
+2. Roll random actions out on the training tasks, in batches: in a simulation with its default latents, and in
+   one with those that were estimated.
+3. Train a scikit-learn classifier on each: (observation, action) -> solved?
+4. On every test task, try actions in the real world: in random order, and in each classifier's.
 
-Ends with a table of AUCCESS (1 is solving every task at the first attempt):
+Ends with a table of AUCCESS (1 is solving every task at the first attempt). Bowling's default latents lie near
+the truth, and the real world's drag, which no latent stands for, pulls a small estimate off: do not expect the
+estimated row to win here.
 
     python examples/python/train_outside.py [--url http://127.0.0.1:8080] [--seed 0]
 """
@@ -16,7 +19,7 @@ import argparse
 import math
 import time
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +28,8 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 import iplw
 
 Array = NDArray[np.float64]
+#: (observation, (n, dimension) actions) -> (n,) scores, higher to be tried sooner.
+Score: TypeAlias = Callable[[Array, Array], Array]
 #: Most attempts at a task, as AUCCESS counts them.
 ATTEMPTS = 100
 #: Real attempts sent at once; a task is left as soon as a batch solved it.
@@ -33,68 +38,53 @@ BATCH = 10
 
 def main() -> None:
     options = arguments()
-    rng = np.random.default_rng(options.seed)
     clock = time.perf_counter()
     with iplw.Client(options.url, timeout=120) as client:
         train = client.task_ids("bowling", "train")[: options.tasks]
         test = client.task_ids("bowling", "test")[: options.tests]
         with client.create_world("bowling", kind="real", seed=options.seed) as real:
             latents = estimate(client, real, options)
-            spent = real.interactions
-            print(f"latents {latents} from {spent} real interactions, {time.perf_counter() - clock:.0f} s")
-
-            with client.create_world("bowling", kind="sim", latents=latents) as sim:
-                inputs, solved = practice(sim, train, options.actions, rng)
-            seconds = time.perf_counter() - clock
-            print(f"{len(solved) // 2} simulated rollouts, {solved.mean():.1%} solve, {seconds:.0f} s")
-            model = HistGradientBoostingClassifier(
-                learning_rate=0.05,
-                max_iter=200,
-                max_leaf_nodes=8,
-                class_weight="balanced",
-                random_state=options.seed,
-            )
-            model.fit(inputs, solved)
-
-            def learned(observation: Array, actions: Array) -> Array:
-                seen = features(observation, actions), features(*mirrored(observation, actions))
-                scores: Array = sum(model.predict_proba(inputs)[:, 1] for inputs in seen)
-                return scores
-
-            def random(observation: Array, actions: Array) -> Array:
-                return rng.random(len(actions))
+            print(f"latents {latents} from {real.interactions} real interactions, {seconds(clock)}")
+            rankings: dict[str, Score] = {"random": random}
+            for name, chosen in (("default", None), ("estimated", latents)):
+                with client.create_world("bowling", kind="sim", latents=chosen) as sim:
+                    inputs, solved = practice(sim, train, options)
+                rankings[name] = learned(inputs, solved, options.seed)
+                share = f"{solved.mean():.1%} solve"
+                print(
+                    f"trained on {len(solved) // 2} rollouts with {name} latents, {share}, {seconds(clock)}"
+                )
 
             print(f"\n{'ranking':10} {'AUCCESS':>8} {'first':>6} {'in 10':>6} {'in 100':>7} {'attempts':>9}")
-            for name, score in (("random", random), ("learned", learned)):
+            for name, score in rankings.items():
                 before = real.interactions
-                at = [attempt(real, task, score, rng) for task in test]
-                within = [np.mean([k <= most for k in at]) for most in (1, 10, ATTEMPTS)]
+                at = [attempt(real, task, score, options.seed) for task in test]
+                shares = [np.mean([k <= most for k in at]) for most in (1, 10, ATTEMPTS)]
                 used = real.interactions - before
-                shares = f"{within[0]:6.0%} {within[1]:6.0%} {within[2]:7.0%}"
-                print(f"{name:10} {auccess(at):8.3f} {shares} {used:9}")
-    print(f"\n{len(test)} test tasks in the real world, {time.perf_counter() - clock:.0f} s in all")
+                cells = f"{shares[0]:6.0%} {shares[1]:6.0%} {shares[2]:7.0%} {used:9}"
+                print(f"{name:10} {auccess(at):8.3f} {cells}")
+    print(f"\n{len(test)} test tasks in the real world, {seconds(clock)} in all")
 
 
 def estimate(client: iplw.Client, real: iplw.World, options: argparse.Namespace) -> dict[str, float] | None:
     """The latents the data identify; the others stay at the simulation's defaults."""
     if options.rounds == 0:
         return None
-    job = client.iplw(
-        "bowling", world=real, rounds=options.rounds, actions=10, samples=100, seed=options.seed
-    )
+    job = client.iplw("bowling", world=real, rounds=options.rounds, actions=10, seed=options.seed)
     rows = job.wait(progress=True)["latents"]
     return {row["name"]: round(row["value"], 3) for row in rows if row["identifiable"]}
 
 
 def practice(
-    sim: iplw.World, tasks: Sequence[str], count: int, rng: np.random.Generator
+    sim: iplw.World, tasks: Sequence[str], options: argparse.Namespace
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Random valid actions on each task: (2n, features) inputs and (2n,) whether they solved it."""
+    """Random actions on each task: (2n, features) inputs and (2n,) whether they solved it."""
+    rng = np.random.default_rng(options.seed)
     inputs, solved = [], []
     for task in tasks:
         observation, _ = sim.reset(task=task)
         # About a quarter of the actions cannot be placed; that costs no rollout.
-        actions = rng.random((count, sim.dimension))
+        actions = rng.random((options.actions, sim.dimension))
         results = sim.rollout(actions)
         placed, outcome = actions[results.valid], results.solved[results.valid]
         # Left and right are alike, so every rollout counts twice.
@@ -103,12 +93,30 @@ def practice(
     return np.concatenate(inputs), np.concatenate(solved)
 
 
-def attempt(
-    real: iplw.World, task: str, score: Callable[[Array, Array], Array], rng: np.random.Generator
-) -> float:
+def learned(inputs: Array, solved: NDArray[np.bool_], seed: int) -> Score:
+    """Scores by a classifier, seen both ways round."""
+    model = HistGradientBoostingClassifier(
+        learning_rate=0.05, max_iter=200, max_leaf_nodes=8, class_weight="balanced", random_state=seed
+    )
+    model.fit(inputs, solved)
+
+    def score(observation: Array, actions: Array) -> Array:
+        seen = features(observation, actions), features(*mirrored(observation, actions))
+        chances: Array = sum(model.predict_proba(inputs)[:, 1] for inputs in seen)
+        return chances
+
+    return score
+
+
+def random(observation: Array, actions: Array) -> Array:
+    """As they come: the candidates are in random order."""
+    return -np.arange(len(actions), dtype=np.float64)
+
+
+def attempt(real: iplw.World, task: str, score: Score, seed: int) -> float:
     """Which valid attempt solves the task, best score first; infinity if none of the first hundred does."""
     observation, _ = real.reset(task=task)
-    candidates = rng.random((5000, real.dimension))
+    candidates = np.random.default_rng(seed).random((2000, real.dimension))
     candidates = candidates[np.argsort(-score(observation, candidates))]
     tried = 0
     for start in range(0, len(candidates), BATCH):
@@ -161,14 +169,18 @@ def auccess(solved_at: Sequence[float]) -> float:
     return float((weights * within).sum() / weights.sum())
 
 
+def seconds(since: float) -> str:
+    return f"{time.perf_counter() - since:.0f} s"
+
+
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description="train outside the server, transfer to the real world")
     parser.add_argument("--url", help="address of a running server; none: a private one")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--tasks", type=int, default=60, help="training tasks, at most 60")
-    parser.add_argument("--actions", type=int, default=40, help="random actions on each training task")
+    parser.add_argument("--actions", type=int, default=100, help="random actions on each training task")
     parser.add_argument("--tests", type=int, default=20, help="test tasks, at most 20")
-    parser.add_argument("--rounds", type=int, default=2, help="rounds of estimation; 0: the default latents")
+    parser.add_argument("--rounds", type=int, default=3, help="rounds of estimation; 0: the default latents")
     return parser.parse_args()
 
 

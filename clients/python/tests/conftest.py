@@ -14,10 +14,12 @@ CHECKOUT = Path(__file__).resolve().parents[3]
 
 
 def pytest_configure() -> None:
-    built = [CHECKOUT / "target" / profile / "iplw" for profile in ("debug", "release")]
-    built = [binary for binary in built if os.access(binary, os.X_OK)]
-    if "IPLW_BIN" not in os.environ and built:
-        os.environ["IPLW_BIN"] = str(max(built, key=lambda binary: binary.stat().st_mtime))
+    # An installed `iplw` on PATH would be found first; test what this checkout built.
+    if "IPLW_BIN" not in os.environ:
+        built = [CHECKOUT / "target" / profile / "iplw" for profile in ("debug", "release")]
+        built = [binary for binary in built if os.access(binary, os.X_OK)]
+        if built:
+            os.environ["IPLW_BIN"] = str(max(built, key=lambda binary: binary.stat().st_mtime))
 
 
 @pytest.fixture(scope="session", autouse=True)

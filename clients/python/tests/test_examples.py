@@ -19,6 +19,6 @@ def test_train_outside() -> None:
     )
     assert run.returncode == 0, run.stderr
     rows = {line.split()[0]: line.split()[1:] for line in run.stdout.splitlines() if line}
-    for ranking in ("random", "learned"):
+    for ranking in ("random", "default", "estimated"):
         assert 0.0 <= float(rows[ranking][0]) <= 1.0
         assert int(rows[ranking][-1]) > 0, "real attempts are counted"

@@ -158,10 +158,11 @@ def find_binary(binary: str | os.PathLike[str] | None = None) -> Path:
         return Path(on_path).resolve()
     for root in Path(__file__).resolve().parents:
         if (root / "Cargo.toml").is_file():
-            for profile in ("release", "debug"):
-                built = root / "target" / profile / "iplw"
-                if os.access(built, os.X_OK):
-                    return built
+            built = [root / "target" / profile / "iplw" for profile in ("release", "debug")]
+            built = [path for path in built if os.access(path, os.X_OK)]
+            if built:
+                # Whichever was built last: the other may be from before what this package needs.
+                return max(built, key=lambda path: path.stat().st_mtime)
     raise ServerUnavailable(f"no `iplw` binary found; {_HOW}")
 
 
