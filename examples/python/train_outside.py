@@ -6,9 +6,9 @@
 3. Train a scikit-learn classifier on each: (observation, action) -> solved?
 4. On every test task, try actions in the real world: in random order, and in each classifier's.
 
-Ends with a table of AUCCESS (1 is solving every task at the first attempt). Bowling's default latents lie near
-the truth, and the real world's drag, which no latent stands for, pulls a small estimate off: do not expect the
-estimated row to win here.
+Ends with a table of AUCCESS (1 is solving every task at the first attempt). Bowling's default latents lie
+near the truth, and the real world's drag, which no latent stands for, pulls a small estimate off: do not
+expect the estimated row to win here.
 
     python examples/python/train_outside.py [--url http://127.0.0.1:8080] [--seed 0]
 """
@@ -24,6 +24,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.ensemble import HistGradientBoostingClassifier
+from threadpoolctl import threadpool_limits
 
 import iplw
 
@@ -185,4 +186,6 @@ def arguments() -> argparse.Namespace:
 
 
 if __name__ == "__main__":
-    main()
+    # Small trees gain nothing from threads, and waiting for one another costs much on a busy machine.
+    with threadpool_limits(1):
+        main()
