@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use crate::error::{Error, Result};
+use crate::task::action::{Component, Quantity};
 use crate::task::{FAMILIES, Family, Scene, Task, custom};
 
 /// Every built-in family with its tasks.
@@ -71,6 +72,14 @@ impl TaskSet {
     /// The one task of a user's scene.
     pub fn custom(scene: Scene) -> Result<TaskSet> {
         let task = custom(scene)?;
+        for (i, body) in task.scene.bodies.iter().enumerate() {
+            let of_place =
+                |c: &Component| matches!(c.set, Quantity::X | Quantity::Y) && c.target == body.name;
+            if body.position.is_none() && !task.actions().components.iter().any(of_place) {
+                let allowed = "a position in m, or an action component that sets x or y";
+                return Err(Error::input(format!("bodies[{i}].position"), "missing", allowed));
+            }
+        }
         Ok(TaskSet { name: task.id.clone(), family: None, tasks: [task].into() })
     }
 

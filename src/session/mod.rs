@@ -213,6 +213,7 @@ impl World {
             affordable(&task.scene, 1, true)?;
         }
         config.latents.validate()?;
+        runs(&config)?;
         let (latents, effects, hidden) = match config.kind {
             Kind::Sim => {
                 if config.noise != 0.0 {
@@ -649,6 +650,17 @@ fn bare() -> HiddenConfig {
         budget: None,
         seed: 0,
     }
+}
+
+/// Errors unless the engine takes the world's scenes: better now than at the first step.
+fn runs(config: &WorldConfig) -> Result<()> {
+    let mut scene = config.tasks.tasks[0].scene.clone();
+    for body in &mut scene.bodies {
+        // An action decides; any place will do to ask.
+        body.position.get_or_insert([0.0, 0.0]);
+    }
+    let effects = config.effects.as_deref().unwrap_or_default();
+    chosen(config.engine, &Rollout { scene: &scene, latents: config.latents, effects, stop: true }).map(drop)
 }
 
 /// Errors if `rollouts` of `scene` are more than one request may cost.

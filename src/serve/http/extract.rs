@@ -1,11 +1,10 @@
 //! Bodies, path parameters and queries; what cannot be read becomes a problem that says where.
 
-use axum::body::Bytes;
 use axum::extract::{FromRequest, FromRequestParts, Path, Query, Request};
-use axum::http::StatusCode;
 use axum::http::request::Parts;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
+use tokio_stream::StreamExt;
 
 use super::BODY_LIMIT;
 use crate::error::Error;
@@ -20,7 +19,7 @@ pub struct JsonBody<T>(pub T);
 pub struct KeptBody<T>(pub T, pub Value);
 
 /// Any bytes.
-pub struct RawBody(pub Bytes);
+pub struct RawBody(pub Vec<u8>);
 
 /// Path parameters.
 pub struct Params<T>(pub T);
@@ -50,13 +49,26 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequest<S> for KeptBody<T> {
 impl<S: Send + Sync> FromRequest<S> for RawBody {
     type Rejection = Problem;
 
-    async fn from_request(request: Request, state: &S) -> Result<Self, Problem> {
-        Bytes::from_request(request, state).await.map(RawBody).map_err(|e| match e.status() {
-            StatusCode::PAYLOAD_TOO_LARGE => Problem::body_too_large(BODY_LIMIT),
-            _ => Problem::malformed(Error::input("body", e.body_text(), "a body that arrives whole")),
-        })
+    async fn from_request(request: Request, _: &S) -> Result<Self, Problem> {
+        let mut parts = request.into_body().into_data_stream();
+        let (mut bytes, mut length) = (Vec::new(), 0);
+        while let Some(part) = parts.next().await {
+            let part =
+                part.map_err(|e| Problem::malformed(Error::input("body", e, "a body that arrives whole")))?;
+            length += part.len();
+            if length <= BODY_LIMIT {
+                bytes.extend_from_slice(&part);
+            } else if length > DRAINED {
+                break;
+            }
+        }
+        // A client still sending when the answer comes may never read it, hence the draining.
+        if length > BODY_LIMIT { Err(Problem::body_too_large(BODY_LIMIT)) } else { Ok(RawBody(bytes)) }
     }
 }
+
+/// How much of a body above the limit is read and dropped before the connection is, bytes.
+const DRAINED: usize = 8 * BODY_LIMIT;
 
 impl<S: Send + Sync, T: DeserializeOwned + Send> FromRequestParts<S> for Params<T> {
     type Rejection = Problem;
