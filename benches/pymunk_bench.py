@@ -3,7 +3,7 @@
     python benches/pymunk_bench.py SCENES.jsonl
 
 Times stepping from Python with states read every `observe_every` steps, world building included, as a user would
-write it. One JSON line for each engine.
+write it, in processor time, as `engines.rs` does. One JSON line for each engine.
 """
 
 import json
@@ -54,10 +54,10 @@ def box2d_rollout(scene):
 def measure(name, rollout, scenes):
     seconds = []
     for _ in range(REPETITIONS):
-        start = time.perf_counter()
+        start = time.process_time()
         for scene in scenes:
             rollout(scene)
-        seconds.append(time.perf_counter() - start)
+        seconds.append(time.process_time() - start)
     steps = sum(scene["steps"] for scene in scenes)
     middle = statistics.median(seconds)
     print(json.dumps({"engine": name, "level": "python", "rollouts_per_s": len(scenes) / middle,
