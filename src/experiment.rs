@@ -13,12 +13,15 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result, within};
 use crate::estimate::fitness::{Racing, Simulation, losses};
+use crate::estimate::cem::Sample;
 use crate::estimate::{Cem, CemConfig, LatentEstimate, intervals};
 use crate::explore::{self, Candidate};
 use crate::progress::Progress;
 use crate::reality::{Reality, Trial};
 use crate::rng;
+use crate::task::scene::EffectTerm;
 use crate::task::{Task, ValidAction};
+use crate::world::effect::linear_drag;
 use crate::world::{Engine, Latents};
 
 /// How an estimation is run.
@@ -65,8 +68,10 @@ pub struct EstimateReport {
     pub latents: Vec<LatentEstimate>,
     /// Residual of the best sample of each round, m^2 per trajectory.
     pub residuals: Vec<f64>,
-    /// Estimate after each round: density (kg/m^2), friction, restitution.
-    pub estimates: Vec<[f64; 3]>,
+    /// Effects fitted along with the latents; empty unless asked for.
+    pub effects: Vec<LatentEstimate>,
+    /// Estimate after each round: density (kg/m^2), friction, restitution, c of `linear_drag` (1/s).
+    pub estimates: Vec<Sample>,
     /// Valid attempts this estimation cost in the real world.
     pub real_interactions: u64,
     /// Rollouts simulated.
@@ -136,9 +141,14 @@ impl EstimateConfig {
 }
 
 impl EstimateReport {
-    /// The point estimate.
+    /// The point estimate of the latents.
     pub fn values(&self) -> [f64; 3] {
         std::array::from_fn(|i| self.latents[i].value)
+    }
+
+    /// The effects that were fitted along, as a simulation takes them.
+    pub fn extension(&self) -> Vec<EffectTerm> {
+        self.effects.iter().map(|e| linear_drag(e.value)).collect()
     }
 }
 
@@ -173,15 +183,8 @@ pub fn estimate(
             Memory::All => &trials[..],
             Memory::LastRound => &trials[trials.len() - chosen.len()..],
         };
-        let mut best = f64::INFINITY;
-        for _ in 0..config.cem.iterations {
-            let samples = cem.ask(&mut search);
-            let racing = if config.racing { Racing::On { elites: cem.elites() } } else { Racing::Off };
-            let scored = losses(&samples, seen, simulation, racing, &staged)?;
-            rollouts += scored.rollouts;
-            best = scored.values.iter().copied().fold(best, f64::min);
-            cem.tell(&samples, &scored.values);
-        }
+        let (best, cost) = fit_round(&mut cem, seen, config, simulation, &mut search, &staged)?;
+        rollouts += cost;
         residuals.push(best);
         estimates.push(cem.estimate());
         if has_settled(&estimates, config) {
@@ -196,23 +199,28 @@ pub fn estimate(
             asked: 1,
         });
     }
-    let prior = config.cem.prior.map(|p| p.1);
-    let latents =
-        intervals(cem.estimate(), cem.deviations(), prior, &trials, simulation, config.seed, progress)?;
-    let report = EstimateReport {
-        latents,
-        residuals,
-        estimates,
-        real_interactions: reality.interactions() - before,
-        rollouts,
-        stopped,
-        seconds: None,
-        strategy: config.strategy.clone(),
-        seed: config.seed,
-        config: config.clone(),
-        version: env!("CARGO_PKG_VERSION").into(),
-    };
+    let real_interactions = reality.interactions() - before;
+    let found = Found { residuals, estimates, rollouts, real_interactions, stopped };
+    let report = report_on(&cem, &trials, config, simulation, found, progress)?;
     Ok((report, trials))
+}
+
+/// Fits given trials without measuring anything: as many iterations as an estimation of all rounds makes.
+pub fn refit(trials: &[Trial], config: &EstimateConfig, progress: &dyn Progress) -> Result<EstimateReport> {
+    config.validate()?;
+    let simulation = Simulation { engine: config.engine, effects: &[] };
+    let mut cem = Cem::new(config.cem.clone())?;
+    let mut search = rng::stream(config.seed, "cem");
+    let (mut residuals, mut estimates, mut rollouts) = (Vec::new(), Vec::new(), 0);
+    for round in 0..config.rounds {
+        let staged = Staged { inner: progress, round, rounds: config.rounds };
+        let (best, cost) = fit_round(&mut cem, trials, config, simulation, &mut search, &staged)?;
+        residuals.push(best);
+        rollouts += cost;
+        estimates.push(cem.estimate());
+    }
+    let found = Found { residuals, estimates, rollouts, real_interactions: 0, stopped: Stopped::Rounds };
+    report_on(&cem, trials, config, simulation, found, progress)
 }
 
 /// `count` trials of random placeable actions over `tasks`, in a seed's order.
@@ -234,6 +242,65 @@ pub fn random_trials(
     Ok(trials)
 }
 
+/// One round's iterations of the search: the least loss seen (m^2 per trajectory) and the rollouts spent.
+fn fit_round(
+    cem: &mut Cem,
+    trials: &[Trial],
+    config: &EstimateConfig,
+    simulation: Simulation,
+    stream: &mut rng::Stream,
+    progress: &dyn Progress,
+) -> Result<(f64, u64)> {
+    let (mut best, mut rollouts) = (f64::INFINITY, 0);
+    for _ in 0..config.cem.iterations {
+        let samples = cem.ask(stream);
+        let racing = if config.racing { Racing::On { elites: cem.elites() } } else { Racing::Off };
+        let scored = losses(&samples, trials, simulation, racing, progress)?;
+        rollouts += scored.rollouts;
+        best = scored.values.iter().copied().fold(best, f64::min);
+        cem.tell(&samples, &scored.values);
+    }
+    Ok((best, rollouts))
+}
+
+/// What a search has gathered when it ends.
+struct Found {
+    residuals: Vec<f64>,
+    estimates: Vec<Sample>,
+    rollouts: u64,
+    real_interactions: u64,
+    stopped: Stopped,
+}
+
+/// Adds intervals to what was found.
+fn report_on(
+    cem: &Cem,
+    trials: &[Trial],
+    config: &EstimateConfig,
+    simulation: Simulation,
+    found: Found,
+    progress: &dyn Progress,
+) -> Result<EstimateReport> {
+    let prior = config.cem.start().map(|p| p.1);
+    let mut latents =
+        intervals(cem.estimate(), cem.deviations(), prior, trials, simulation, config.seed, progress)?;
+    let effects = latents.split_off(3);
+    Ok(EstimateReport {
+        latents,
+        effects,
+        residuals: found.residuals,
+        estimates: found.estimates,
+        real_interactions: found.real_interactions,
+        rollouts: found.rollouts,
+        stopped: found.stopped,
+        seconds: None,
+        strategy: config.strategy.clone(),
+        seed: config.seed,
+        config: config.clone(),
+        version: env!("CARGO_PKG_VERSION").into(),
+    })
+}
+
 /// The actions a round spends on the real world.
 fn explore_round(
     tasks: &[Task],
@@ -244,8 +311,13 @@ fn explore_round(
     progress: &dyn Progress,
 ) -> Result<Vec<Candidate>> {
     let mut stream = rng::stream(rng::derive(config.seed, "explore", round as u64), "candidates");
-    let latents = Latents::of(cem.estimate());
-    let found = explore::candidates(tasks, config.candidates, latents, config.engine, &mut stream, progress)?;
+    let [density, friction, restitution, drag] = cem.estimate();
+    let world = explore::World {
+        latents: Latents::of([density, friction, restitution]),
+        effects: if drag > 0.0 { vec![linear_drag(drag)] } else { Vec::new() },
+        engine: config.engine,
+    };
+    let found = explore::candidates(tasks, config.candidates, &world, &mut stream, progress)?;
     let picked = explore::strategy(&config.strategy)?.choose(&found, wanted);
     Ok(picked.into_iter().map(|i| found[i].clone()).collect())
 }
@@ -274,9 +346,9 @@ fn measure(
 }
 
 /// Whether the last two rounds moved no latent noticeably.
-fn has_settled(estimates: &[[f64; 3]], config: &EstimateConfig) -> bool {
+fn has_settled(estimates: &[Sample], config: &EstimateConfig) -> bool {
     let [.., a, b, c] = estimates else { return false };
-    let moved = |from: &[f64; 3], to: &[f64; 3]| {
+    let moved = |from: &Sample, to: &Sample| {
         (1..3).map(|i| (to[i] - from[i]).abs() / config.cem.prior[i].1).fold(0.0, f64::max)
     };
     config.settled > 0.0 && moved(a, b) < config.settled && moved(b, c) < config.settled

@@ -3,6 +3,7 @@
 use std::time::Instant;
 
 use iplw::error::{Error, Result};
+use iplw::experiment::quickstart::DRAG_PRIOR;
 use iplw::experiment::{EstimateConfig, EstimateReport, Memory, estimate};
 use iplw::reality::{HiddenWorld, standard};
 use iplw::task::{Split, split};
@@ -41,6 +42,9 @@ pub struct Args {
     /// Which trials a round is fitted to: all or last_round; the preset's if not given.
     #[arg(long)]
     memory: Option<String>,
+    /// Give the simulation linear drag and fit its coefficient along.
+    #[arg(long)]
+    fit_drag: bool,
     /// Simulate every sample to the end, to see what dropping hopeless ones saves.
     #[arg(long)]
     no_racing: bool,
@@ -75,6 +79,9 @@ pub fn run(args: &Args) -> Result<()> {
         Some("last_round") => Memory::LastRound,
         Some(other) => return Err(Error::input("--memory", format!("{other:?}"), "all or last_round")),
     };
+    if args.fit_drag {
+        config.cem.drag = Some(DRAG_PRIOR);
+    }
     config.racing = !args.no_racing;
     config.engine = Engine::from_name(&args.engine)?;
     config.seed = args.seed;
@@ -98,7 +105,7 @@ pub fn run(args: &Args) -> Result<()> {
 /// The report for people.
 fn table(report: &EstimateReport) -> String {
     let mut text = String::from("latent         estimate   95 % interval\n");
-    for l in &report.latents {
+    for l in report.latents.iter().chain(&report.effects) {
         let interval = match l.ci95 {
             [Some(low), Some(high)] if l.identifiable => format!("{low:.3} to {high:.3}"),
             _ => "cannot be identified from such trials".to_string(),

@@ -9,13 +9,16 @@
 //!   too soon when parameters trade off, and takes several iterations for each round of measurements.
 //! - The covariance keeps a floor, so that a later round with other trials can still move the estimate.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix4, Vector4};
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result, within};
 use crate::rng::Stream;
 use crate::world::latent::clamp;
+
+/// One point of the search: density (kg/m^2), friction, restitution, and c of `linear_drag` (1/s).
+pub type Sample = [f64; 4];
 
 /// Knobs of the method.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -31,6 +34,10 @@ pub struct CemConfig {
     pub smoothing: f64,
     /// Mean and standard deviation of density, friction and restitution to start from.
     pub prior: [(f64, f64); 3],
+    /// Mean and standard deviation of the coefficient c (1/s) of an effect `linear_drag` that the simulation is
+    /// given and that is fitted along; `None` leaves the simulation without.
+    #[serde(default)]
+    pub drag: Option<(f64, f64)>,
     /// Standard deviations never shrink below this share of the prior's.
     pub floor: f64,
 }
@@ -39,19 +46,25 @@ pub struct CemConfig {
 #[derive(Clone, Debug)]
 pub struct Cem {
     config: CemConfig,
-    mean: Vector3<f64>,
-    covariance: Matrix3<f64>,
+    mean: Vector4<f64>,
+    covariance: Matrix4<f64>,
 }
 
 impl CemConfig {
     /// As in the paper: one iteration of 1000 samples and 200 elites a round, no smoothing.
     pub fn paper(prior: [(f64, f64); 3]) -> CemConfig {
-        CemConfig { samples: 1000, elites: 200, iterations: 1, smoothing: 0.0, prior, floor: 0.0 }
+        CemConfig { samples: 1000, elites: 200, iterations: 1, smoothing: 0.0, prior, drag: None, floor: 0.0 }
     }
 
     /// Fewer simulations for the same accuracy: small smoothed iterations, several a round.
     pub fn fast(prior: [(f64, f64); 3]) -> CemConfig {
-        CemConfig { samples: 64, elites: 12, iterations: 4, smoothing: 0.3, prior, floor: 0.02 }
+        CemConfig { samples: 160, elites: 24, iterations: 4, smoothing: 0.3, prior, drag: None, floor: 0.02 }
+    }
+
+    /// Where the search starts: mean and standard deviation of every component; (0, 0) for one left out.
+    pub fn start(&self) -> [(f64, f64); 4] {
+        let [density, friction, restitution] = self.prior;
+        [density, friction, restitution, self.drag.unwrap_or((0.0, 0.0))]
     }
 
     /// Errors name the knob that is out of range.
@@ -67,6 +80,10 @@ impl CemConfig {
         within("iterations", self.iterations as f64, 1.0, 1000.0)?;
         within("smoothing", self.smoothing, 0.0, 0.99)?;
         within("floor", self.floor, 0.0, 1.0)?;
+        if let Some((mean, sd)) = self.drag {
+            within("drag[0]", mean, 0.0, 100.0)?;
+            within("drag[1]", sd, 1e-9, 100.0)?;
+        }
         for (i, (mean, sd)) in self.prior.iter().enumerate() {
             within(&format!("prior[{i}][0]"), *mean, -1e6, 1e6)?;
             within(&format!("prior[{i}][1]"), *sd, 1e-9, 1e6)?;
@@ -79,49 +96,49 @@ impl Cem {
     /// A search that starts from the configured prior.
     pub fn new(config: CemConfig) -> Result<Cem> {
         config.validate()?;
-        let mean = Vector3::from_fn(|i, _| config.prior[i].0);
-        let covariance = Matrix3::from_diagonal(&Vector3::from_fn(|i, _| config.prior[i].1.powi(2)));
+        let mean = Vector4::from_fn(|i, _| config.start()[i].0);
+        let covariance = Matrix4::from_diagonal(&Vector4::from_fn(|i, _| config.start()[i].1.powi(2)));
         Ok(Cem { config, mean, covariance })
     }
 
-    /// The next iteration's samples, each (density, friction, restitution) within bounds.
-    pub fn ask(&self, stream: &mut Stream) -> Vec<[f64; 3]> {
+    /// The next iteration's samples, each within bounds.
+    pub fn ask(&self, stream: &mut Stream) -> Vec<Sample> {
         let root = self.root();
         (0..self.config.samples)
             .map(|_| {
-                let z = Vector3::from_fn(|_, _| StandardNormal.sample(stream));
-                let x: Vector3<f64> = self.mean + root * z;
-                clamp([x[0], x[1], x[2]])
+                let z = Vector4::from_fn(|_, _| StandardNormal.sample(stream));
+                let x: Vector4<f64> = self.mean + root * z;
+                self.bounded(x)
             })
             .collect()
     }
 
     /// Fits the distribution to the samples with the least losses; ties go to the earlier sample.
-    pub fn tell(&mut self, samples: &[[f64; 3]], losses: &[f64]) {
+    pub fn tell(&mut self, samples: &[Sample], losses: &[f64]) {
         let mut order: Vec<usize> = (0..samples.len()).collect();
         order.sort_by(|a, b| losses[*a].total_cmp(&losses[*b]));
         order.truncate(self.config.elites);
         let n = order.len() as f64;
-        let elite = |i: &usize| Vector3::from(samples[*i]);
-        let mean = order.iter().map(elite).sum::<Vector3<f64>>() / n;
+        let elite = |i: &usize| Vector4::from(samples[*i]);
+        let mean = order.iter().map(elite).sum::<Vector4<f64>>() / n;
         let scatter =
-            order.iter().map(|i| (elite(i) - mean) * (elite(i) - mean).transpose()).sum::<Matrix3<f64>>();
+            order.iter().map(|i| (elite(i) - mean) * (elite(i) - mean).transpose()).sum::<Matrix4<f64>>();
         let keep = self.config.smoothing;
         self.mean = self.mean * keep + mean * (1.0 - keep);
         self.covariance = self.covariance * keep + scatter / n * (1.0 - keep);
-        for i in 0..3 {
-            let floor = (self.config.floor * self.config.prior[i].1).powi(2);
+        for (i, start) in self.config.start().iter().enumerate() {
+            let floor = (self.config.floor * start.1).powi(2);
             self.covariance[(i, i)] = self.covariance[(i, i)].max(floor);
         }
     }
 
     /// The current estimate, within bounds.
-    pub fn estimate(&self) -> [f64; 3] {
-        clamp([self.mean[0], self.mean[1], self.mean[2]])
+    pub fn estimate(&self) -> Sample {
+        self.bounded(self.mean)
     }
 
     /// The current standard deviations.
-    pub fn deviations(&self) -> [f64; 3] {
+    pub fn deviations(&self) -> [f64; 4] {
         std::array::from_fn(|i| self.covariance[(i, i)].max(0.0).sqrt())
     }
 
@@ -130,12 +147,18 @@ impl Cem {
         self.config.elites
     }
 
+    fn bounded(&self, x: Vector4<f64>) -> Sample {
+        let [density, friction, restitution] = clamp([x[0], x[1], x[2]]);
+        let drag = if self.config.drag.is_some() { x[3].clamp(0.0, 100.0) } else { 0.0 };
+        [density, friction, restitution, drag]
+    }
+
     /// A square root of the covariance; the diagonal one if rounding made it indefinite.
-    fn root(&self) -> Matrix3<f64> {
-        let jitter = Matrix3::from_diagonal(&Vector3::from_fn(|i, _| 1e-12 * self.config.prior[i].1.powi(2)));
+    fn root(&self) -> Matrix4<f64> {
+        let jitter = Matrix4::from_diagonal(&Vector4::from_fn(|i, _| 1e-18 + 1e-12 * self.config.start()[i].1.powi(2)));
         match (self.covariance + jitter).cholesky() {
             Some(cholesky) => cholesky.l(),
-            None => Matrix3::from_diagonal(&Vector3::from(self.deviations())),
+            None => Matrix4::from_diagonal(&Vector4::from(self.deviations())),
         }
     }
 }
@@ -145,7 +168,7 @@ mod tests {
     use super::*;
     use crate::rng;
 
-    fn search(config: CemConfig, loss: impl Fn(&[f64; 3]) -> f64, iterations: usize) -> Cem {
+    fn search(config: CemConfig, loss: impl Fn(&Sample) -> f64, iterations: usize) -> Cem {
         let mut cem = Cem::new(config).unwrap();
         let mut stream = rng::stream(5, "cem");
         for _ in 0..iterations {
@@ -161,7 +184,7 @@ mod tests {
     #[test]
     fn finds_the_bottom_of_a_tilted_bowl() {
         let truth = [0.6, 0.4, 0.8];
-        let loss = |x: &[f64; 3]| {
+        let loss = |x: &Sample| {
             let d: [f64; 3] = std::array::from_fn(|i| x[i] - truth[i]);
             d[0] * d[0] + d[1] * d[1] + 4.0 * d[2] * d[2] + 1.5 * d[0] * d[1]
         };
@@ -176,7 +199,7 @@ mod tests {
     #[test]
     fn an_idle_direction_stays_wide() {
         // Density plays no part: its spread must not collapse the way restitution's does.
-        let loss = |x: &[f64; 3]| (x[1] - 0.5).powi(2) + (x[2] - 0.5).powi(2);
+        let loss = |x: &Sample| (x[1] - 0.5).powi(2) + (x[2] - 0.5).powi(2);
         let found = search(CemConfig::fast(PRIOR), loss, 12);
         assert!(found.deviations()[0] > 10.0 * found.deviations()[2], "{:?}", found.deviations());
     }
@@ -186,7 +209,7 @@ mod tests {
         let prior = [(0.01, 5.0), (0.01, 5.0), (0.99, 5.0)];
         let cem = Cem::new(CemConfig::fast(prior)).unwrap();
         for s in cem.ask(&mut rng::stream(1, "cem")) {
-            crate::world::Latents::of(s).validate().unwrap();
+            crate::world::Latents::of([s[0], s[1], s[2]]).validate().unwrap();
         }
     }
 }

@@ -11,7 +11,10 @@ use crate::reality::Trial;
 use crate::residual::summed_squares;
 use crate::task::Scene;
 use crate::task::scene::EffectTerm;
+use crate::world::effect::linear_drag;
 use crate::world::{Engine, Latents, Rollout, simulate_map};
+
+use super::cem::Sample;
 
 /// What the simulation that is compared with the trials is like.
 #[derive(Clone, Copy)]
@@ -61,13 +64,14 @@ pub fn replays(trials: &[Trial]) -> Vec<Scene> {
 
 /// The loss of every sample.
 pub fn losses(
-    samples: &[[f64; 3]],
+    samples: &[Sample],
     trials: &[Trial],
     simulation: Simulation,
     racing: Racing,
     progress: &dyn Progress,
 ) -> Result<Losses> {
     let scenes = replays(trials);
+    let effects = effects_of(samples, simulation);
     let all: Vec<usize> = (0..samples.len()).collect();
     let mut sums = vec![0.0; samples.len()];
     let mut rollouts = 0;
@@ -77,7 +81,7 @@ pub fn losses(
             for part in who.chunks(CHUNK) {
                 progress.report("simulating samples", rollouts, total)?;
                 let batch: Vec<Rollout> =
-                    part.iter().map(|s| rollout(&scenes[trial], samples[*s], simulation)).collect();
+                    part.iter().map(|s| rollout(&scenes[trial], samples[*s], &effects[*s])).collect();
                 let observed = &trials[trial].observed;
                 let residuals = simulate_map(&batch, simulation.engine, |_, t| summed_squares(observed, &t))?;
                 part.iter().zip(residuals).for_each(|(s, r)| sums[*s] += r);
@@ -118,22 +122,35 @@ pub fn losses(
 
 /// The residual of every sample on every trial: `[sample][trial]`, m^2.
 pub fn matrix(
-    samples: &[[f64; 3]],
+    samples: &[Sample],
     trials: &[Trial],
     simulation: Simulation,
     progress: &dyn Progress,
 ) -> Result<Vec<Vec<f64>>> {
     let scenes = replays(trials);
+    let effects = effects_of(samples, simulation);
     let mut rows = vec![Vec::with_capacity(trials.len()); samples.len()];
     for (k, trial) in trials.iter().enumerate() {
         progress.report("measuring confidence", k as u64, trials.len() as u64)?;
-        let batch: Vec<Rollout> = samples.iter().map(|s| rollout(&scenes[k], *s, simulation)).collect();
+        let batch: Vec<Rollout> = samples.iter().zip(&effects).map(|(s, e)| rollout(&scenes[k], *s, e)).collect();
         let residuals = simulate_map(&batch, simulation.engine, |_, t| summed_squares(&trial.observed, &t))?;
         rows.iter_mut().zip(residuals).for_each(|(row, r)| row.push(r));
     }
     Ok(rows)
 }
 
-fn rollout<'a>(scene: &'a Scene, sample: [f64; 3], simulation: Simulation<'a>) -> Rollout<'a> {
-    Rollout { scene, latents: Latents::of(sample), effects: simulation.effects, stop: false }
+fn rollout<'a>(scene: &'a Scene, sample: Sample, effects: &'a [EffectTerm]) -> Rollout<'a> {
+    Rollout { scene, latents: Latents::of([sample[0], sample[1], sample[2]]), effects, stop: false }
+}
+
+/// The simulation's effects for each sample: its own, and the sample's drag.
+fn effects_of(samples: &[Sample], simulation: Simulation) -> Vec<Vec<EffectTerm>> {
+    let with_drag = |s: &Sample| {
+        let mut all = simulation.effects.to_vec();
+        if s[3] > 0.0 {
+            all.push(linear_drag(s[3]));
+        }
+        all
+    };
+    samples.iter().map(with_drag).collect()
 }

@@ -13,6 +13,7 @@
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
+use super::cem::Sample;
 use super::fitness::{Simulation, matrix};
 use crate::error::Result;
 use crate::progress::Progress;
@@ -46,20 +47,20 @@ const NOTICEABLE: f64 = 1e-3;
 /// Intervals and identifiability around an estimate. `spread` is the standard deviation of the search for each
 /// factor, `prior` that of its start.
 pub fn intervals(
-    estimate: [f64; 3],
-    spread: [f64; 3],
-    prior: [f64; 3],
+    estimate: Sample,
+    spread: [f64; 4],
+    prior: [f64; 4],
     trials: &[Trial],
     simulation: Simulation,
     seed: u64,
     progress: &dyn Progress,
 ) -> Result<Vec<LatentEstimate>> {
     let mut samples = vec![estimate];
-    for i in 0..3 {
+    for i in 0..4 {
         for to in [-1.0, 1.0] {
             let mut moved = estimate;
             moved[i] = (moved[i] + to * prior[i]).max(moved[i] * 0.25);
-            samples.push(clamp(moved));
+            samples.push(bounded(moved));
         }
     }
     let probes = samples.len();
@@ -67,15 +68,18 @@ pub fn intervals(
     for _ in 0..CLOUD {
         let drawn = std::array::from_fn(|i| {
             let width = (2.5 * spread[i]).max(0.1 * prior[i]);
+            if width == 0.0 {
+                return estimate[i];
+            }
             estimate[i] + width * (stream.random::<f64>() + stream.random::<f64>() - 1.0)
         });
-        samples.push(clamp(drawn));
+        samples.push(bounded(drawn));
     }
     let rows = matrix(&samples, trials, simulation, progress)?;
     let identifiable: Vec<bool> =
-        (0..3).map(|i| notices(&rows[0], &[&rows[1 + 2 * i], &rows[2 + 2 * i]])).collect();
+        (0..4).map(|i| notices(&rows[0], &[&rows[1 + 2 * i], &rows[2 + 2 * i]])).collect();
     let cloud: Vec<usize> = std::iter::once(0).chain(probes..samples.len()).collect();
-    let mut found: Vec<[f64; 3]> = Vec::with_capacity(REPEATS);
+    let mut found: Vec<Sample> = Vec::with_capacity(REPEATS);
     for _ in 0..REPEATS {
         let picked: Vec<usize> = trials.iter().map(|_| stream.random_range(0..trials.len())).collect();
         let mut order: Vec<(f64, usize)> =
@@ -86,7 +90,9 @@ pub fn intervals(
             best.iter().map(|(_, s)| samples[*s][i]).sum::<f64>() / best.len() as f64
         }));
     }
-    Ok((0..3)
+    // A component that was not searched is not reported.
+    Ok((0..4)
+        .filter(|i| prior[*i] > 0.0)
         .map(|i| {
             let mut values: Vec<f64> = found.iter().map(|f| f[i]).collect();
             values.sort_by(f64::total_cmp);
@@ -97,13 +103,18 @@ pub fn intervals(
                 [None, None]
             };
             LatentEstimate {
-                name: FACTORS[i].name.into(),
+                name: FACTORS.get(i).map_or("linear_drag.c", |f| f.name).into(),
                 value: estimate[i],
                 ci95,
                 identifiable: identifiable[i],
             }
         })
         .collect())
+}
+
+fn bounded(x: Sample) -> Sample {
+    let [density, friction, restitution] = clamp([x[0], x[1], x[2]]);
+    [density, friction, restitution, x[3].clamp(0.0, 100.0)]
 }
 
 /// Whether moving a latent changes the median trial's residual noticeably.

@@ -9,7 +9,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{EstimateConfig, EstimateReport, estimate};
+use super::{EstimateConfig, EstimateReport, estimate, refit};
 use crate::error::{Result, within};
 use crate::policy::{
     EvaluateConfig, Evaluation, LabelConfig, Policy, Random, TrainConfig, Training, evaluate, label, train,
@@ -45,6 +45,8 @@ pub struct QuickstartReport {
     pub rows: Vec<Row>,
     /// One estimation per seed.
     pub estimates: Vec<EstimateReport>,
+    /// The same trials fitted again with linear drag in the simulation, per seed.
+    pub extensions: Vec<EstimateReport>,
     /// What was hidden, revealed after everything else was done.
     pub truth: Truth,
     /// (stage, seconds), summed over seeds.
@@ -76,6 +78,8 @@ pub enum Method {
     DomainRandomisation,
     /// Trained in the simulation grounded by the workflow.
     Iplw,
+    /// Trained in a simulation grounded by the workflow with linear drag fitted along: past the paper.
+    IplwWithDrag,
     /// Trained in a simulation with the true latents.
     TrueLatents,
     /// Trained in a simulation with the true latents and the true unmodelled effects.
@@ -97,6 +101,7 @@ impl Method {
             Method::Random => "random ranking",
             Method::DomainRandomisation => "domain randomisation",
             Method::Iplw => "IPLW",
+            Method::IplwWithDrag => "IPLW, drag fitted along",
             Method::TrueLatents => "true latents",
             Method::TruePhysics => "true latents and effects",
         }
@@ -128,7 +133,7 @@ pub fn quickstart(
     let mut stopwatch = Stopwatch { clock, laps: Vec::new() };
     let truth = HiddenWorld::new(hidden.clone())?.reveal();
     let mut rows: Vec<(Row, Vec<Evaluation>)> = Vec::new();
-    let (mut estimates, mut keepsakes) = (Vec::new(), None);
+    let (mut estimates, mut extensions, mut keepsakes) = (Vec::new(), Vec::new(), None);
     for (n, seed) in config.seeds.iter().enumerate() {
         let staged = Named { inner: progress, name: format!("seed {} of {}", n + 1, config.seeds.len()) };
         let mut world = HiddenWorld::new(HiddenConfig { seed: *seed, ..hidden.clone() })?;
@@ -136,11 +141,13 @@ pub fn quickstart(
         let (report, trials) = stopwatch
             .time("explore, measure, estimate", || estimate(&training, &mut world, &setup, &staged))?;
         let spent = world.interactions();
+        let extended = extend(&trials, &setup, &mut stopwatch, &staged)?;
         let found = Latents::of(report.values());
         for (method, schooling) in [
             (Method::Random, None),
             (Method::DomainRandomisation, Some(Training::paper_randomised())),
             (Method::Iplw, Some(fixed(found, &[]))),
+            (Method::IplwWithDrag, Some(fixed(Latents::of(extended.values()), &extended.extension()))),
             (Method::TrueLatents, Some(fixed(truth.latents, &[]))),
             (Method::TruePhysics, Some(fixed(truth.latents, &truth.effects))),
         ] {
@@ -159,18 +166,20 @@ pub fn quickstart(
             let evaluation = stopwatch.time("transfer and evaluate", || {
                 try_out(policy.as_ref(), &test, hidden, &config.evaluate, &named)
             })?;
-            let interactions = if method == Method::Iplw { spent } else { 0 };
+            let interactions = if matches!(method, Method::Iplw | Method::IplwWithDrag) { spent } else { 0 };
             take_down(&mut rows, method, evaluation, interactions);
             if method == Method::Iplw && keepsakes.is_none() {
                 keepsakes = Some(Keepsakes { trials: trials.clone(), policy });
             }
         }
         estimates.push(report);
+        extensions.push(extended);
     }
     let rows = rows.into_iter().map(|(row, evaluations)| averaged(row, &evaluations)).collect();
     let report = QuickstartReport {
         rows,
         estimates,
+        extensions,
         truth,
         seconds: stopwatch.laps,
         config: config.clone(),
@@ -194,6 +203,23 @@ pub fn try_out(
     };
     evaluate(policy, tasks, config, &mut attempt, progress)
 }
+
+/// Fits the trials that the workflow measured once more, with linear drag in the simulation; costs no further
+/// real interaction.
+fn extend(
+    trials: &[Trial],
+    config: &EstimateConfig,
+    stopwatch: &mut Stopwatch,
+    progress: &dyn Progress,
+) -> Result<EstimateReport> {
+    let mut config = config.clone();
+    config.cem.drag = Some(DRAG_PRIOR);
+    let named = Named { inner: progress, name: "with drag".into() };
+    stopwatch.time("fit again with drag", || refit(trials, &config, &named))
+}
+
+/// Mean and standard deviation of c (1/s): half a second to half a minute of memory are all likely.
+pub const DRAG_PRIOR: (f64, f64) = (0.3, 0.3);
 
 fn fixed(latents: Latents, effects: &[EffectTerm]) -> Training {
     Training::Fixed { latents, effects: effects.to_vec() }

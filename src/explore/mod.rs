@@ -13,6 +13,7 @@ use rand::RngExt;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::rng::Stream;
+use crate::task::scene::EffectTerm;
 use crate::task::{Placement, Scene, Task, ValidAction};
 use crate::world::{Engine, Latents, Rollout, simulate_map};
 
@@ -42,6 +43,17 @@ pub struct Candidate {
     pub rolling_steps: u32,
 }
 
+/// The simulation that candidates are tried in.
+#[derive(Clone, Debug)]
+pub struct World {
+    /// The current estimate.
+    pub latents: Latents,
+    /// Effects of the simulation.
+    pub effects: Vec<EffectTerm>,
+    /// Integrating engine.
+    pub engine: Engine,
+}
+
 /// The strategy named `name`.
 pub fn strategy(name: &str) -> Result<&'static dyn Strategy> {
     REGISTRY.iter().copied().find(|s| s.name() == name).ok_or_else(|| Error::NotFound {
@@ -51,13 +63,12 @@ pub fn strategy(name: &str) -> Result<&'static dyn Strategy> {
     })
 }
 
-/// Draws `count` placeable actions over `tasks` and simulates each at `latents`, goals ignored so that every
+/// Draws `count` placeable actions over `tasks` and simulates each in `world`, goals ignored so that every
 /// candidate is seen to its end.
 pub fn candidates(
     tasks: &[Task],
     count: usize,
-    latents: Latents,
-    engine: Engine,
+    world: &World,
     stream: &mut Stream,
     progress: &dyn Progress,
 ) -> Result<Vec<Candidate>> {
@@ -67,8 +78,11 @@ pub fn candidates(
     for chunk in drawn.chunks(256) {
         progress.report("exploring in simulation", found.len() as u64, drawn.len() as u64)?;
         let rollouts: Vec<Rollout> =
-            chunk.iter().map(|(_, _, scene)| Rollout { scene, latents, effects: &[], stop: false }).collect();
-        let counts = simulate_map(&rollouts, engine, |_, t| (t.collisions, t.rolling_steps))?;
+            chunk
+                .iter()
+                .map(|(_, _, scene)| Rollout { scene, latents: world.latents, effects: &world.effects, stop: false })
+                .collect();
+        let counts = simulate_map(&rollouts, world.engine, |_, t| (t.collisions, t.rolling_steps))?;
         found.extend(chunk.iter().zip(counts).map(|((task, action, _), (collisions, rolling_steps))| {
             Candidate { task: *task, action: action.clone(), collisions, rolling_steps }
         }));

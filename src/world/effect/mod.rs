@@ -157,5 +157,10 @@ pub fn find(name: &str) -> Result<&'static Effect> {
 
 /// The term that a kept share of velocity per second stands for (Pymunk's damping).
 pub fn damping(kept: f64) -> EffectTerm {
-    EffectTerm { name: "linear_drag".into(), parameters: [("c".to_string(), -kept.ln())].into() }
+    linear_drag(-kept.ln())
+}
+
+/// Linear drag with coefficient `c`, 1/s.
+pub fn linear_drag(c: f64) -> EffectTerm {
+    EffectTerm { name: "linear_drag".into(), parameters: [("c".to_string(), c)].into() }
 }
