@@ -32,18 +32,17 @@ test-examples:
 
 test-python: $(VENV)/.installed
 	$(CARGO) build --locked --bin iplw
-	IPLW_BIN=$(CURDIR)/target/debug/iplw $(PYTHON) -m pytest -q clients/python/tests
-	IPLW_BIN=$(CURDIR)/target/debug/iplw $(PYTHON) examples/python/train_outside.py --quick
+	cd clients/python && IPLW_BIN=$(CURDIR)/target/debug/iplw ../../$(PYTHON) -m pytest -q
+	cd clients/python && ../../$(PYTHON) -m mypy
 
 $(VENV)/.installed: clients/python/pyproject.toml
 	python3 -m venv $(VENV)
-	$(PYTHON) -m pip install --quiet --disable-pip-version-check -e 'clients/python[test,learn]'
+	$(PYTHON) -m pip install --quiet --disable-pip-version-check -e 'clients/python[test,learn,pandas]'
 	touch $@
 
 bench: $(VENV)/.installed
-	$(PYTHON) -m pip install --quiet --disable-pip-version-check pymunk==7.3.1
-	$(CARGO) build --release --locked
-	bash benches/compare.sh
+	$(PYTHON) -m pip install --quiet --disable-pip-version-check pymunk==7.3.1 Box2D
+	PYTHON=$(PYTHON) sh benches/compare.sh
 
 openapi:
 	$(CARGO) run --locked --bin iplw -- openapi > openapi/openapi.json.new && mv openapi/openapi.json.new openapi/openapi.json

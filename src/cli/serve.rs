@@ -48,6 +48,9 @@ pub fn run(args: &Args) -> Result<()> {
             std::process::exit(0);
         });
     }
+    // What the server notices goes to stderr; RUST_LOG says how much of it.
+    let filter = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| "warn".into());
+    tracing_subscriber::fmt().with_writer(std::io::stderr).with_env_filter(filter).init();
     let idle = Duration::from_secs(args.idle);
     serve_blocking(ServeConfig {
         http,

@@ -47,7 +47,7 @@ const WALL: f64 = 5.0 / PIXELS_PER_METRE;
 /// sqrt(0.5)
 const WALL_FRICTION: f64 = std::f64::consts::FRAC_1_SQRT_2;
 /// sqrt(0.2)
-const WALL_RESTITUTION: f64 = 0.447_213_595_499_957_94;
+const WALL_RESTITUTION: f64 = 0.447_213_595_499_957_9;
 
 /// Every scene of the template's grid, shuffled by `seed`.
 fn candidates(seed: u64) -> Vec<Scene> {

@@ -321,11 +321,11 @@ impl Scene {
             for body in setting.bodies.keys() {
                 self.named(&format!("settings.{name}.bodies"), body, false)?;
             }
-            for fixed in setting.statics.keys().filter(|n| !self.statics.iter().any(|s| s.name == **n)) {
-                let known =
-                    self.statics.iter().map(|s| format!("{:?}", s.name)).collect::<Vec<_>>().join(", ");
+            let known: Vec<&String> = self.statics.iter().map(|s| &s.name).collect();
+            if let Some(unknown) = setting.statics.keys().find(|n| !known.contains(n)) {
+                let known = known.iter().map(|n| format!("{n:?}")).collect::<Vec<_>>().join(", ");
                 let field = format!("settings.{name}.statics");
-                return Err(Error::input(field, format!("{fixed:?}"), format!("one of {known}")));
+                return Err(Error::input(field, format!("{unknown:?}"), format!("one of {known}")));
             }
             let varied = self.in_setting(name)?;
             for fixed in &varied.statics {
