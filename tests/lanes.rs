@@ -76,10 +76,8 @@ fn a_batch_keeps_only_what_is_asked_for_and_in_order() {
 /// Both engines tell the same story of a ball that drops, bounces, rolls off and comes to lie against a wall.
 #[test]
 fn both_engines_record_alike() {
-    let mut scene = box_scene(vec![
-        disc("a", 0.5, [-3.0, 4.0], [2.0, 0.0]),
-        disc("b", 0.5, [2.0, 0.5], [0.0, 0.0]),
-    ]);
+    let mut scene =
+        box_scene(vec![disc("a", 0.5, [-3.0, 4.0], [2.0, 0.0]), disc("b", 0.5, [2.0, 0.5], [0.0, 0.0])]);
     scene.steps = 1200;
     let by = |engine| simulate(&rollouts(std::slice::from_ref(&scene)), engine).unwrap().remove(0);
     let (lanes, rapier) = (by(Engine::Lanes), by(Engine::Rapier));

@@ -119,7 +119,8 @@ fn energy_never_rises() {
             let bodies: Vec<Body> = (0..3)
                 .map(|k| {
                     let at = [3.0 * f64::from(k) + place(k), 2.0 + 4.0 * place(k + 3)];
-                    let mut b = ball(&format!("b{k}"), 0.4 + 0.5 * place(k + 6), at, [8.0 * place(k + 9) - 4.0, 0.0]);
+                    let mut b =
+                        ball(&format!("b{k}"), 0.4 + 0.5 * place(k + 6), at, [8.0 * place(k + 9) - 4.0, 0.0]);
                     b.restitution = 0.3 + 0.6 * place(k + 12);
                     b.friction = place(k + 15);
                     b

@@ -252,9 +252,14 @@ mod tests {
         assert_eq!(quick, slow);
         let solved = slow.iter().filter(|t| t.solved()).count();
         let rests = |t: &Trajectory| {
-            t.bodies.iter().all(|b| b.x.iter().rev().zip(b.x.iter().rev().skip(1)).take(3).all(|(p, q)| p == q))
+            t.bodies
+                .iter()
+                .all(|b| b.x.iter().rev().zip(b.x.iter().rev().skip(1)).take(3).all(|(p, q)| p == q))
         };
         let resting = slow.iter().filter(|t| rests(t)).count();
-        assert!(solved > 5 && resting > 5, "{solved} solved and {resting} at rest: the test shows too little");
+        assert!(
+            solved > 5 && resting > 5,
+            "{solved} solved and {resting} at rest: the test shows too little"
+        );
     }
 }

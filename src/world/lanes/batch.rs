@@ -408,7 +408,8 @@ impl Batch {
                     (last, end) = (step + more, End::Goal);
                 }
             }
-            for k in (step + 1..last).filter(|k| k % own.observe_every == 0) {
+            let next = (step / own.observe_every + 1) * own.observe_every;
+            for k in (next..last).step_by(own.observe_every as usize) {
                 own.recorder.observe(k, &states);
             }
             if last > step {

@@ -11,6 +11,7 @@
 //!
 //! Differences from the source:
 //! - A contact whose impulses would change by less than [`CONTENT`] of themselves is left as it is.
+//! - Speeds below [`STILL`] are taken for none at the start of a step.
 //! - A sweep leaves out contacts that it cannot change: those whose last visit changed nothing and whose bodies
 //!   have not changed since. The result is the same to the last bit.
 //! - A pair is looked at only when its bodies may have travelled as far as they were apart.
@@ -32,6 +33,9 @@ const HAIR: f64 = 1e-6;
 /// A contact whose impulses would change by less than this share of the normal impulse is content and left as it
 /// is: a thousand times what rounds off, so that a resting ball costs one visit and not ten.
 const CONTENT: f64 = 1e-12;
+/// Speed, m/s or rad/s, that is taken for none: a hair above what contacts leave of rounding, so that things at
+/// rest come to a state that the next step repeats. It adds up to less than an atom's width in a rollout.
+const STILL: f64 = 1e-12;
 /// Size of a sum of coordinates and speeds above which a state is looked at for divergence.
 const WILD: f64 = 1e7;
 
@@ -55,9 +59,12 @@ fn advance<R: Register, const N: usize>(batch: &mut Batch) {
     let none = Wide::all(0.0);
     let (mut tame, mut fast) = (true, false);
     for b in &mut batch.bodies {
-        let vx = Wide::load(&b.moving.vx) + Wide::load(&b.bias_x);
-        let vy = Wide::load(&b.moving.vy) + Wide::load(&b.bias_y);
+        let [vx, vy] = [Wide::load(&b.moving.vx), Wide::load(&b.moving.vy)];
         let omega = Wide::load(&b.moving.omega);
+        settled(vx).store(&mut b.moving.vx);
+        settled(vy).store(&mut b.moving.vy);
+        settled(omega).store(&mut b.moving.omega);
+        let (vx, vy) = (vx + Wide::load(&b.bias_x), vy + Wide::load(&b.bias_y));
         let (way_x, way_y) = (vx * dt, vy * dt);
         let (x, y) = (Wide::load(&b.moving.x) + way_x, Wide::load(&b.moving.y) + way_y);
         x.store(&mut b.moving.x);
@@ -82,6 +89,12 @@ fn advance<R: Register, const N: usize>(batch: &mut Batch) {
     if fast {
         stop_fast_discs(batch);
     }
+}
+
+/// A speed, or 0 where it is too small to matter.
+#[inline(always)]
+fn settled<R: Register, const N: usize>(speed: Wide<R, N>) -> Wide<R, N> {
+    Wide::all(STILL).less(speed.size()).select(speed, Wide::all(0.0))
 }
 
 /// Looks at every pair that may touch, writes touches down, and collects those that push.
