@@ -12,8 +12,8 @@ pub mod quickstart;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result, within};
-use crate::estimate::fitness::{Racing, Simulation, losses};
 use crate::estimate::cem::Sample;
+use crate::estimate::fitness::{Racing, Simulation, losses};
 use crate::estimate::{Cem, CemConfig, LatentEstimate, intervals};
 use crate::explore::{self, Candidate};
 use crate::progress::Progress;

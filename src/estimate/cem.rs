@@ -155,7 +155,9 @@ impl Cem {
 
     /// A square root of the covariance; the diagonal one if rounding made it indefinite.
     fn root(&self) -> Matrix4<f64> {
-        let jitter = Matrix4::from_diagonal(&Vector4::from_fn(|i, _| 1e-18 + 1e-12 * self.config.start()[i].1.powi(2)));
+        let jitter = Matrix4::from_diagonal(&Vector4::from_fn(|i, _| {
+            1e-18 + 1e-12 * self.config.start()[i].1.powi(2)
+        }));
         match (self.covariance + jitter).cholesky() {
             Some(cholesky) => cholesky.l(),
             None => Matrix4::from_diagonal(&Vector4::from(self.deviations())),

@@ -132,7 +132,8 @@ pub fn matrix(
     let mut rows = vec![Vec::with_capacity(trials.len()); samples.len()];
     for (k, trial) in trials.iter().enumerate() {
         progress.report("measuring confidence", k as u64, trials.len() as u64)?;
-        let batch: Vec<Rollout> = samples.iter().zip(&effects).map(|(s, e)| rollout(&scenes[k], *s, e)).collect();
+        let batch: Vec<Rollout> =
+            samples.iter().zip(&effects).map(|(s, e)| rollout(&scenes[k], *s, e)).collect();
         let residuals = simulate_map(&batch, simulation.engine, |_, t| summed_squares(&trial.observed, &t))?;
         rows.iter_mut().zip(residuals).for_each(|(row, r)| row.push(r));
     }

@@ -77,11 +77,15 @@ pub fn candidates(
     // Chunks bound the memory held in scenes and let progress and cancellation through.
     for chunk in drawn.chunks(256) {
         progress.report("exploring in simulation", found.len() as u64, drawn.len() as u64)?;
-        let rollouts: Vec<Rollout> =
-            chunk
-                .iter()
-                .map(|(_, _, scene)| Rollout { scene, latents: world.latents, effects: &world.effects, stop: false })
-                .collect();
+        let rollouts: Vec<Rollout> = chunk
+            .iter()
+            .map(|(_, _, scene)| Rollout {
+                scene,
+                latents: world.latents,
+                effects: &world.effects,
+                stop: false,
+            })
+            .collect();
         let counts = simulate_map(&rollouts, world.engine, |_, t| (t.collisions, t.rolling_steps))?;
         found.extend(chunk.iter().zip(counts).map(|((task, action, _), (collisions, rolling_steps))| {
             Candidate { task: *task, action: action.clone(), collisions, rolling_steps }

@@ -102,7 +102,8 @@ impl ActionSpace {
 
     /// Whether an action decides where `name` stands.
     pub fn places(&self, name: &str) -> bool {
-        let where_it_stands = |q: Quantity| matches!(q, Quantity::X | Quantity::Y | Quantity::Radius | Quantity::Angle);
+        let where_it_stands =
+            |q: Quantity| matches!(q, Quantity::X | Quantity::Y | Quantity::Radius | Quantity::Angle);
         self.components.iter().any(|c| c.target == name && where_it_stands(c.set))
     }
 

@@ -131,13 +131,16 @@ enum Part {
     Lanes(Vec<usize>),
 }
 
+/// Rollouts of one topology, by number; `None` for the general engine's.
+type Group = (Option<Topology>, Vec<usize>);
+
 /// Fewest and most rollouts in a part: enough to keep all lanes busy until near the end, few enough to go round.
 const PART: [usize; 2] = [2 * effect::LANES, 32 * effect::LANES];
 
 /// Checks every rollout, so that bad input is refused before any work is done, and divides the work. How it is
 /// divided changes no result. Nothing prepared is kept: memory stays flat however many rollouts there are.
 fn divide(rollouts: &[Rollout], engine: Engine) -> Result<Vec<Part>> {
-    let looked_at: Vec<Result<Vec<(Option<Topology>, Vec<usize>)>>> = rollouts
+    let looked_at: Vec<Result<Vec<Group>>> = rollouts
         .par_chunks(PART[1])
         .enumerate()
         .map(|(chunk, rollouts)| {
@@ -169,7 +172,7 @@ fn divide(rollouts: &[Rollout], engine: Engine) -> Result<Vec<Part>> {
 }
 
 /// The group with the topology, made if there is none.
-fn group(groups: &mut Vec<(Option<Topology>, Vec<usize>)>, topology: Option<Topology>) -> &mut Vec<usize> {
+fn group(groups: &mut Vec<Group>, topology: Option<Topology>) -> &mut Vec<usize> {
     let place = groups.iter().rposition(|(t, _)| *t == topology).unwrap_or_else(|| {
         groups.push((topology, Vec::new()));
         groups.len() - 1

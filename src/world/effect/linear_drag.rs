@@ -36,10 +36,10 @@ impl Motion for LinearDrag {
     }
 
     fn kick_lanes(&self, constants: &[[f64; LANES]; MOST_PARAMETERS], bodies: &mut MovingLanes, _dt: f64) {
-        for lane in 0..LANES {
-            bodies.vx[lane] *= constants[0][lane];
-            bodies.vy[lane] *= constants[0][lane];
-            bodies.omega[lane] *= constants[0][lane];
+        for (lane, kept) in constants[0].iter().enumerate() {
+            bodies.vx[lane] *= kept;
+            bodies.vy[lane] *= kept;
+            bodies.omega[lane] *= kept;
         }
     }
 }

@@ -67,6 +67,7 @@ pub trait Motion: Sync {
 
     /// [`Motion::kick`] for every lane of a batch: `constants[c][lane]`. An override must return the same bits.
     fn kick_lanes(&self, constants: &[[f64; LANES]; MOST_PARAMETERS], bodies: &mut MovingLanes, dt: f64) {
+        #[expect(clippy::needless_range_loop, reason = "a lane is a column of every array")]
         for lane in 0..LANES {
             let own: Constants = std::array::from_fn(|c| constants[c][lane]);
             let body = Moving {

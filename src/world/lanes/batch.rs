@@ -160,6 +160,7 @@ struct GoalLanes {
     needed: V,
 }
 
+#[expect(clippy::large_enum_variant, reason = "there is one in a batch")]
 enum ConditionLanes {
     /// Squared distance of centres up to which two discs count as touching.
     Discs {

@@ -81,9 +81,9 @@ fn advance<R: Register, const N: usize>(batch: &mut Batch) {
             way_y.store(&mut b.way_y);
         }
         let size = x.size() + y.size() + vx.size() + vy.size() + omega.size();
-        // A NaN is neither less nor more: `size - size` is 0 for every finite number and NaN for others.
-        let odd = (size - size).differs(none).or(Wide::all(WILD).less(size));
-        tame &= !odd.any();
+        // A NaN is not at most anything.
+        let odd = size.at_most(Wide::all(WILD)).select(none, Wide::all(1.0));
+        tame &= !none.less(odd).any();
     }
     batch.wild = !tame;
     if fast {

@@ -8,7 +8,9 @@ use std::arch::x86_64::{__m128d, __m256d, __m512d};
 /// A set of instructions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Level {
-    /// What the whole program is compiled for.
+    /// Single numbers: what machines other than x86-64 run. Here to be tested on every machine.
+    Plain,
+    /// What the whole program is compiled for; on x86-64, two lanes to a register.
     Baseline,
     /// x86-64 with AVX2: four lanes to a register.
     Avx2,
@@ -18,7 +20,7 @@ pub enum Level {
 
 impl Level {
     /// All levels, the widest last.
-    pub const ALL: [Level; 3] = [Level::Baseline, Level::Avx2, Level::Avx512];
+    pub const ALL: [Level; 4] = [Level::Plain, Level::Baseline, Level::Avx2, Level::Avx512];
 
     /// The widest level of this machine.
     pub fn best() -> Level {
@@ -28,7 +30,7 @@ impl Level {
     /// Whether this machine has the level.
     pub fn available(self) -> bool {
         match self {
-            Level::Baseline => true,
+            Level::Plain | Level::Baseline => true,
             #[cfg(target_arch = "x86_64")]
             Level::Avx2 => is_x86_feature_detected!("avx2"),
             #[cfg(target_arch = "x86_64")]
@@ -53,6 +55,7 @@ pub fn run(feed: &mut dyn Feed, settings: Settings) {
         // SAFETY: as above.
         #[cfg(target_arch = "x86_64")]
         Level::Avx512 if Level::Avx512.available() => unsafe { run_avx512(feed, settings) },
+        Level::Plain => batch::run::<f64, 8>(feed, settings),
         _ => run_baseline(feed, settings),
     }
 }

@@ -56,8 +56,6 @@ pub unsafe trait Register: Copy {
     unsafe fn below(self, other: Self) -> Self;
     unsafe fn less(self, other: Self) -> Self::Mask;
     unsafe fn at_most(self, other: Self) -> Self::Mask;
-    /// Not equal, or one of them NaN.
-    unsafe fn differs(self, other: Self) -> Self::Mask;
     unsafe fn select(mask: Self::Mask, yes: Self, no: Self) -> Self;
     unsafe fn and(a: Self::Mask, b: Self::Mask) -> Self::Mask;
     unsafe fn or(a: Self::Mask, b: Self::Mask) -> Self::Mask;
@@ -110,9 +108,9 @@ impl<R: Register, const N: usize> Wide<R, N> {
         const { assert!(R::WIDTH * N == LANES) };
         // SAFETY: see `Register`; the array holds WIDTH * N numbers.
         let mut out = [unsafe { R::load(from.as_ptr()) }; N];
-        for i in 1..N {
+        for (i, register) in out.iter_mut().enumerate() {
             // SAFETY: as above.
-            out[i] = unsafe { R::load(from.as_ptr().add(i * R::WIDTH)) };
+            *register = unsafe { R::load(from.as_ptr().add(i * R::WIDTH)) };
         }
         Wide(out)
     }
@@ -169,9 +167,7 @@ impl<R: Register, const N: usize> Wide<R, N> {
         /// self < other
         less,
         /// self <= other
-        at_most,
-        /// Not equal, or one of them NaN.
-        differs
+        at_most
     );
 }
 
@@ -293,10 +289,6 @@ unsafe impl Register for f64 {
         self <= other
     }
     #[inline(always)]
-    unsafe fn differs(self, other: f64) -> bool {
-        self != other
-    }
-    #[inline(always)]
     unsafe fn select(mask: bool, yes: f64, no: f64) -> f64 {
         if mask { yes } else { no }
     }
@@ -325,7 +317,7 @@ mod x86 {
         ($register:ty, $width:literal, $mask:ty,
          $load:ident $store:ident $splat:ident $add:ident $sub:ident $mul:ident $div:ident $sqrt:ident
          $max:ident $min:ident,
-         |$a:ident, $b:ident| $less:expr, $at_most:expr, $differs:expr,
+         |$a:ident, $b:ident| $less:expr, $at_most:expr,
          |$m:ident, $yes:ident, $no:ident| $select:expr,
          |$p:ident, $q:ident| $and:expr, $or:expr, $any:expr) => {
             // SAFETY: what instructions are needed is said by the type; the pointers are used as promised.
@@ -383,11 +375,6 @@ mod x86 {
                     unsafe { $at_most }
                 }
                 #[inline(always)]
-                unsafe fn differs(self, other: Self) -> $mask {
-                    let ($a, $b) = (self, other);
-                    unsafe { $differs }
-                }
-                #[inline(always)]
                 unsafe fn select($m: $mask, $yes: Self, $no: Self) -> Self {
                     unsafe { $select }
                 }
@@ -411,21 +398,19 @@ mod x86 {
     register!(__m128d, 2, __m128d,
         _mm_loadu_pd _mm_storeu_pd _mm_set1_pd _mm_add_pd _mm_sub_pd _mm_mul_pd _mm_div_pd _mm_sqrt_pd
         _mm_max_pd _mm_min_pd,
-        |a, b| _mm_cmplt_pd(a, b), _mm_cmple_pd(a, b), _mm_cmpneq_pd(a, b),
+        |a, b| _mm_cmplt_pd(a, b), _mm_cmple_pd(a, b),
         |m, yes, no| _mm_or_pd(_mm_and_pd(m, yes), _mm_andnot_pd(m, no)),
         |p, q| _mm_and_pd(p, q), _mm_or_pd(p, q), _mm_movemask_pd(p) != 0);
     register!(__m256d, 4, __m256d,
         _mm256_loadu_pd _mm256_storeu_pd _mm256_set1_pd _mm256_add_pd _mm256_sub_pd _mm256_mul_pd _mm256_div_pd
         _mm256_sqrt_pd _mm256_max_pd _mm256_min_pd,
         |a, b| _mm256_cmp_pd::<_CMP_LT_OQ>(a, b), _mm256_cmp_pd::<_CMP_LE_OQ>(a, b),
-        _mm256_cmp_pd::<_CMP_NEQ_UQ>(a, b),
         |m, yes, no| _mm256_blendv_pd(no, yes, m),
         |p, q| _mm256_and_pd(p, q), _mm256_or_pd(p, q), _mm256_movemask_pd(p) != 0);
     register!(__m512d, 8, __mmask8,
         _mm512_loadu_pd _mm512_storeu_pd _mm512_set1_pd _mm512_add_pd _mm512_sub_pd _mm512_mul_pd _mm512_div_pd
         _mm512_sqrt_pd _mm512_max_pd _mm512_min_pd,
         |a, b| _mm512_cmp_pd_mask::<_CMP_LT_OQ>(a, b), _mm512_cmp_pd_mask::<_CMP_LE_OQ>(a, b),
-        _mm512_cmp_pd_mask::<_CMP_NEQ_UQ>(a, b),
         |m, yes, no| _mm512_mask_blend_pd(m, no, yes),
         |p, q| p & q, p | q, p != 0);
 }
