@@ -67,7 +67,7 @@ fn bowling_recovers_both_coefficients_and_admits_density() {
 fn racing_changes_no_elite() {
     for (name, seed) in [("basketball", 5), ("bowling", 6)] {
         let mut world = HiddenWorld::new(hidden(name, [0.5, 0.4, 0.6], true)).unwrap();
-        let count = if name == "bowling" { 8 } else { 24 };
+        let count = if name == "bowling" { 14 } else { 24 };
         let trials = random_trials(&training(name), &mut world, count, seed, &Silent).unwrap();
         let mut stream = iplw::rng::stream(seed, "cem");
         let cem =

@@ -44,7 +44,7 @@ pub struct Losses {
 }
 
 /// Trials a race completes between two looks at who may be dropped.
-const LEG: usize = 5;
+const LEG: usize = 3;
 /// Rollouts handed to the engine between two reports of progress.
 const CHUNK: usize = 2048;
 
