@@ -166,6 +166,23 @@ fn fast_discs_do_not_pass_through() {
     }
 }
 
+/// Once stopped at a wall, a fast disc that slides on must not be stopped in every step.
+#[test]
+fn fast_discs_slide_on() {
+    for k in 0..20 {
+        let mut ball = disc("ball", 0.1, [0.0, 2.0 + 0.013 * f64::from(k)], [18.0, -12.0]);
+        (ball.friction, ball.restitution) = (0.0, 0.3);
+        let mut scene = box_scene(vec![ball]);
+        scene.statics.truncate(1);
+        scene.statics[0].shape = Shape::Box { half_width: 100.0, half_height: 0.5 };
+        scene.steps = 480;
+        let t = simulate(&rollouts(&[scene]), Engine::Lanes).unwrap().remove(0);
+        let way = t.bodies[0].x.last().unwrap();
+        // At most one step's way is lost at the first, hard bounce.
+        assert!((36.0 - 18.0 / 240.0..=36.0 + 1e-9).contains(way), "slid {way} m of 36 m");
+    }
+}
+
 /// Golden trajectories made by benches/pymunk_golden.py, Pymunk at its defaults.
 #[test]
 fn agrees_with_pymunk() {

@@ -14,6 +14,10 @@ pub const WATCHED: f64 = 0.5;
 /// Share of both radii at which the disc is stopped: a little less than 1, so that it touches.
 const STOPPED: f64 = 0.9;
 
+/// Share of its radius that a disc must move into a static in a step to be stopped. Less than that cannot take its
+/// centre in, and a disc that slides along a wall must not be held up by what rounds off.
+const DEEP: f64 = 0.25;
+
 /// Stops the discs that would pass into or through a static; called after positions have advanced.
 #[cold]
 pub fn stop_fast_discs(batch: &mut Batch) {
@@ -25,14 +29,17 @@ pub fn stop_fast_discs(batch: &mut Batch) {
             }
             let to = [body.moving.x[lane], body.moving.y[lane]];
             let from = [to[0] - way[0], to[1] - way[1]];
+            let least = DEEP * body.radius[lane];
             let mut share = 1.0f64;
             for fixed in &batch.statics {
                 let margin = STOPPED * (body.radius[lane] + fixed.radius[lane]);
                 let hit = match &fixed.core {
                     // Whatever passes into a half plane is found within it.
                     Core::Plane { .. } => None,
-                    Core::Point { x, y } => into_disc([from[0] - x[lane], from[1] - y[lane]], way, margin),
-                    Core::Polygon(edges) => into_polygon(edges, lane, from, way, margin),
+                    Core::Point { x, y } => {
+                        into_disc([from[0] - x[lane], from[1] - y[lane]], way, margin, least)
+                    }
+                    Core::Polygon(edges) => into_polygon(edges, lane, from, way, margin, least),
                 };
                 share = share.min(hit.unwrap_or(1.0));
             }
@@ -44,35 +51,44 @@ pub fn stop_fast_discs(batch: &mut Batch) {
     }
 }
 
-/// Share of the way after which a point comes within `radius` of the origin.
-fn into_disc(from: [f64; 2], way: [f64; 2], radius: f64) -> Option<f64> {
-    let outside = from[0] * from[0] + from[1] * from[1] - radius * radius;
-    let along = from[0] * way[0] + from[1] * way[1];
-    let way2 = way[0] * way[0] + way[1] * way[1];
+/// Share of the way after which a point, coming in fast enough to matter, is within `margin` of the origin.
+fn into_disc(from: [f64; 2], way: [f64; 2], margin: f64, least: f64) -> Option<f64> {
+    let outside = dot(from, from) - margin * margin;
+    let (along, way2) = (dot(from, way), dot(way, way));
     let root = along * along - way2 * outside;
-    (outside > 0.0 && along < 0.0 && root >= 0.0).then(|| (-along - root.sqrt()) / way2).filter(|t| *t < 1.0)
+    if outside <= 0.0 || along >= 0.0 || root <= 0.0 {
+        return None;
+    }
+    let share = (-along - root.sqrt()) / way2;
+    // The part of the way that points at the origin, where the point comes within the margin.
+    let inward = root.sqrt() / margin;
+    (share < 1.0 && inward > least).then_some(share)
 }
 
-/// Share of the way after which a point comes into a convex polygon whose edges are moved out by `margin`.
-fn into_polygon(edges: &[EdgeLanes], lane: usize, from: [f64; 2], way: [f64; 2], margin: f64) -> Option<f64> {
-    let (mut enter, mut leave) = (f64::NEG_INFINITY, f64::INFINITY);
-    let mut clip = |height: f64, rise: f64| {
-        if rise < 0.0 {
-            enter = enter.max(-height / rise);
-        } else if rise > 0.0 {
-            leave = leave.min(-height / rise);
-        } else if height > 0.0 {
-            leave = f64::NEG_INFINITY;
+/// The same for a convex polygon: the faces moved out by `margin`, and a disc of that radius about each corner.
+fn into_polygon(
+    edges: &[EdgeLanes],
+    lane: usize,
+    from: [f64; 2],
+    way: [f64; 2],
+    margin: f64,
+    least: f64,
+) -> Option<f64> {
+    let face = |e: &EdgeLanes| {
+        let normal = [e.nx[lane], e.ny[lane]];
+        let offset = [from[0] - e.ax[lane], from[1] - e.ay[lane]];
+        let (height, inward) = (dot(normal, offset) - margin, -dot(normal, way));
+        if height <= 0.0 || inward <= least || height >= inward {
+            return None;
         }
+        let share = height / inward;
+        let along = |v: [f64; 2]| normal[0] * v[1] - normal[1] * v[0];
+        (0.0..=e.length[lane]).contains(&(along(offset) + share * along(way))).then_some(share)
     };
-    for e in edges {
-        let (nx, ny) = (e.nx[lane], e.ny[lane]);
-        let (dx, dy) = (from[0] - e.ax[lane], from[1] - e.ay[lane]);
-        clip(nx * dx + ny * dy - margin, nx * way[0] + ny * way[1]);
-        if edges.len() == 2 {
-            // A segment's two sides leave its ends open: each side closes the end it runs to.
-            clip(nx * dy - ny * dx - e.length[lane] - margin, nx * way[1] - ny * way[0]);
-        }
-    }
-    (enter >= 0.0 && enter < leave && enter < 1.0).then_some(enter)
+    let corner = |e: &EdgeLanes| into_disc([from[0] - e.ax[lane], from[1] - e.ay[lane]], way, margin, least);
+    edges.iter().flat_map(|e| [face(e), corner(e)]).flatten().reduce(f64::min)
+}
+
+fn dot(a: [f64; 2], b: [f64; 2]) -> f64 {
+    a[0] * b[0] + a[1] * b[1]
 }
