@@ -14,12 +14,15 @@ use crate::task::scene::EffectTerm;
 use crate::task::{CANDIDATE_SEED, Certificate, CertifiedRow, Family, Placement, Scene, ValidAction};
 use crate::world::{Engine, Latents, Rollout, simulate_map};
 
-/// Perturbed copies of a solution that must solve too.
+/// Perturbed copies of a certified action that must solve too, whenever a certificate is checked.
 pub const PERTURBATIONS: usize = 8;
+/// Perturbed copies that must solve for an action to be certified. More than are checked later: the first of many
+/// actions to survive few copies would often owe it to luck.
+const SEARCHED: usize = 40;
 /// Largest change of an action's component in a perturbed copy: 0.5 px of a scene 256 px wide.
 pub const PERTURBATION: f64 = 0.002;
 /// Solutions tried for stability before a candidate is given up.
-const TRIED: usize = 40;
+const TRIED: usize = 150;
 /// Actions of the first, rough look at a candidate.
 const ROUGH: usize = 200;
 
@@ -87,7 +90,7 @@ pub fn holds(family: &Family, scene: &Scene, certificate: &Certificate, engine: 
     let physics = Physics { latents: real.latents, effects: &real.effects, engine };
     let space = scene.action.as_ref().expect("a candidate has an action space");
     let action = space.validate(&certificate.action)?;
-    survives(scene, &action, &mut rng::stream(certificate.seed, "recheck"), physics)
+    survives(scene, &action, PERTURBATIONS, &mut rng::stream(certificate.seed, "recheck"), physics)
 }
 
 #[derive(Clone, Copy)]
@@ -138,7 +141,7 @@ fn stable(
     physics: Physics,
 ) -> Result<Option<ValidAction>> {
     for action in solutions.iter().take(TRIED) {
-        if !survives(scene, action, stream, physics)? {
+        if !survives(scene, action, SEARCHED, stream, physics)? {
             continue;
         }
         // The solution itself must be one to the other engine too.
@@ -152,11 +155,17 @@ fn stable(
     Ok(None)
 }
 
-/// Whether an action and [`PERTURBATIONS`] copies of it are valid and solve.
-fn survives(scene: &Scene, action: &ValidAction, stream: &mut Stream, physics: Physics) -> Result<bool> {
+/// Whether an action and so many perturbed copies of it are valid and solve.
+fn survives(
+    scene: &Scene,
+    action: &ValidAction,
+    copies: usize,
+    stream: &mut Stream,
+    physics: Physics,
+) -> Result<bool> {
     let space = scene.action.as_ref().expect("a candidate has an action space");
     let mut scenes = Vec::new();
-    for copy in 0..=PERTURBATIONS {
+    for copy in 0..=copies {
         let size = if copy == 0 { 0.0 } else { PERTURBATION };
         let moved: Vec<f64> = action
             .values()
