@@ -1,4 +1,4 @@
-"""Prints the engine names to measure: lanes at every instruction set of this machine."""
+"""Prints the engine names to measure: lanes at every instruction set of this machine, with and without ending lanes at rest."""
 
 try:
     with open("/proc/cpuinfo") as info:
@@ -10,4 +10,4 @@ if "avx2" in flags:
     names.append("lanes:avx2")
 if {"avx512f", "avx512dq", "avx512vl", "avx512bw"} <= set(flags):
     names.append("lanes:avx512")
-print(*reversed(names))
+print(*(row for name in reversed(names) for row in (name, name + "-full")))

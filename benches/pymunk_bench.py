@@ -68,15 +68,13 @@ def measure(name, rollout, scenes):
 def main():
     with open(sys.argv[1]) as lines:
         scenes = [json.loads(line) for line in lines]
-    # Long scenes: a part of them is enough for engines this slow.
-    part = scenes[: max(10, min(len(scenes), 60_000 // scenes[0]["steps"]))]
-    measure("pymunk", pymunk_rollout, part)
+    measure("pymunk", pymunk_rollout, scenes)
     try:
         import Box2D  # noqa: F401
     except ImportError:
         print("Box2D is not installed: left out", file=sys.stderr)
     else:
-        measure("box2d", box2d_rollout, part)
+        measure("box2d", box2d_rollout, scenes)
 
 
 if __name__ == "__main__":

@@ -22,8 +22,8 @@ use crate::error::{Error, Result};
 use crate::task::Scene;
 use crate::task::scene::EffectTerm;
 use crate::trajectory::Trajectory;
-pub use lanes::Level;
-use lanes::{Settings, Topology};
+use lanes::Topology;
+pub use lanes::{Level, Settings};
 pub use latent::Latents;
 use prepare::{Prepared, prepare};
 
@@ -79,7 +79,8 @@ pub fn simulate_map_at<T: Send>(
     simulate_map_set(Settings { level, end_at_rest: true }, rollouts, engine, keep)
 }
 
-fn simulate_map_set<T: Send>(
+/// [`simulate_map`] with every choice that changes only the time it takes made by the caller: for benchmarks.
+pub fn simulate_map_set<T: Send>(
     settings: Settings,
     rollouts: &[Rollout],
     engine: Engine,
