@@ -31,7 +31,7 @@ test-examples:
 	IPLW_BIN=target/debug/iplw bash examples/curl/smoke.sh
 
 test-python: $(VENV)/.installed
-	$(CARGO) build --locked --bin iplw
+	$(CARGO) build --locked --bin iplw --examples
 	cd clients/python && IPLW_BIN=$(CURDIR)/target/debug/iplw ../../$(PYTHON) -m pytest -q
 	cd clients/python && ../../$(PYTHON) -m mypy
 

@@ -345,7 +345,8 @@ fn measure(
     Ok(slots.into_iter().flatten().collect())
 }
 
-/// Whether the last two rounds moved no latent noticeably.
+/// Whether the last two rounds moved neither friction nor restitution noticeably. Density is left out: in
+/// tasks of one composition it cancels, and would wander for ever.
 fn has_settled(estimates: &[Sample], config: &EstimateConfig) -> bool {
     let [.., a, b, c] = estimates else { return false };
     let moved = |from: &Sample, to: &Sample| {

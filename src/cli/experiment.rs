@@ -103,17 +103,16 @@ fn story(name: &str, seeds: Vec<u64>, quick: bool, out: &Path) -> Result<()> {
     let clock = || started.elapsed().as_secs_f64();
     let (report, keepsakes) = quickstart(&tasks, &hidden, &config, &clock, &bar)?;
     bar.clear();
-    let table = text_table(&report);
+    let table = text_table(&report, split(&tasks, Split::Test).len());
     write_all(out, &report, &keepsakes, &tasks, &hidden, &table)?;
     output::print(&table)?;
     output::print(&format!("\nreport: {}\n", out.join("report.html").display()))
 }
 
 /// AUCCESS by method, latents beside the truth, seconds by stage.
-fn text_table(report: &QuickstartReport) -> String {
+fn text_table(report: &QuickstartReport, test_tasks: usize) -> String {
     let mut text = format!(
-        "\n{} test tasks of {} in the hidden world ({} seed{}):\n\n",
-        if report.config.family == "bowling" { 20 } else { 5 },
+        "\n{test_tasks} test tasks of {} in the hidden world ({} seed{}):\n\n",
         report.config.family,
         report.config.seeds.len(),
         if report.config.seeds.len() == 1 { "" } else { "s" },

@@ -25,6 +25,11 @@ impl Convex {
         Convex { points: self.points.iter().map(turn).collect(), radius: self.radius }
     }
 
+    /// Whether the shape is a disc about its own origin.
+    pub fn is_disc(&self) -> bool {
+        self.points == [[0.0, 0.0]]
+    }
+
     /// The smallest axis-aligned box around the shape.
     pub fn bounds(&self) -> Bounds {
         let mut b = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];

@@ -46,7 +46,7 @@ pub fn run(prepared: &Prepared) -> Result<Trajectory> {
                 &spec.condition,
                 |i| (states[i].position, states[i].angle),
                 |s, shape| gap_to_static(&prepared.statics[s].shape, shape),
-                |i| prepared.bodies[i].shape.clone(),
+                |i| &prepared.bodies[i].shape,
             );
             if watch.advance(holds, needed) {
                 recorder.solved();
