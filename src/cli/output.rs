@@ -12,7 +12,7 @@ use iplw::progress::Progress;
 /// Writes a file by way of a temporary one beside it, so that a reader sees the old or the new, never a half.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
     if let Some(parent) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
-        std::fs::create_dir_all(parent).map_err(|e| Error::io(parent, e))?;
+        directory(parent)?;
     }
     let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let beside = path.with_file_name(format!(".{name}.{}.part", std::process::id()));
@@ -23,6 +23,11 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
         let _ = std::fs::remove_file(&beside);
     }
     written.map_err(|e| Error::io(path, e))
+}
+
+/// Makes a directory for results, so that a place that cannot be written to is refused before the work, not after.
+pub fn directory(path: &Path) -> Result<()> {
+    std::fs::create_dir_all(path).map_err(|e| Error::io(path, e))
 }
 
 /// Writes to standard output; a reader that went away (`| head`) is no error.

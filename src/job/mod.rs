@@ -486,17 +486,23 @@ mod tests {
         assert_eq!(runner.get(&job.id).unwrap(), all.last().unwrap().1);
     }
 
-    #[test]
-    fn running_and_waiting_jobs_are_cancelled_and_the_queue_is_bounded() {
-        let runner = runner(1);
+    /// Work that goes on until it is stopped, and what tells that it has begun.
+    fn endless() -> (Work, mpsc::Receiver<()>) {
         let (started, wait) = mpsc::channel();
-        let endless: Work = Box::new(move |_, progress| {
+        let work: Work = Box::new(move |_, progress| {
             started.send(()).unwrap();
             loop {
                 progress.report("waiting", 0, 1)?;
                 std::thread::yield_now();
             }
         });
+        (work, wait)
+    }
+
+    #[test]
+    fn running_and_waiting_jobs_are_cancelled_and_the_queue_is_bounded() {
+        let runner = runner(1);
+        let (endless, wait) = endless();
         let running = runner.submit("endless", &json!({}), 0, endless).unwrap();
         wait.recv().unwrap();
         let waiting = runner.submit("x", &json!({}), 0, Box::new(|_, _| Ok(json!(1)))).unwrap();
@@ -531,14 +537,7 @@ mod tests {
     #[test]
     fn stopping_fails_what_ran_with_the_reason() {
         let runner = runner(4);
-        let (started, wait) = mpsc::channel();
-        let endless: Work = Box::new(move |_, progress| {
-            started.send(()).unwrap();
-            loop {
-                progress.report("waiting", 0, 1)?;
-                std::thread::yield_now();
-            }
-        });
+        let (endless, wait) = endless();
         let job = runner.submit("endless", &json!({}), 0, endless).unwrap();
         wait.recv().unwrap();
         runner.stop(Duration::from_secs(60));
