@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 ///
 /// Every track holds as many samples as `times`. A missing measured value is NaN in memory and an empty cell
 /// or `null` outside.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Trajectory {
     /// (n_samples,) seconds since the start; rising.
     pub times: Vec<f64>,
@@ -29,16 +29,22 @@ pub struct Track {
     /// The body's name in its scene.
     pub name: String,
     /// (n_samples,) position, m.
+    #[serde(with = "gaps")]
     pub x: Vec<f64>,
     /// (n_samples,) position, m, up.
+    #[serde(with = "gaps")]
     pub y: Vec<f64>,
     /// (n_samples,) rad, counter-clockwise, not wrapped.
+    #[serde(with = "gaps")]
     pub angle: Vec<f64>,
     /// (n_samples,) m/s.
+    #[serde(with = "gaps")]
     pub vx: Vec<f64>,
     /// (n_samples,) m/s.
+    #[serde(with = "gaps")]
     pub vy: Vec<f64>,
     /// (n_samples,) rad/s.
+    #[serde(with = "gaps")]
     pub omega: Vec<f64>,
 }
 
@@ -54,7 +60,7 @@ pub struct Contact {
 }
 
 /// How a rollout ended.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Outcome {
     /// Whether the goal was reached; `None` where the scene has none.
     pub solved: Option<bool>,
@@ -75,6 +81,21 @@ pub enum End {
     Goal,
     /// A state stopped being finite; samples end before it.
     Diverged,
+}
+
+/// Missing values: NaN in memory, `null` outside.
+mod gaps {
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub fn serialize<S: Serializer>(values: &[f64], to: S) -> Result<S::Ok, S::Error> {
+        // serde_json writes NaN as null by itself; said here so that no other format can disagree.
+        values.iter().map(|v| (!v.is_nan()).then_some(*v)).collect::<Vec<Option<f64>>>().serialize(to)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<f64>, D::Error> {
+        let values = Vec::<Option<f64>>::deserialize(from)?;
+        Ok(values.into_iter().map(|v| v.unwrap_or(f64::NAN)).collect())
+    }
 }
 
 impl Track {

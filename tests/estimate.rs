@@ -3,7 +3,10 @@
 
 use iplw::error::{Error, Result};
 use iplw::estimate::fitness::{Racing, Simulation, losses};
-use iplw::experiment::{EstimateConfig, EstimateReport, Memory, Stopped, estimate, random_trials};
+use iplw::experiment::{
+    Answer, EstimateConfig, EstimateReport, Memory, Round, Stopped, Workflow, estimate, random_trials,
+    run as run_workflow,
+};
 use iplw::progress::{Progress, Silent};
 use iplw::reality::{HiddenConfig, HiddenWorld, Reality, standard};
 use iplw::task::{Split, Task, family, split};
@@ -101,6 +104,71 @@ fn a_seed_gives_the_same_bits_on_any_number_of_threads() {
         EstimateConfig { seed: 9, ..small.clone() },
     );
     assert_ne!(on(1).estimates, other.estimates, "the seed matters");
+}
+
+/// Rounds go through JSON, as a store keeps them; whatever round it is resumed from, the end is the same bits.
+#[test]
+fn a_workflow_resumed_from_any_round_ends_the_same() {
+    let config = EstimateConfig { rounds: 4, actions: 5, candidates: 40, settled: 0.0, ..fast("basketball") };
+    let tasks = training("basketball");
+    let world = || HiddenConfig { noise: 0.01, ..hidden("basketball", [1.0, 0.2, 0.7], true) };
+    let through = |rounds: Vec<Round>| {
+        let mut reality = HiddenWorld::new(world())
+            .unwrap()
+            .with_spent(rounds.iter().map(|r| r.answers.len() as u64).sum());
+        let text = serde_json::to_string(&rounds).unwrap();
+        let rounds: Vec<Round> = serde_json::from_str(&text).unwrap();
+        let mut workflow = Workflow::new(&tasks, &config, None).unwrap().resume(rounds).unwrap();
+        let mut kept = Vec::new();
+        run_workflow(&mut workflow, &mut reality, &Silent, &mut |r| {
+            kept.push(r.clone());
+            Ok(())
+        })
+        .unwrap();
+        (workflow.report(&Silent).unwrap(), workflow.rounds().to_vec(), kept.len())
+    };
+    let (report, rounds, kept) = through(Vec::new());
+    assert_eq!(kept, 4);
+    for n in 1..=4 {
+        let (again, all, kept) = through(rounds[..n].to_vec());
+        assert_eq!((&again, &all, kept), (&report, &rounds, 4 - n), "resumed after round {n}");
+    }
+}
+
+/// Answers may come in any order, twice, or not at all; ones nobody asked for are refused and change nothing.
+#[test]
+fn a_workflow_takes_answers_as_they_come() {
+    let config = EstimateConfig { rounds: 2, actions: 4, candidates: 40, ..fast("basketball") };
+    let tasks = training("basketball");
+    let mut reality = HiddenWorld::new(hidden("basketball", [1.0, 0.2, 0.7], true)).unwrap();
+    let start = || Workflow::new(&tasks, &config, None).unwrap();
+    let mut workflow = start();
+    assert!(matches!(workflow.tell(&[], &Silent), Err(Error::Refused { .. })), "nothing was asked yet");
+    let proposals = workflow.propose(None, &Silent).unwrap().unwrap();
+    assert_eq!(workflow.propose(None, &Silent).unwrap().unwrap(), proposals, "asking twice is the same");
+    let mut answers: Vec<Answer> = proposals
+        .iter()
+        .map(|p| {
+            let task = workflow.task(&p.task).unwrap();
+            let attempt = reality.measure(task, &[p.action_on(task).unwrap()]).unwrap().remove(0);
+            Answer { number: p.number, observed: attempt.trajectory.unwrap() }
+        })
+        .collect();
+    let stray = [Answer { number: 99, ..answers[0].clone() }];
+    assert!(workflow.tell(&stray, &Silent).unwrap_err().to_string().contains("0 to 3"));
+    assert!(workflow.rounds().is_empty());
+    let straight = workflow.tell(&answers, &Silent).unwrap().clone();
+    answers.reverse();
+    answers.push(answers[0].clone());
+    let mut shuffled = start();
+    shuffled.propose(None, &Silent).unwrap();
+    assert_eq!(*shuffled.tell(&answers, &Silent).unwrap(), straight);
+    let mut partial = start();
+    partial.propose(None, &Silent).unwrap();
+    assert_eq!(partial.tell(&answers[..2], &Silent).unwrap().answers.len(), 2);
+    partial.propose(None, &Silent).unwrap();
+    partial.tell(&[], &Silent).unwrap();
+    assert_eq!((partial.ended(), partial.trials().len()), (Some(Stopped::Rounds), 2));
 }
 
 #[test]

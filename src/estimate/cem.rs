@@ -42,6 +42,15 @@ pub struct CemConfig {
     pub floor: f64,
 }
 
+/// Where a search stands, as plain data: [`Cem::at`] takes it up again to the bit.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct State {
+    /// Mean of every component.
+    pub mean: Sample,
+    /// Covariance, by rows.
+    pub covariance: [Sample; 4],
+}
+
 /// The state of the search.
 #[derive(Clone, Debug)]
 pub struct Cem {
@@ -99,6 +108,19 @@ impl Cem {
         let mean = Vector4::from_fn(|i, _| config.start()[i].0);
         let covariance = Matrix4::from_diagonal(&Vector4::from_fn(|i, _| config.start()[i].1.powi(2)));
         Ok(Cem { config, mean, covariance })
+    }
+
+    /// The search as it stood at `state`.
+    pub fn at(config: CemConfig, state: &State) -> Result<Cem> {
+        config.validate()?;
+        let covariance = Matrix4::from_fn(|i, j| state.covariance[i][j]);
+        Ok(Cem { config, mean: Vector4::from(state.mean), covariance })
+    }
+
+    /// Where the search stands.
+    pub fn state(&self) -> State {
+        let row = |i: usize| std::array::from_fn(|j| self.covariance[(i, j)]);
+        State { mean: self.mean.into(), covariance: std::array::from_fn(row) }
     }
 
     /// The next iteration's samples, each within bounds.

@@ -4,7 +4,8 @@
 //! surfaces goes first, so that the group differs from `rolling` where it can (and in scenes with a single
 //! movable body, where nothing collides, it means the actions that touch surfaces least).
 
-use super::{Candidate, Strategy, ranked};
+use super::{Candidate, Chosen, Situation, Strategy, ranked};
+use crate::error::Result;
 
 /// The strategy's row in the registry.
 pub struct Collisions;
@@ -14,9 +15,12 @@ impl Strategy for Collisions {
         "collisions"
     }
 
-    fn choose(&self, candidates: &[Candidate], n: usize) -> Vec<usize> {
-        let mut order = ranked(candidates, |c| f64::from(c.collisions) - 1e-9 * f64::from(c.rolling_steps));
-        order.truncate(n);
-        order
+    fn choose(&self, situation: &Situation, n: usize) -> Result<Chosen> {
+        Chosen::free(order(situation.candidates), n)
     }
+}
+
+/// All candidates, most wanted first.
+pub(super) fn order(candidates: &[Candidate]) -> Vec<usize> {
+    ranked(candidates, |c| f64::from(c.collisions) - 1e-9 * f64::from(c.rolling_steps))
 }

@@ -3,9 +3,8 @@
 //! Source: Semage et al., action grouping. Differences from the source: the two rankings are interleaved one by
 //! one, collisions first; an action that both want is taken once.
 
-use super::collisions::Collisions;
-use super::rolling::Rolling;
-use super::{Candidate, Strategy};
+use super::{Chosen, Situation, Strategy, collisions, rolling};
+use crate::error::Result;
 
 /// The strategy's row in the registry.
 pub struct Mixed;
@@ -15,16 +14,10 @@ impl Strategy for Mixed {
         "mixed"
     }
 
-    fn choose(&self, candidates: &[Candidate], n: usize) -> Vec<usize> {
-        let all = candidates.len();
-        let (first, second) = (Collisions.choose(candidates, all), Rolling.choose(candidates, all));
-        let mut taken = vec![false; all];
-        let mut chosen = Vec::with_capacity(n.min(all));
-        for index in first.into_iter().zip(second).flat_map(|(a, b)| [a, b]) {
-            if chosen.len() < n && !std::mem::replace(&mut taken[index], true) {
-                chosen.push(index);
-            }
-        }
-        chosen
+    fn choose(&self, situation: &Situation, n: usize) -> Result<Chosen> {
+        let (first, second) = (collisions::order(situation.candidates), rolling::order(situation.candidates));
+        let mut taken = vec![false; situation.candidates.len()];
+        let turns = first.into_iter().zip(second).flat_map(|(a, b)| [a, b]);
+        Chosen::free(turns.filter(|i| !std::mem::replace(&mut taken[*i], true)).collect(), n)
     }
 }

@@ -12,6 +12,7 @@ use rand::RngExt;
 
 use crate::error::{Error, Result};
 use crate::progress::Progress;
+use crate::reality::Trial;
 use crate::rng::Stream;
 use crate::task::scene::EffectTerm;
 use crate::task::{Placement, Scene, Task, ValidAction};
@@ -26,8 +27,48 @@ pub trait Strategy: Sync {
     /// Name on the command line and in reports.
     fn name(&self) -> &'static str;
 
-    /// Indices of `n` distinct candidates (fewer if there are fewer), most wanted first.
-    fn choose(&self, candidates: &[Candidate], n: usize) -> Vec<usize>;
+    /// Whether [`Situation::importance`] must be there.
+    fn needs_importance(&self) -> bool {
+        false
+    }
+
+    /// `n` distinct candidates (fewer if there are fewer), most wanted first.
+    fn choose(&self, situation: &Situation, n: usize) -> Result<Chosen>;
+}
+
+/// What a strategy may look at: nothing of it comes from the real world but the trials that were paid for.
+pub struct Situation<'a> {
+    /// The tasks the candidates were drawn for.
+    pub tasks: &'a [Task],
+    /// The actions to choose from.
+    pub candidates: &'a [Candidate],
+    /// The simulation they were tried in.
+    pub world: &'a World,
+    /// The current estimate: density (kg/m^2), friction, restitution, c of `linear_drag` (1/s).
+    pub estimate: [f64; 4],
+    /// How far the search still spreads around it, standard deviations.
+    pub spread: [f64; 4],
+    /// What was measured so far.
+    pub trials: &'a [Trial],
+    /// What the task's performance asks of the latents; present where the strategy needs it.
+    pub importance: Option<&'a dyn Importance>,
+    /// For those that simulate more.
+    pub progress: &'a dyn Progress,
+}
+
+/// What was chosen.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Chosen {
+    /// Indices of candidates.
+    pub indices: Vec<usize>,
+    /// Rollouts simulated to choose them.
+    pub rollouts: u64,
+}
+
+/// How much the performance on a task depends on each latent factor.
+pub trait Importance: Send + Sync {
+    /// Partial derivatives of performance by density (per kg/m^2), friction and restitution at `latents`.
+    fn gradient(&self, latents: [f64; 3]) -> [f64; 3];
 }
 
 /// An action that can be placed, with what the simulation says it would do.
@@ -124,6 +165,14 @@ pub(crate) fn draw(
     )))
 }
 
+impl Chosen {
+    /// Chosen without simulating anything.
+    fn free(mut indices: Vec<usize>, n: usize) -> Result<Chosen> {
+        indices.truncate(n);
+        Ok(Chosen { indices, rollouts: 0 })
+    }
+}
+
 /// Indices ordered by descending score; ties keep the order of the candidates, which is random.
 fn ranked(candidates: &[Candidate], score: impl Fn(&Candidate) -> f64) -> Vec<usize> {
     let mut order: Vec<usize> = (0..candidates.len()).collect();
@@ -150,21 +199,45 @@ mod tests {
             .collect()
     }
 
+    /// What a strategy sees that looks at candidates alone.
+    fn seen<'a>(candidates: &'a [Candidate], world: &'a World) -> Situation<'a> {
+        Situation {
+            tasks: &[],
+            candidates,
+            world,
+            estimate: [1.0, 0.5, 0.5, 0.0],
+            spread: [0.5, 0.2, 0.2, 0.0],
+            trials: &[],
+            importance: None,
+            progress: &crate::progress::Silent,
+        }
+    }
+
+    const WORLD: World = World {
+        latents: Latents { density: None, friction: None, restitution: None },
+        effects: vec![],
+        engine: Engine::Auto,
+    };
+
+    fn choose(name: &str, candidates: &[Candidate], n: usize) -> Vec<usize> {
+        strategy(name).unwrap().choose(&seen(candidates, &WORLD), n).unwrap().indices
+    }
+
     /// Contract of every strategy: n distinct indices, fewer only if there are fewer, always the same ones.
     #[test]
     fn every_strategy_keeps_its_contract() {
         let candidates = some();
         for strategy in REGISTRY {
             for n in [0, 1, 7, 50, 100, 200] {
-                let chosen = strategy.choose(&candidates, n);
-                assert_eq!(chosen, strategy.choose(&candidates, n), "{}", strategy.name());
+                let chosen = choose(strategy.name(), &candidates, n);
+                assert_eq!(chosen, choose(strategy.name(), &candidates, n), "{}", strategy.name());
                 let mut distinct = chosen.clone();
                 distinct.sort_unstable();
                 distinct.dedup();
                 assert_eq!(distinct.len(), n.min(100), "{} for {n}", strategy.name());
                 assert!(distinct.iter().all(|i| *i < 100));
             }
-            assert!(strategy.choose(&[], 5).is_empty());
+            assert!(choose(strategy.name(), &[], 5).is_empty());
         }
     }
 
@@ -172,7 +245,7 @@ mod tests {
     fn groups_are_rich_in_what_they_are_named_for() {
         let candidates = some();
         let mean = |name: &str, of: fn(&Candidate) -> u32| {
-            let chosen = super::strategy(name).unwrap().choose(&candidates, 10);
+            let chosen = choose(name, &candidates, 10);
             chosen.iter().map(|i| f64::from(of(&candidates[*i]))).sum::<f64>() / 10.0
         };
         assert!(mean("collisions", |c| c.collisions) > 11.0 && mean("rolling", |c| c.rolling_steps) > 85.0);

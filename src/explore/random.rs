@@ -1,6 +1,7 @@
 //! `random`: actions as they were drawn; the baseline.
 
-use super::{Candidate, Strategy};
+use super::{Chosen, Situation, Strategy};
+use crate::error::Result;
 
 /// The strategy's row in the registry.
 pub struct Random;
@@ -10,7 +11,7 @@ impl Strategy for Random {
         "random"
     }
 
-    fn choose(&self, candidates: &[Candidate], n: usize) -> Vec<usize> {
-        (0..candidates.len().min(n)).collect()
+    fn choose(&self, situation: &Situation, n: usize) -> Result<Chosen> {
+        Chosen::free((0..situation.candidates.len()).collect(), n)
     }
 }

@@ -2,7 +2,8 @@
 //!
 //! Source: Semage et al., action grouping. Differences from the source: none known; ties keep their order.
 
-use super::{Candidate, Strategy, ranked};
+use super::{Candidate, Chosen, Situation, Strategy, ranked};
+use crate::error::Result;
 
 /// The strategy's row in the registry.
 pub struct Rolling;
@@ -12,9 +13,12 @@ impl Strategy for Rolling {
         "rolling"
     }
 
-    fn choose(&self, candidates: &[Candidate], n: usize) -> Vec<usize> {
-        let mut order = ranked(candidates, |c| f64::from(c.rolling_steps));
-        order.truncate(n);
-        order
+    fn choose(&self, situation: &Situation, n: usize) -> Result<Chosen> {
+        Chosen::free(order(situation.candidates), n)
     }
+}
+
+/// All candidates, most wanted first.
+pub(super) fn order(candidates: &[Candidate]) -> Vec<usize> {
+    ranked(candidates, |c| f64::from(c.rolling_steps))
 }

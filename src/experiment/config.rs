@@ -1,0 +1,99 @@
+//! How an estimation is run.
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Result, within};
+use crate::estimate::CemConfig;
+use crate::explore;
+use crate::world::Engine;
+
+/// How an estimation is run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EstimateConfig {
+    /// Name of an exploration strategy.
+    pub strategy: String,
+    /// Most rounds of exploring, measuring and fitting.
+    pub rounds: usize,
+    /// Real interactions a round.
+    pub actions: usize,
+    /// Actions simulated a round for the strategy to choose from.
+    pub candidates: usize,
+    /// The search.
+    pub cem: CemConfig,
+    /// Which trials a round's fit sees.
+    pub memory: Memory,
+    /// How far a sample is from the trials.
+    #[serde(default)]
+    pub residual: ResidualKind,
+    /// Stop when no latent has moved by more than this share of its prior's deviation for two rounds; 0 never.
+    pub settled: f64,
+    /// Whether samples that cannot matter are dropped early; the result is the same.
+    pub racing: bool,
+    /// Engine of the simulation.
+    pub engine: Engine,
+    /// Seed of everything random.
+    pub seed: u64,
+}
+
+/// Which trials a round's fit sees.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Memory {
+    /// All trials so far.
+    #[default]
+    All,
+    /// Those of the round.
+    LastRound,
+}
+
+/// How far a sample is from the trials.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ResidualKind {
+    /// Simulated from the start to the end (paper, equation 2).
+    #[default]
+    Trajectory,
+}
+
+impl EstimateConfig {
+    /// As in the paper: 10 rounds of 50 actions, each followed by one iteration of 1000 samples.
+    pub fn paper(prior: [(f64, f64); 3]) -> EstimateConfig {
+        EstimateConfig {
+            rounds: 10,
+            actions: 50,
+            candidates: 500,
+            cem: CemConfig::paper(prior),
+            memory: Memory::LastRound,
+            settled: 0.0,
+            ..EstimateConfig::fast(prior)
+        }
+    }
+
+    /// A tenth of the interactions, and a search that needs fewer samples.
+    pub fn fast(prior: [(f64, f64); 3]) -> EstimateConfig {
+        EstimateConfig {
+            strategy: "mixed".into(),
+            rounds: 5,
+            actions: 10,
+            candidates: 200,
+            cem: CemConfig::fast(prior),
+            memory: Memory::All,
+            residual: ResidualKind::Trajectory,
+            settled: 0.02,
+            racing: true,
+            engine: Engine::Auto,
+            seed: 0,
+        }
+    }
+
+    /// Errors name what is out of range.
+    pub fn validate(&self) -> Result<()> {
+        explore::strategy(&self.strategy)?;
+        within("rounds", self.rounds as f64, 1.0, 1000.0)?;
+        within("actions", self.actions as f64, 1.0, 10_000.0)?;
+        within("candidates", self.candidates as f64, self.actions as f64, 100_000.0)?;
+        within("settled", self.settled, 0.0, 1.0)?;
+        self.cem.validate().map_err(|e| e.under("cem"))
+    }
+}

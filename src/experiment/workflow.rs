@@ -1,0 +1,441 @@
+//! The workflow as something to ask and to tell: it proposes actions, takes what was measured, moves the
+//! estimate, and proposes again.
+//!
+//! Source: Semage et al., algorithm 1. [`Workflow`] holds no reality: whoever does, a hidden world in this
+//! process or a robot far away, carries the proposals out. Every finished round is a [`Round`], plain data, and
+//! [`Workflow::resume`] builds the workflow again from its rounds: proposals and everything after are then the
+//! same bits, because all randomness is drawn from the seed and the number of the round.
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use super::config::{EstimateConfig, Memory};
+use super::report::{EstimateReport, Stopped};
+use crate::error::{Error, Result};
+use crate::estimate::cem::{Sample, State};
+use crate::estimate::fitness::{Racing, Simulation, losses};
+use crate::estimate::{Cem, intervals};
+use crate::explore::{self, Candidate, Importance, Situation};
+use crate::progress::Progress;
+use crate::reality::Trial;
+use crate::rng;
+use crate::task::{Placement, Task, ValidAction};
+use crate::trajectory::Trajectory;
+use crate::world::Latents;
+use crate::world::effect::linear_drag;
+
+/// An estimation under way.
+pub struct Workflow {
+    tasks: Vec<Task>,
+    config: EstimateConfig,
+    importance: Option<Arc<dyn Importance>>,
+    cem: Cem,
+    rounds: Vec<Round>,
+    /// All trials so far, in the order in which they were proposed.
+    trials: Vec<Trial>,
+    /// What is proposed and not yet answered.
+    open: Option<Asked>,
+    ended: Option<Stopped>,
+}
+
+/// An action that is to be carried out on the real world.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Proposal {
+    /// Counts from 0 over the whole estimation.
+    pub number: u64,
+    /// Id of the task.
+    pub task: String,
+    /// (dimension,) components in [0, 1].
+    pub action: Vec<f64>,
+}
+
+/// What became of a proposal; one that could not be carried out is left out.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Answer {
+    /// The proposal's number.
+    pub number: u64,
+    /// What was observed.
+    pub observed: Trajectory,
+}
+
+/// A finished round: what was asked, what was measured, where the search stood then.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Round {
+    pub proposals: Vec<Proposal>,
+    /// In the order of the proposals.
+    pub answers: Vec<Answer>,
+    pub choice: Choice,
+    pub search: State,
+    /// Residual of the best sample, m^2 per trajectory; `None` if nothing was measured.
+    pub residual: Option<f64>,
+    /// Rollouts simulated.
+    pub rollouts: u64,
+}
+
+/// What a strategy chose in a round, and from what.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Choice {
+    /// Actions chosen.
+    pub actions: usize,
+    /// Different tasks among them.
+    pub tasks: usize,
+    /// Mean contacts between movable bodies of a chosen action, as simulated.
+    pub collisions: f64,
+    /// Mean body time steps on a carrying surface of a chosen action, as simulated.
+    pub rolling_steps: f64,
+    /// The same over all candidates.
+    pub candidate_collisions: f64,
+    pub candidate_rolling_steps: f64,
+}
+
+#[derive(Clone)]
+struct Asked {
+    proposals: Vec<Proposal>,
+    choice: Choice,
+    rollouts: u64,
+}
+
+impl Workflow {
+    /// A workflow that has not asked for anything yet. `importance` is what the strategy `gradient` needs.
+    pub fn new(
+        tasks: &[Task],
+        config: &EstimateConfig,
+        importance: Option<Arc<dyn Importance>>,
+    ) -> Result<Workflow> {
+        config.validate()?;
+        if tasks.is_empty() {
+            return Err(Error::Failed("no task to estimate on".into()));
+        }
+        if explore::strategy(&config.strategy)?.needs_importance() && importance.is_none() {
+            let allowed = "a strategy that needs no performance surface, or a surface beside it";
+            return Err(Error::input("strategy", format!("{:?}", config.strategy), allowed));
+        }
+        Ok(Workflow {
+            tasks: tasks.to_vec(),
+            config: config.clone(),
+            importance,
+            cem: Cem::new(config.cem.clone())?,
+            rounds: Vec::new(),
+            trials: Vec::new(),
+            open: None,
+            ended: None,
+        })
+    }
+
+    /// The workflow as it stood after `rounds`.
+    pub fn resume(mut self, rounds: Vec<Round>) -> Result<Workflow> {
+        for round in rounds {
+            let fresh = self.trials_of(&round.proposals, &round.answers)?;
+            self.cem = Cem::at(self.config.cem.clone(), &round.search)?;
+            self.finish(round, fresh);
+        }
+        Ok(self)
+    }
+
+    /// What is to be measured next, at most `room` actions; `None` when the estimation has ended. Asking twice
+    /// gives the same.
+    pub fn propose(&mut self, room: Option<u64>, progress: &dyn Progress) -> Result<Option<Vec<Proposal>>> {
+        if self.ended.is_some() {
+            return Ok(None);
+        }
+        if self.open.is_none() {
+            let wanted = (self.config.actions as u64).min(room.unwrap_or(u64::MAX)) as usize;
+            if wanted == 0 {
+                self.ended = Some(Stopped::Budget);
+                return Ok(None);
+            }
+            let staged = self.staged(progress);
+            let asked = self.explore(wanted, &staged)?;
+            self.open = Some(asked);
+        }
+        Ok(self.open.as_ref().map(|o| o.proposals.clone()))
+    }
+
+    /// Ends the round with what was measured, in any order; the estimate moves. Errors leave everything as it was.
+    pub fn tell(&mut self, answers: &[Answer], progress: &dyn Progress) -> Result<&Round> {
+        let Some(asked) = self.open.clone() else {
+            return Err(Error::Refused { reason: "nothing was proposed that could be answered".into() });
+        };
+        let mut answers = answers.to_vec();
+        answers.sort_by_key(|a| a.number);
+        answers.dedup_by_key(|a| a.number);
+        let fresh = self.trials_of(&asked.proposals, &answers)?;
+        let mut cem = self.cem.clone();
+        let all: Vec<Trial> = match self.config.memory {
+            Memory::All => self.trials.iter().chain(&fresh).cloned().collect(),
+            Memory::LastRound => fresh.clone(),
+        };
+        let (mut residual, mut rollouts) = (None, asked.rollouts);
+        if !all.is_empty() {
+            let staged = self.staged(progress);
+            let (best, cost) = fit_round(&mut cem, &all, &self.config, self.rounds.len(), &staged)?;
+            (residual, rollouts) = (Some(best), rollouts + cost);
+        }
+        let round = Round {
+            proposals: asked.proposals,
+            answers,
+            choice: asked.choice,
+            search: cem.state(),
+            residual,
+            rollouts,
+        };
+        self.cem = cem;
+        self.finish(round, fresh);
+        Ok(&self.rounds[self.rounds.len() - 1])
+    }
+
+    /// What is known now, with intervals. Errors if nothing was measured.
+    pub fn report(&self, progress: &dyn Progress) -> Result<EstimateReport> {
+        if self.trials.is_empty() {
+            return Err(Error::Refused { reason: "nothing has been measured yet".into() });
+        }
+        report_on(&self.cem, &self.trials, &self.config, self.found(), progress)
+    }
+
+    /// The current estimate.
+    pub fn estimate(&self) -> Sample {
+        self.cem.estimate()
+    }
+
+    /// All trials so far.
+    pub fn trials(&self) -> &[Trial] {
+        &self.trials
+    }
+
+    /// The finished rounds.
+    pub fn rounds(&self) -> &[Round] {
+        &self.rounds
+    }
+
+    /// Why it has ended, if it has.
+    pub fn ended(&self) -> Option<Stopped> {
+        self.ended
+    }
+
+    /// The configuration it runs with.
+    pub fn config(&self) -> &EstimateConfig {
+        &self.config
+    }
+
+    /// The scene of a proposal with the action carried out.
+    pub fn placed(&self, proposal: &Proposal) -> Result<crate::task::Scene> {
+        let task = self.task(&proposal.task)?;
+        match task.place(&task.actions().validate(&proposal.action)?) {
+            Placement::Valid(scene) => Ok(*scene),
+            Placement::Invalid(reason) => Err(Error::input(
+                "action",
+                format!("{:?}", proposal.action),
+                format!("one that can be placed ({reason})"),
+            )),
+        }
+    }
+
+    /// The task called `id`.
+    pub fn task(&self, id: &str) -> Result<&Task> {
+        self.tasks.iter().find(|t| t.id == id).ok_or_else(|| Error::NotFound {
+            kind: "task",
+            id: id.to_string(),
+            known: self.tasks.iter().map(|t| t.id.clone()).collect(),
+        })
+    }
+
+    fn finish(&mut self, round: Round, fresh: Vec<Trial>) {
+        self.rounds.push(round);
+        self.trials.extend(fresh);
+        self.open = None;
+        if self.has_settled() {
+            self.ended = Some(Stopped::Settled);
+        } else if self.rounds.len() == self.config.rounds {
+            self.ended = Some(Stopped::Rounds);
+        }
+    }
+
+    /// The actions this round spends on the real world.
+    fn explore(&self, wanted: usize, progress: &dyn Progress) -> Result<Asked> {
+        let round = self.rounds.len() as u64;
+        let seed = rng::derive(self.config.seed, "explore", round);
+        let mut stream = rng::stream(seed, "candidates");
+        let [density, friction, restitution, drag] = self.cem.estimate();
+        let world = explore::World {
+            latents: Latents::of([density, friction, restitution]),
+            effects: if drag > 0.0 { vec![linear_drag(drag)] } else { Vec::new() },
+            engine: self.config.engine,
+        };
+        let candidates =
+            explore::candidates(&self.tasks, self.config.candidates, &world, &mut stream, progress)?;
+        let situation = Situation {
+            tasks: &self.tasks,
+            candidates: &candidates,
+            world: &world,
+            estimate: self.cem.estimate(),
+            spread: self.cem.deviations(),
+            trials: &self.trials,
+            importance: self.importance.as_deref(),
+            progress,
+        };
+        let chosen = explore::strategy(&self.config.strategy)?.choose(&situation, wanted)?;
+        let first = self.rounds.iter().map(|r| r.proposals.len() as u64).sum::<u64>();
+        let proposals = chosen.indices.iter().zip(first..).map(|(i, number)| Proposal {
+            number,
+            task: self.tasks[candidates[*i].task].id.clone(),
+            action: candidates[*i].action.values().to_vec(),
+        });
+        Ok(Asked {
+            proposals: proposals.collect(),
+            choice: Choice::of(&candidates, &chosen.indices),
+            rollouts: candidates.len() as u64 + chosen.rollouts,
+        })
+    }
+
+    /// Answers joined to their proposals; an error names an answer that nothing asked for.
+    fn trials_of(&self, proposals: &[Proposal], answers: &[Answer]) -> Result<Vec<Trial>> {
+        let trial = |answer: &Answer| {
+            let asked = proposals.iter().find(|p| p.number == answer.number).ok_or_else(|| {
+                let numbers = proposals.first().zip(proposals.last());
+                let allowed = numbers.map_or("none".into(), |(a, b)| format!("{} to {}", a.number, b.number));
+                Error::input("number", answer.number, format!("the number of an open proposal: {allowed}"))
+            })?;
+            Ok(Trial {
+                name: format!("{}/{}", asked.task, asked.number),
+                setting: None,
+                scene: self.placed(asked)?,
+                observed: answer.observed.clone(),
+            })
+        };
+        answers.iter().map(trial).collect()
+    }
+
+    /// Whether the last two rounds moved neither friction nor restitution noticeably. Density is left out: in
+    /// tasks of one composition it cancels, and would wander for ever.
+    fn has_settled(&self) -> bool {
+        let [.., a, b, c] = &self.rounds[..] else { return false };
+        let moved = |from: &Round, to: &Round| {
+            let (from, to) = (self.estimate_at(from), self.estimate_at(to));
+            (1..3).map(|i| (to[i] - from[i]).abs() / self.config.cem.prior[i].1).fold(0.0, f64::max)
+        };
+        let settled = self.config.settled;
+        settled > 0.0 && moved(a, b) < settled && moved(b, c) < settled
+    }
+
+    fn estimate_at(&self, round: &Round) -> Sample {
+        Cem::at(self.config.cem.clone(), &round.search).map_or(round.search.mean, |cem| cem.estimate())
+    }
+
+    fn found(&self) -> Found {
+        Found {
+            residuals: self.rounds.iter().filter_map(|r| r.residual).collect(),
+            estimates: self.rounds.iter().map(|r| self.estimate_at(r)).collect(),
+            choices: self.rounds.iter().map(|r| r.choice.clone()).collect(),
+            rollouts: self.rounds.iter().map(|r| r.rollouts).sum(),
+            real_interactions: self.trials.len() as u64,
+            stopped: self.ended.unwrap_or(Stopped::Unfinished),
+        }
+    }
+
+    fn staged<'a>(&self, inner: &'a dyn Progress) -> Staged<'a> {
+        Staged { inner, round: self.rounds.len(), rounds: self.config.rounds }
+    }
+}
+
+impl Proposal {
+    /// The action, checked against the task it is for.
+    pub fn action_on(&self, task: &Task) -> Result<ValidAction> {
+        task.actions().validate(&self.action)
+    }
+}
+
+impl Choice {
+    fn of(candidates: &[Candidate], chosen: &[usize]) -> Choice {
+        let mean = |of: &mut dyn Iterator<Item = u32>| {
+            let (sum, n) = of.fold((0.0, 0.0), |(sum, n), v| (sum + f64::from(v), n + 1.0));
+            if n > 0.0 { sum / n } else { 0.0 }
+        };
+        let mut tasks: Vec<usize> = chosen.iter().map(|i| candidates[*i].task).collect();
+        tasks.sort_unstable();
+        tasks.dedup();
+        Choice {
+            actions: chosen.len(),
+            tasks: tasks.len(),
+            collisions: mean(&mut chosen.iter().map(|i| candidates[*i].collisions)),
+            rolling_steps: mean(&mut chosen.iter().map(|i| candidates[*i].rolling_steps)),
+            candidate_collisions: mean(&mut candidates.iter().map(|c| c.collisions)),
+            candidate_rolling_steps: mean(&mut candidates.iter().map(|c| c.rolling_steps)),
+        }
+    }
+}
+
+/// One round's iterations of the search: the least loss seen (m^2 per trajectory) and the rollouts spent.
+pub(super) fn fit_round(
+    cem: &mut Cem,
+    trials: &[Trial],
+    config: &EstimateConfig,
+    round: usize,
+    progress: &dyn Progress,
+) -> Result<(f64, u64)> {
+    let simulation = Simulation { engine: config.engine, effects: &[] };
+    let mut stream = rng::stream(rng::derive(config.seed, "search", round as u64), "cem");
+    let (mut best, mut rollouts) = (f64::INFINITY, 0);
+    for _ in 0..config.cem.iterations {
+        let samples = cem.ask(&mut stream);
+        let racing = if config.racing { Racing::On { elites: cem.elites() } } else { Racing::Off };
+        let scored = losses(&samples, trials, simulation, racing, progress)?;
+        rollouts += scored.rollouts;
+        best = scored.values.iter().copied().fold(best, f64::min);
+        cem.tell(&samples, &scored.values);
+    }
+    Ok((best, rollouts))
+}
+
+/// What a search has gathered when it ends.
+pub(super) struct Found {
+    pub residuals: Vec<f64>,
+    pub estimates: Vec<Sample>,
+    pub choices: Vec<Choice>,
+    pub rollouts: u64,
+    pub real_interactions: u64,
+    pub stopped: Stopped,
+}
+
+/// Adds intervals to what was found.
+pub(super) fn report_on(
+    cem: &Cem,
+    trials: &[Trial],
+    config: &EstimateConfig,
+    found: Found,
+    progress: &dyn Progress,
+) -> Result<EstimateReport> {
+    let simulation = Simulation { engine: config.engine, effects: &[] };
+    let prior = config.cem.start().map(|p| p.1);
+    let mut latents =
+        intervals(cem.estimate(), cem.deviations(), prior, trials, simulation, config.seed, progress)?;
+    let effects = latents.split_off(3);
+    Ok(EstimateReport {
+        latents,
+        effects,
+        residuals: found.residuals,
+        estimates: found.estimates,
+        choices: found.choices,
+        real_interactions: found.real_interactions,
+        rollouts: found.rollouts,
+        stopped: found.stopped,
+        seconds: None,
+        strategy: config.strategy.clone(),
+        seed: config.seed,
+        config: config.clone(),
+        version: env!("CARGO_PKG_VERSION").into(),
+    })
+}
+
+/// Adds the round to the stage's name.
+pub(super) struct Staged<'a> {
+    pub inner: &'a dyn Progress,
+    pub round: usize,
+    pub rounds: usize,
+}
+
+impl Progress for Staged<'_> {
+    fn report(&self, stage: &str, done: u64, total: u64) -> Result<()> {
+        self.inner.report(&format!("round {} of {}: {stage}", self.round + 1, self.rounds), done, total)
+    }
+}
