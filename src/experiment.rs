@@ -11,6 +11,7 @@
 mod config;
 pub mod quickstart;
 mod report;
+pub mod strategies;
 mod workflow;
 
 pub use config::{EstimateConfig, Memory, ResidualKind};

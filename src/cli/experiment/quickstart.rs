@@ -1,6 +1,6 @@
-//! `iplw run` and `iplw experiment`: figures with their baselines, as CSV, plot, table and report.
+//! `iplw run` and `iplw experiment quickstart`: the story, as CSV, plots, table and report.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
 use iplw::error::{Error, Result};
@@ -16,62 +16,10 @@ use iplw::world::Engine;
 use iplw::world::latent::FACTORS;
 use serde_json::json;
 
-use super::output;
+use crate::cli::output;
 
-/// The story: a hidden world, its latents estimated, a policy trained in the grounded simulation and tried on
-/// unseen tasks of the hidden world, beside its baselines. Writes report.html, data as CSV and JSON, plots.
-#[derive(clap::Args)]
-pub struct RunArgs {
-    /// bowling or basketball.
-    #[arg(long, default_value = "bowling")]
-    task: String,
-    /// Seed of everything random.
-    #[arg(long, default_value_t = 0)]
-    seed: u64,
-    /// Directory for the report and its data.
-    #[arg(long, default_value = "out/quickstart")]
-    out: PathBuf,
-    /// A small run for a look: fewer labels, fewer candidates.
-    #[arg(long)]
-    quick: bool,
-}
-
-/// Experiments: `quickstart` (the story over several seeds).
-#[derive(clap::Args)]
-pub struct ExperimentArgs {
-    /// quickstart
-    name: String,
-    /// bowling or basketball.
-    #[arg(long, default_value = "bowling")]
-    task: String,
-    /// Number of seeds, from 0.
-    #[arg(long, default_value_t = 3)]
-    seeds: u64,
-    /// Directory for the report and its data.
-    #[arg(long)]
-    out: PathBuf,
-    /// A small run for a look: fewer labels, fewer candidates.
-    #[arg(long)]
-    quick: bool,
-}
-
-pub fn run(args: &RunArgs) -> Result<()> {
-    story(&args.task, vec![args.seed], args.quick, &args.out)
-}
-
-pub fn experiment(args: &ExperimentArgs) -> Result<()> {
-    match args.name.as_str() {
-        "quickstart" => {
-            iplw::error::within("--seeds", args.seeds as f64, 1.0, 1000.0)?;
-            story(&args.task, (0..args.seeds).collect(), args.quick, &args.out)
-        }
-        other => {
-            Err(Error::NotFound { kind: "experiment", id: other.into(), known: vec!["quickstart".into()] })
-        }
-    }
-}
-
-fn story(name: &str, seeds: Vec<u64>, quick: bool, out: &Path) -> Result<()> {
+/// Runs the story and writes it down.
+pub fn story(name: &str, seeds: Vec<u64>, quick: bool, out: &Path) -> Result<()> {
     let family = family(name)?;
     let tasks = (family.tasks)();
     let hidden = standard(family);

@@ -1,0 +1,68 @@
+//! `iplw run` and `iplw experiment`: figures with their baselines, as CSV, plot, table and report.
+
+mod cells;
+mod quickstart;
+mod strategies;
+
+use std::path::PathBuf;
+
+use iplw::error::{Error, Result};
+
+/// The story: a hidden world, its latents estimated, a policy trained in the grounded simulation and tried on
+/// unseen tasks of the hidden world, beside its baselines. Writes report.html, data as CSV and JSON, plots.
+#[derive(clap::Args)]
+pub struct RunArgs {
+    /// bowling or basketball.
+    #[arg(long, default_value = "bowling")]
+    task: String,
+    /// Seed of everything random.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Directory for the report and its data.
+    #[arg(long, default_value = "out/quickstart")]
+    out: PathBuf,
+    /// A small run for a look: fewer labels, fewer candidates.
+    #[arg(long)]
+    quick: bool,
+}
+
+/// Experiments. `quickstart`: the story over several seeds. `strategies`: every way of choosing actions, error of
+/// the latents against real interactions; goes on where it was when it is run again.
+#[derive(clap::Args)]
+pub struct ExperimentArgs {
+    /// quickstart or strategies
+    name: String,
+    /// bowling or basketball.
+    #[arg(long, default_value = "bowling")]
+    task: String,
+    /// Number of seeds, the first of the experiment's own; the experiment's number if not given.
+    #[arg(long)]
+    seeds: Option<u64>,
+    /// Directory for the report and its data.
+    #[arg(long)]
+    out: PathBuf,
+    /// A small run for a look.
+    #[arg(long)]
+    quick: bool,
+}
+
+pub fn run(args: &RunArgs) -> Result<()> {
+    quickstart::story(&args.task, vec![args.seed], args.quick, &args.out)
+}
+
+pub fn experiment(args: &ExperimentArgs) -> Result<()> {
+    if let Some(seeds) = args.seeds {
+        iplw::error::within("--seeds", seeds as f64, 1.0, 1000.0)?;
+    }
+    match args.name.as_str() {
+        "quickstart" => {
+            quickstart::story(&args.task, (0..args.seeds.unwrap_or(3)).collect(), args.quick, &args.out)
+        }
+        "strategies" => strategies::run(args),
+        other => Err(Error::NotFound {
+            kind: "experiment",
+            id: other.into(),
+            known: vec!["quickstart".into(), "strategies".into()],
+        }),
+    }
+}

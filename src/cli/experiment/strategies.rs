@@ -1,0 +1,284 @@
+//! `iplw experiment strategies`: error of each latent against real interactions, by strategy.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use iplw::error::{Error, Result};
+use iplw::experiment::strategies::{Cell, ErrorRow, Nature, StrategiesConfig, cell, errors};
+use iplw::explore::Importance;
+use iplw::picture::plot::{self, Series};
+use iplw::picture::{Block, Report, Section};
+use iplw::task::{Family, family};
+use iplw::world::latent::FACTORS;
+use serde_json::json;
+
+use super::ExperimentArgs;
+use super::cells::Cells;
+use crate::cli::output;
+
+pub fn run(args: &ExperimentArgs) -> Result<()> {
+    let family = family(&args.task)?;
+    let mut config =
+        if args.quick { StrategiesConfig::quick(family) } else { StrategiesConfig::paper(family) };
+    if let Some(seeds) = args.seeds {
+        let own = config.seeds.clone();
+        config.seeds = (0..seeds as usize).map(|i| own.get(i).copied().unwrap_or(2000 + i as u64)).collect();
+    }
+    config.validate()?;
+    let all = config.cells();
+    let mut cells = Cells::new(&args.out, all.len())?;
+    let importance: Option<Arc<dyn Importance>> = None;
+    let mut found: Vec<Cell> = Vec::with_capacity(all.len());
+    let mut seconds = Vec::with_capacity(all.len());
+    for (arm, nature, seed) in all {
+        let key = format!("{}, {}, seed {seed}", arm.name, nature.title());
+        let depends = json!({ "family": family.name, "arm": arm, "nature": nature, "seed": seed });
+        let (done, took) = cells
+            .get(&key, &depends, |progress| cell(family, arm, nature, seed, importance.clone(), progress))?;
+        found.push(done);
+        seconds.push(took);
+    }
+    cells.finish();
+    let rows = errors(family, &found);
+    write_all(&args.out, family, &config, &found, &rows, &seconds)?;
+    output::print(&text_table(family, &config, &rows))?;
+    output::print(&format!("\nreport: {}\n", args.out.join("report.html").display()))
+}
+
+/// The last round of every arm.
+fn last<'a>(rows: &'a [ErrorRow], arm: &str, nature: Nature, factor: &str) -> Option<&'a ErrorRow> {
+    rows.iter().rfind(|r| r.arm == arm && r.nature == nature && r.factor == factor)
+}
+
+fn told() -> [&'static str; 2] {
+    [FACTORS[1].name, FACTORS[2].name]
+}
+
+fn with_error(row: &ErrorRow) -> String {
+    match row.standard_error {
+        Some(e) => format!("{:.4} +- {e:.4}", row.error),
+        None => format!("{:.4}", row.error),
+    }
+}
+
+fn text_table(family: &Family, config: &StrategiesConfig, rows: &[ErrorRow]) -> String {
+    let mut text = format!(
+        "\n{}: error of the latents at the end, mean over {} seeds +- standard error, and where they are pulled to\n",
+        family.name,
+        config.seeds.len()
+    );
+    for nature in &config.natures {
+        text += &format!("\nhidden world: {}\n", nature.title());
+        text += "arm                         interactions   friction           (bias)    restitution        (bias)\n";
+        for arm in &config.arms {
+            let [Some(friction), Some(restitution)] = told().map(|f| last(rows, &arm.name, *nature, f))
+            else {
+                continue;
+            };
+            text += &format!(
+                "{:<27} {:>12.0}   {:<18} {:>+7.3}   {:<18} {:>+7.3}\n",
+                arm.name,
+                friction.interactions,
+                with_error(friction),
+                friction.bias,
+                with_error(restitution),
+                restitution.bias
+            );
+        }
+    }
+    text
+}
+
+fn write_all(
+    out: &Path,
+    family: &Family,
+    config: &StrategiesConfig,
+    cells: &[Cell],
+    rows: &[ErrorRow],
+    seconds: &[f64],
+) -> Result<()> {
+    let mut errors = String::from("arm,hidden_world,factor,interactions,error,standard_error,bias,seeds\n");
+    for r in rows {
+        let se = r.standard_error.map_or(String::new(), |e| e.to_string());
+        errors += &format!(
+            "\"{}\",{},{},{},{},{se},{},{}\n",
+            r.arm,
+            r.nature.title(),
+            r.factor,
+            r.interactions,
+            r.error,
+            r.bias,
+            r.seeds
+        );
+    }
+    let mut estimates =
+        String::from("arm,hidden_world,seed,interactions,density,friction,restitution,drag\n");
+    let mut choices = String::from(
+        "arm,hidden_world,seed,round,actions,tasks,collisions,rolling_steps,candidate_collisions,candidate_rolling_steps\n",
+    );
+    for c in cells {
+        let of = format!("\"{}\",{},{}", c.arm, c.nature.title(), c.seed);
+        for (n, [density, friction, restitution, drag]) in c.interactions.iter().zip(&c.estimates) {
+            estimates += &format!("{of},{n},{density},{friction},{restitution},{drag}\n");
+        }
+        for (round, s) in c.choices.iter().enumerate() {
+            choices += &format!(
+                "{of},{},{},{},{},{},{},{}\n",
+                round + 1,
+                s.actions,
+                s.tasks,
+                s.collisions,
+                s.rolling_steps,
+                s.candidate_collisions,
+                s.candidate_rolling_steps
+            );
+        }
+    }
+    let plots: Vec<(String, String)> = config
+        .natures
+        .iter()
+        .flat_map(|nature| told().map(|factor| (*nature, factor)))
+        .map(|(nature, factor)| {
+            let name =
+                format!("{factor}_{}.svg", if nature == Nature::Matching { "no_drag" } else { "damped" });
+            (name, plot_of(config, rows, nature, factor))
+        })
+        .collect();
+    let result = json!({
+        "config": config, "cells": cells, "errors": rows, "seconds": seconds.iter().sum::<f64>(),
+        "version": env!("CARGO_PKG_VERSION"),
+    });
+    let table = text_table(family, config, rows);
+    let html = html(family, config, rows, cells, &plots, seconds)?;
+    output::write_whole(&out.join("errors.csv"), errors.as_bytes())?;
+    output::write_whole(&out.join("estimates.csv"), estimates.as_bytes())?;
+    output::write_whole(&out.join("choices.csv"), choices.as_bytes())?;
+    for (name, svg) in &plots {
+        output::write_whole(&out.join(name), svg.as_bytes())?;
+    }
+    output::write_whole(&out.join("result.json"), result.to_string().as_bytes())?;
+    output::write_whole(&out.join("table.txt"), table.trim_start().as_bytes())?;
+    output::write_whole(&out.join("report.html"), html.as_bytes())
+}
+
+fn plot_of(config: &StrategiesConfig, rows: &[ErrorRow], nature: Nature, factor: &str) -> String {
+    let series: Vec<Series> = config
+        .arms
+        .iter()
+        .map(|arm| {
+            let mine: Vec<&ErrorRow> = rows
+                .iter()
+                .filter(|r| r.arm == arm.name && r.nature == nature && r.factor == factor)
+                .collect();
+            let band = mine.iter().map(|r| {
+                let e = r.standard_error.unwrap_or(0.0);
+                ((r.error - e).max(0.0), r.error + e)
+            });
+            Series {
+                name: arm.name.clone(),
+                points: mine.iter().map(|r| (r.interactions, r.error)).collect(),
+                band: Some(band.collect()),
+            }
+        })
+        .collect();
+    let title = format!("Error of {factor}, hidden world: {}", nature.title());
+    plot::lines(&title, "real interactions", &format!("|{factor} - truth|"), &series)
+}
+
+fn html(
+    family: &Family,
+    config: &StrategiesConfig,
+    rows: &[ErrorRow],
+    cells: &[Cell],
+    plots: &[(String, String)],
+    seconds: &[f64],
+) -> Result<String> {
+    let columns = |names: &[&str]| names.iter().map(|n| n.to_string()).collect::<Vec<_>>();
+    let mut sections = Vec::new();
+    for nature in &config.natures {
+        let table = config.arms.iter().filter_map(|arm| {
+            let [Some(friction), Some(restitution)] = told().map(|f| last(rows, &arm.name, *nature, f))
+            else {
+                return None;
+            };
+            Some(vec![
+                arm.name.clone(),
+                format!("{:.0}", friction.interactions),
+                with_error(friction),
+                format!("{:+.3}", friction.bias),
+                with_error(restitution),
+                format!("{:+.3}", restitution.bias),
+            ])
+        });
+        let mut blocks = vec![Block::Table {
+            columns: columns(&["arm", "interactions", "friction", "pulled by", "restitution", "pulled by"]),
+            rows: table.collect(),
+            note: format!("Mean of |estimate - truth| over {} seeds +- standard error.", config.seeds.len()),
+        }];
+        let mine = if *nature == Nature::Matching { "no_drag" } else { "damped" };
+        blocks.extend(
+            plots
+                .iter()
+                .filter(|(name, _)| name.contains(mine))
+                .map(|(_, svg)| Block::Svg { svg: svg.clone(), caption: String::new() }),
+        );
+        sections.push(Section { heading: format!("Hidden world: {}", nature.title()), blocks });
+    }
+    sections.push(Section { heading: "What was chosen".into(), blocks: vec![chosen(config, cells)] });
+    sections.push(Section {
+        heading: "How it was run".into(),
+        blocks: vec![
+            Block::Text(format!(
+                "iplw {}; {} estimations, {:.0} s.",
+                env!("CARGO_PKG_VERSION"),
+                cells.len(),
+                seconds.iter().sum::<f64>()
+            )),
+            Block::Details {
+                summary: "Configuration".into(),
+                blocks: vec![Block::Code(
+                    serde_json::to_string_pretty(config).map_err(|e| Error::Failed(e.to_string()))?,
+                )],
+            },
+        ],
+    });
+    let page = Report {
+        title: format!("Which actions to spend: {}", family.name),
+        lead: "Error of the latent factors against real interactions, for every way of choosing actions."
+            .into(),
+        sections,
+    };
+    Ok(page.to_html())
+}
+
+/// Mean counts of the chosen actions, by arm.
+fn chosen(config: &StrategiesConfig, cells: &[Cell]) -> Block {
+    let rows = config.arms.iter().map(|arm| {
+        let all: Vec<_> = cells.iter().filter(|c| c.arm == arm.name).flat_map(|c| &c.choices).collect();
+        let mean = |of: &dyn Fn(&iplw::experiment::Choice) -> f64| {
+            all.iter().map(|c| of(c)).sum::<f64>() / all.len().max(1) as f64
+        };
+        vec![
+            arm.name.clone(),
+            format!("{:.2}", mean(&|c| c.collisions)),
+            format!("{:.2}", mean(&|c| c.candidate_collisions)),
+            format!("{:.0}", mean(&|c| c.rolling_steps)),
+            format!("{:.0}", mean(&|c| c.candidate_rolling_steps)),
+            format!("{:.1}", mean(&|c| c.tasks as f64)),
+        ]
+    });
+    Block::Table {
+        columns: [
+            "arm",
+            "collisions",
+            "of all candidates",
+            "rolling steps",
+            "of all candidates",
+            "tasks a round",
+        ]
+        .map(String::from)
+        .to_vec(),
+        rows: rows.collect(),
+        note: "Means over rounds and seeds of what the simulation said the chosen actions would do.".into(),
+    }
+}

@@ -1,0 +1,271 @@
+//! The strategies compared: error of each identifiable latent against real interactions spent.
+//!
+//! Source: Semage et al., their comparison of action selection strategies: 10 rounds of 50 interactions, five
+//! seeds. Differences from the source: errors of the latents are compared, not only what a policy makes of them;
+//! each strategy is run in two hidden worlds, one that the simulation can match and one with the drag that it
+//! lacks, which shows how far estimates are pulled to make up for it; and arms past the paper stand beside it.
+//!
+//! The work is cut into [`Cell`]s, one estimation each, so that whoever runs it can keep them and go on later.
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use super::{Choice, EstimateConfig, Memory, Workflow, run};
+use crate::error::{Error, Result};
+use crate::estimate::LatentEstimate;
+use crate::estimate::cem::Sample;
+use crate::explore::{Importance, REGISTRY};
+use crate::progress::Progress;
+use crate::reality::{HiddenConfig, HiddenWorld, standard};
+use crate::task::{Family, Split, split};
+use crate::world::Latents;
+use crate::world::latent::FACTORS;
+
+/// What is run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StrategiesConfig {
+    /// Name of the task family.
+    pub family: String,
+    /// One repetition for each.
+    pub seeds: Vec<u64>,
+    pub arms: Vec<Arm>,
+    pub natures: Vec<Nature>,
+}
+
+/// One way to estimate; its seed is replaced by each of the experiment's.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Arm {
+    /// For tables and files.
+    pub name: String,
+    pub estimate: EstimateConfig,
+}
+
+/// The hidden world an arm is run in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Nature {
+    /// The family's true latents and nothing else: the simulation can match it.
+    Matching,
+    /// With the drag of the paper's real world (kept 0.8 of velocity per second), which the simulation lacks.
+    Damped,
+}
+
+/// One estimation of one arm.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Cell {
+    pub arm: String,
+    pub nature: Nature,
+    pub seed: u64,
+    /// Real interactions after each round.
+    pub interactions: Vec<u64>,
+    /// Estimate after each round.
+    pub estimates: Vec<Sample>,
+    /// With intervals, at the end.
+    pub latents: Vec<LatentEstimate>,
+    pub choices: Vec<Choice>,
+    pub rollouts: u64,
+}
+
+/// Errors of one latent over seeds, after some interactions.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ErrorRow {
+    pub arm: String,
+    pub nature: Nature,
+    /// Name of the factor.
+    pub factor: String,
+    /// Mean real interactions over seeds.
+    pub interactions: f64,
+    /// Mean over seeds of |estimate - truth|.
+    pub error: f64,
+    /// Its standard error; `None` for a single seed.
+    pub standard_error: Option<f64>,
+    /// Mean over seeds of estimate - truth: where it is pulled to.
+    pub bias: f64,
+    /// Number of seeds.
+    pub seeds: usize,
+}
+
+/// Latents that the family's trials can tell: friction and restitution.
+pub const TOLD: [usize; 2] = [1, 2];
+
+impl StrategiesConfig {
+    /// As the issue of the paper: every strategy with the paper's preset, 10 rounds of 50; and ours with few.
+    pub fn paper(family: &Family) -> StrategiesConfig {
+        let paper = |name: &str| Arm {
+            name: name.to_string(),
+            estimate: EstimateConfig { strategy: name.into(), ..EstimateConfig::paper(family.prior) },
+        };
+        let mut arms: Vec<Arm> = REGISTRY.iter().map(|s| paper(s.name())).collect();
+        arms.push(Arm {
+            name: "mixed, all trials".into(),
+            estimate: EstimateConfig { memory: Memory::All, ..EstimateConfig::paper(family.prior) },
+        });
+        arms.extend(few(family));
+        StrategiesConfig {
+            family: family.name.into(),
+            seeds: vec![50, 100, 150, 500, 1000],
+            arms,
+            natures: vec![Nature::Matching, Nature::Damped],
+        }
+    }
+
+    /// A small run of the same shape, for a look.
+    pub fn quick(family: &Family) -> StrategiesConfig {
+        let mut config = StrategiesConfig::paper(family);
+        config.seeds.truncate(2);
+        for arm in &mut config.arms {
+            let e = &mut arm.estimate;
+            (e.rounds, e.actions) = (e.rounds.min(4), e.actions.min(10));
+            e.candidates = e.candidates.min(100);
+            (e.cem.samples, e.cem.elites) = (e.cem.samples.min(200), e.cem.elites.min(40));
+        }
+        config
+    }
+
+    /// Errors name what is wrong.
+    pub fn validate(&self) -> Result<()> {
+        if self.seeds.is_empty() || self.arms.is_empty() || self.natures.is_empty() {
+            return Err(Error::input("seeds, arms or natures", "empty", "at least one of each"));
+        }
+        self.arms.iter().try_for_each(|a| a.estimate.validate().map_err(|e| e.under(&a.name)))
+    }
+
+    /// All cells to run: (arm, nature, seed).
+    pub fn cells(&self) -> Vec<(&Arm, Nature, u64)> {
+        let mut all = Vec::new();
+        for nature in &self.natures {
+            for arm in &self.arms {
+                all.extend(self.seeds.iter().map(|seed| (arm, *nature, *seed)));
+            }
+        }
+        all
+    }
+
+    /// Whether any arm's strategy needs a performance surface.
+    pub fn needs_importance(&self) -> bool {
+        let needs =
+            |a: &Arm| crate::explore::strategy(&a.estimate.strategy).is_ok_and(|s| s.needs_importance());
+        self.arms.iter().any(needs)
+    }
+}
+
+impl Nature {
+    /// For tables.
+    pub fn title(self) -> &'static str {
+        match self {
+            Nature::Matching => "no drag",
+            Nature::Damped => "damping 0.8",
+        }
+    }
+
+    /// The hidden world.
+    pub fn hidden(self, family: &Family, seed: u64) -> HiddenConfig {
+        let standard = standard(family);
+        let effects = match self {
+            Nature::Matching => Vec::new(),
+            Nature::Damped => standard.effects.clone(),
+        };
+        HiddenConfig { effects, seed, ..standard }
+    }
+}
+
+/// Arms past the paper: a tenth of the interactions, five a round.
+fn few(family: &Family) -> Vec<Arm> {
+    let base = EstimateConfig {
+        rounds: 10,
+        actions: 5,
+        candidates: 200,
+        settled: 0.0,
+        ..EstimateConfig::fast(family.prior)
+    };
+    let arm = |name: &str, strategy: &str| Arm {
+        name: name.to_string(),
+        estimate: EstimateConfig { strategy: strategy.into(), ..base.clone() },
+    };
+    vec![arm("mixed, 5 a round", "mixed"), arm("random, 5 a round", "random")]
+}
+
+/// Runs one cell. `importance` is what the strategy `gradient` needs.
+pub fn cell(
+    family: &Family,
+    arm: &Arm,
+    nature: Nature,
+    seed: u64,
+    importance: Option<Arc<dyn Importance>>,
+    progress: &dyn Progress,
+) -> Result<Cell> {
+    let training = split(&(family.tasks)(), Split::Train);
+    let config = EstimateConfig { seed, ..arm.estimate.clone() };
+    let mut reality = HiddenWorld::new(nature.hidden(family, seed))?;
+    let mut workflow = Workflow::new(&training, &config, importance)?;
+    run(&mut workflow, &mut reality, progress, &mut |_| Ok(()))?;
+    let report = workflow.report(progress)?;
+    let mut spent = 0;
+    let interactions = workflow.rounds().iter().map(|r| {
+        spent += r.answers.len() as u64;
+        spent
+    });
+    Ok(Cell {
+        arm: arm.name.clone(),
+        nature,
+        seed,
+        interactions: interactions.collect(),
+        estimates: report.estimates,
+        latents: report.latents,
+        choices: report.choices,
+        rollouts: report.rollouts,
+    })
+}
+
+/// Errors by arm, nature, factor and round, in that order.
+pub fn errors(family: &Family, cells: &[Cell]) -> Vec<ErrorRow> {
+    let physics = &family.real_physics;
+    let truth = Latents::of([physics.density, physics.friction, physics.restitution]).values();
+    let mut rows = Vec::new();
+    for (arm, nature) in groups(cells) {
+        let mine: Vec<&Cell> = cells.iter().filter(|c| c.arm == arm && c.nature == nature).collect();
+        let rounds = mine.iter().map(|c| c.estimates.len()).min().unwrap_or(0);
+        for i in TOLD {
+            let Some(truth) = truth[i] else { continue };
+            for round in 0..rounds {
+                let off: Vec<f64> = mine.iter().map(|c| c.estimates[round][i] - truth).collect();
+                let size: Vec<f64> = off.iter().map(|o| o.abs()).collect();
+                let (error, standard_error) = mean(&size);
+                rows.push(ErrorRow {
+                    arm: arm.to_string(),
+                    nature,
+                    factor: FACTORS[i].name.into(),
+                    interactions: mine.iter().map(|c| c.interactions[round] as f64).sum::<f64>()
+                        / mine.len() as f64,
+                    error,
+                    standard_error,
+                    bias: mean(&off).0,
+                    seeds: mine.len(),
+                });
+            }
+        }
+    }
+    rows
+}
+
+/// Mean and its standard error (`None` for a single value).
+pub fn mean(values: &[f64]) -> (f64, Option<f64>) {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0);
+    (mean, (values.len() > 1).then(|| (variance / n).sqrt()))
+}
+
+/// The (arm, nature) pairs there are, in order of appearance.
+fn groups(cells: &[Cell]) -> Vec<(&str, Nature)> {
+    let mut found: Vec<(&str, Nature)> = Vec::new();
+    for cell in cells {
+        if !found.contains(&(cell.arm.as_str(), cell.nature)) {
+            found.push((&cell.arm, cell.nature));
+        }
+    }
+    found
+}
