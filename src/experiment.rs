@@ -11,7 +11,10 @@
 mod config;
 pub mod quickstart;
 mod report;
+pub mod statistics;
 pub mod strategies;
+pub mod study;
+pub mod transfer;
 mod workflow;
 
 pub use config::{EstimateConfig, Memory, ResidualKind};

@@ -11,6 +11,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use super::statistics::Summary;
 use super::{Choice, EstimateConfig, Memory, Workflow, run};
 use crate::error::{Error, Result};
 use crate::estimate::LatentEstimate;
@@ -233,30 +234,22 @@ pub fn errors(family: &Family, cells: &[Cell]) -> Vec<ErrorRow> {
             for round in 0..rounds {
                 let off: Vec<f64> = mine.iter().map(|c| c.estimates[round][i] - truth).collect();
                 let size: Vec<f64> = off.iter().map(|o| o.abs()).collect();
-                let (error, standard_error) = mean(&size);
+                let error = Summary::of(&size);
                 rows.push(ErrorRow {
                     arm: arm.to_string(),
                     nature,
                     factor: FACTORS[i].name.into(),
                     interactions: mine.iter().map(|c| c.interactions[round] as f64).sum::<f64>()
                         / mine.len() as f64,
-                    error,
-                    standard_error,
-                    bias: mean(&off).0,
+                    error: error.mean,
+                    standard_error: error.standard_error,
+                    bias: Summary::of(&off).mean,
                     seeds: mine.len(),
                 });
             }
         }
     }
     rows
-}
-
-/// Mean and its standard error (`None` for a single value).
-pub fn mean(values: &[f64]) -> (f64, Option<f64>) {
-    let n = values.len() as f64;
-    let mean = values.iter().sum::<f64>() / n;
-    let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0);
-    (mean, (values.len() > 1).then(|| (variance / n).sqrt()))
 }
 
 /// The (arm, nature) pairs there are, in order of appearance.

@@ -198,6 +198,11 @@ impl Workflow {
         self.cem.estimate()
     }
 
+    /// The estimate after each round.
+    pub fn estimates(&self) -> Vec<Sample> {
+        self.rounds.iter().map(|r| self.estimate_at(r)).collect()
+    }
+
     /// All trials so far.
     pub fn trials(&self) -> &[Trial] {
         &self.trials
@@ -325,7 +330,7 @@ impl Workflow {
     fn found(&self) -> Found {
         Found {
             residuals: self.rounds.iter().filter_map(|r| r.residual).collect(),
-            estimates: self.rounds.iter().map(|r| self.estimate_at(r)).collect(),
+            estimates: self.estimates(),
             choices: self.rounds.iter().map(|r| r.choice.clone()).collect(),
             rollouts: self.rounds.iter().map(|r| r.rollouts).sum(),
             real_interactions: self.trials.len() as u64,

@@ -73,10 +73,8 @@ pub fn trails_svg(scene: &Scene, trajectory: &Trajectory, style: &Style) -> Stri
     draw_statics(&mut body, scene, &view);
     let last = trajectory.times.len().saturating_sub(1);
     for (sample, look) in [(0, Look::Ghost), (last, Look::Solid)] {
-        for (i, path) in paths(scene, trajectory).iter().enumerate() {
-            if look == Look::Solid {
-                draw_trail(&mut body, scene, i, path, f64::INFINITY, &view);
-            }
+        if look == Look::Solid {
+            draw_trails(&mut body, scene, trajectory, &view);
         }
         for i in 0..scene.bodies.len() {
             if let Some((p, angle)) = state(scene, trajectory, i, sample) {
@@ -85,6 +83,13 @@ pub fn trails_svg(scene: &Scene, trajectory: &Trajectory, style: &Style) -> Stri
         }
     }
     document(view.width, view.height, &title(scene), &body)
+}
+
+/// The trails of all bodies.
+pub(super) fn draw_trails(out: &mut String, scene: &Scene, trajectory: &Trajectory, view: &View) {
+    for (i, path) in paths(scene, trajectory).iter().enumerate() {
+        draw_trail(out, scene, i, path, f64::INFINITY, view);
+    }
 }
 
 /// A film that plays in real time in any browser (SMIL), rests for a second at the end, and starts over.

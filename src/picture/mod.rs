@@ -7,6 +7,7 @@
 //! [`scene_svg`] draws a scene, [`filmstrip_svg`], [`trails_svg`] and [`animation_svg`] a trajectory in it,
 //! [`plot`] draws numbers, [`svg_to_png`] makes pixels of any of them, and [`Report`] binds them into a page.
 
+mod chances;
 pub mod film;
 pub mod plot;
 pub mod png;
@@ -14,6 +15,7 @@ pub mod report;
 pub mod scene;
 mod svg;
 
+pub use chances::chances_svg;
 pub use film::{animation_svg, filmstrip_svg, trails_svg};
 pub use png::{svg_to_png, svg_to_rgb};
 

@@ -439,6 +439,12 @@ fn paint(index: usize) -> RGBColor {
     RGBColor(r, g, b)
 }
 
+/// The heat scale's colour for a share from 0 to 1, as `#RRGGBB`.
+pub(super) fn heat_colour(share: f64) -> String {
+    let RGBColor(r, g, b) = heat(share);
+    format!("#{r:02X}{g:02X}{b:02X}")
+}
+
 /// Dark blue over green to yellow for 0 to 1; corner points read off the viridis map (Smith and van der Walt).
 fn heat(share: f64) -> RGBColor {
     const STOPS: [[f64; 3]; 6] = [

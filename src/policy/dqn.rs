@@ -89,16 +89,7 @@ pub fn train(data: &Dataset, config: &TrainConfig, progress: &dyn Progress) -> R
     config.validate()?;
     data.validate()?;
     let first = data.tasks.first().ok_or_else(|| Error::input("tasks", "none", "at least one task"))?;
-    let card = Card {
-        format: FORMAT.into(),
-        program: env!("CARGO_PKG_VERSION").into(),
-        features: features::VERSION.into(),
-        family: family_of(first).into(),
-        dimensions: features::dimensions(first),
-        trained: Vec::new(),
-    };
-    let layers = initial(card.dimensions, config.hidden, config.seed);
-    Dqn { card, layers }.learn_more(data, config, progress)
+    Dqn::untrained(first, config.hidden, config.seed)?.learn_more(data, config, progress)
 }
 
 impl TrainConfig {
@@ -135,6 +126,21 @@ impl TrainConfig {
 }
 
 impl Dqn {
+    /// A policy that knows nothing yet, for tasks like `task`.
+    pub fn untrained(task: &Task, hidden: usize, seed: u64) -> Result<Dqn> {
+        TrainConfig { hidden, ..TrainConfig::paper_bowling() }.validate()?;
+        let card = Card {
+            format: FORMAT.into(),
+            program: env!("CARGO_PKG_VERSION").into(),
+            features: features::VERSION.into(),
+            family: family_of(task).into(),
+            dimensions: features::dimensions(task),
+            trained: Vec::new(),
+        };
+        let layers = initial(card.dimensions, hidden, seed);
+        Ok(Dqn { card, layers })
+    }
+
     /// The policy after further training on `data`, which may come from elsewhere (a real world, say). The
     /// number of hidden units stays; Adam starts afresh.
     pub fn learn_more(

@@ -3,6 +3,7 @@
 mod cells;
 mod quickstart;
 mod strategies;
+mod study;
 
 use std::path::PathBuf;
 
@@ -26,11 +27,15 @@ pub struct RunArgs {
     quick: bool,
 }
 
-/// Experiments. `quickstart`: the story over several seeds. `strategies`: every way of choosing actions, error of
-/// the latents against real interactions; goes on where it was when it is run again.
+/// Experiments; one that was stopped goes on where it was when it is run again.
+///
+/// `quickstart`: the story over several seeds. `strategies`: every way of choosing actions, error of the latents
+/// against real interactions. `latents`: policies from latents estimated on 10,000 random real trajectories beside
+/// every baseline, learning on in the real world. `bowling`, `basketball`: jump start of every strategy over 10
+/// rounds of 50 interactions.
 #[derive(clap::Args)]
 pub struct ExperimentArgs {
-    /// quickstart or strategies
+    /// quickstart, strategies, latents, bowling or basketball
     name: String,
     /// bowling or basketball.
     #[arg(long, default_value = "bowling")]
@@ -59,10 +64,13 @@ pub fn experiment(args: &ExperimentArgs) -> Result<()> {
             quickstart::story(&args.task, (0..args.seeds.unwrap_or(3)).collect(), args.quick, &args.out)
         }
         "strategies" => strategies::run(args),
+        "latents" | "bowling" | "basketball" => study::run(args),
         other => Err(Error::NotFound {
             kind: "experiment",
             id: other.into(),
-            known: vec!["quickstart".into(), "strategies".into()],
+            known: ["quickstart", "strategies", "latents", "bowling", "basketball"]
+                .map(String::from)
+                .to_vec(),
         }),
     }
 }

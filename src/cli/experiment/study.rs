@@ -1,0 +1,356 @@
+//! `iplw experiment latents | bowling | basketball`: the paper's transfer figures with their baselines.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use iplw::error::{Error, Result};
+use iplw::experiment::statistics::{Claim, Summary};
+use iplw::experiment::study::{Cell, Estimated, Row, Study, estimated, tried};
+use iplw::experiment::transfer::Transfer;
+use iplw::explore::Importance;
+use iplw::picture::plot::{self, Series};
+use iplw::picture::{Block, Report, Section, Style, chances_svg, svg_to_png};
+use iplw::policy::{CHUNK, Dqn, Policy, rank};
+use iplw::reality::{HiddenConfig, HiddenWorld, Reality};
+use iplw::task::action::Quantity;
+use iplw::task::{Family, Split, Task, ValidAction, family, split};
+use serde_json::json;
+
+use super::ExperimentArgs;
+use super::cells::Cells;
+use crate::cli::output;
+
+pub fn run(args: &ExperimentArgs) -> Result<()> {
+    let of = |name: &str| if args.name == "latents" { args.task.clone() } else { name.to_string() };
+    let family = family(&of(&args.name))?;
+    let mut study = match args.name.as_str() {
+        "latents" => Study::latents(family),
+        _ => Study::strategies(family),
+    };
+    if args.quick {
+        study = study.quick(family);
+    }
+    if let Some(seeds) = args.seeds {
+        let own = study.seeds.clone();
+        study.seeds = (0..seeds as usize).map(|i| own.get(i).copied().unwrap_or(2000 + i as u64)).collect();
+    }
+    study.validate()?;
+    let importance: Option<Arc<dyn Importance>> = None;
+    let estimates = study.arms.len() * study.seeds.len();
+    let policies = study.seeds.len()
+        * study.trials as usize
+        * (study.schools.len() + study.arms.len() * study.rounds.len());
+    let mut cells = Cells::new(&args.out, estimates + policies)?;
+    let mut seconds = 0.0;
+    let mut found: Vec<Vec<Estimated>> = Vec::new();
+    for arm in &study.arms {
+        let mut of_arm = Vec::new();
+        for seed in &study.seeds {
+            let depends = json!({ "family": family.name, "hidden": study.hidden, "arm": arm, "seed": seed });
+            let key = format!("estimate, {}, seed {seed}", arm.name);
+            let (done, took) = cells.get(&key, &depends, |progress| {
+                estimated(family, arm, &study.hidden, *seed, importance.clone(), progress)
+            })?;
+            of_arm.push(done);
+            seconds += took;
+        }
+        found.push(of_arm);
+    }
+    let policies = study.cells(&found);
+    let mut results: Vec<Transfer> = Vec::with_capacity(policies.len());
+    for cell in &policies {
+        let round = cell.round.map_or(String::new(), |r| format!(" after round {r}"));
+        let key = format!("policy, {}{round}, seed {}, trial {}", cell.row, cell.seed, cell.trial);
+        let depends = json!({
+            "family": family.name, "hidden": study.hidden, "transfer": study.transfer, "cell": cell,
+        });
+        let (done, took) =
+            cells.get(&key, &depends, |progress| Ok(tried(family, &study, cell, progress)?.0))?;
+        results.push(done);
+        seconds += took;
+    }
+    cells.finish();
+    let rows = study.rows(&policies, &results);
+    let claims = study.claims(&rows);
+    write_all(&args.out, family, &study, &rows, &claims, &policies, &results, seconds)?;
+    output::print(&text_table(&study, &rows, &claims))?;
+    output::print(&format!("\n{seconds:.0} s of work; report: {}\n", args.out.join("report.html").display()))
+}
+
+fn title(row: &Row) -> String {
+    row.round.map_or(row.name.clone(), |r| format!("{}, round {r}", row.name))
+}
+
+fn interval(s: &Summary) -> String {
+    s.half_width.map_or("-".into(), |w| format!("{:.3} to {:.3}", s.mean - w, s.mean + w))
+}
+
+fn text_table(study: &Study, rows: &[Row], claims: &[Claim]) -> String {
+    let mut text = format!(
+        "\n{} on {}: AUCCESS on the test tasks of the hidden world, {} estimates x {} trials\n\n",
+        study.name,
+        study.family,
+        study.seeds.len(),
+        study.trials
+    );
+    text += "policy                                          interactions   jump start        95 % interval    learned on\n";
+    for row in rows {
+        let learned = match row.curve.last() {
+            Some((batches, s)) if *batches > 0 => format!("{:.3} after {batches} batches", s.mean),
+            _ => String::new(),
+        };
+        text += &format!(
+            "{:<47} {:>12.0}   {:<17} {:<16} {learned}\n",
+            title(row),
+            row.interactions,
+            row.jump_start.show(3),
+            interval(&row.jump_start)
+        );
+    }
+    text += "\nclaims\n";
+    for claim in claims {
+        text += &format!("{:<15} {}: {}\n", claim.verdict.title(), claim.text, claim.figure);
+    }
+    text
+}
+
+#[expect(clippy::too_many_arguments, reason = "everything that is written down")]
+fn write_all(
+    out: &Path,
+    family: &Family,
+    study: &Study,
+    rows: &[Row],
+    claims: &[Claim],
+    cells: &[Cell],
+    results: &[Transfer],
+    seconds: f64,
+) -> Result<()> {
+    let mut summary =
+        String::from("policy,round,interactions,batches,auccess,standard_error,ci95_half_width,seeds\n");
+    for row in rows {
+        for (batches, s) in &row.curve {
+            let number = |v: Option<f64>| v.map_or(String::new(), |v| v.to_string());
+            summary += &format!(
+                "\"{}\",{},{},{batches},{},{},{},{}\n",
+                row.name,
+                row.round.map_or(String::new(), |r| r.to_string()),
+                row.interactions,
+                s.mean,
+                number(s.standard_error),
+                number(s.half_width),
+                s.n
+            );
+        }
+    }
+    let mut single = String::from("policy,round,seed,trial,interactions,batches,real_attempts,auccess\n");
+    for (cell, result) in cells.iter().zip(results) {
+        for point in &result.points {
+            single += &format!(
+                "\"{}\",{},{},{},{},{},{},{}\n",
+                cell.row,
+                cell.round.map_or(String::new(), |r| r.to_string()),
+                cell.seed,
+                cell.trial,
+                cell.interactions,
+                point.batches,
+                point.interactions,
+                point.auccess
+            );
+        }
+    }
+    let plots = plots(study, rows);
+    let pictures = pictures(family, study, cells)?;
+    let table = text_table(study, rows, claims);
+    let html = html(study, rows, claims, &plots, &pictures, seconds)?;
+    let result = json!({
+        "study": study, "rows": rows, "claims": claims, "seconds": seconds, "version": env!("CARGO_PKG_VERSION"),
+    });
+    output::write_whole(&out.join("summary.csv"), summary.as_bytes())?;
+    output::write_whole(&out.join("trials.csv"), single.as_bytes())?;
+    for (name, svg) in plots.iter().map(|(n, _, s)| (n, s)).chain(pictures.iter().map(|(n, _, s)| (n, s))) {
+        output::write_whole(&out.join(format!("{name}.svg")), svg.as_bytes())?;
+        output::write_whole(&out.join(format!("{name}.png")), &svg_to_png(svg, 960)?)?;
+    }
+    output::write_whole(&out.join("result.json"), result.to_string().as_bytes())?;
+    output::write_whole(&out.join("table.txt"), table.trim_start().as_bytes())?;
+    output::write_whole(&out.join("report.html"), html.as_bytes())
+}
+
+/// (file name, caption, SVG)
+type Picture = (String, String, String);
+
+fn plots(study: &Study, rows: &[Row]) -> Vec<Picture> {
+    let band = |s: &Summary| {
+        let w = s.half_width.unwrap_or(0.0);
+        ((s.mean - w).max(0.0), (s.mean + w).min(1.0))
+    };
+    let mut plots = Vec::new();
+    if rows.iter().any(|r| r.curve.len() > 1) {
+        let series: Vec<Series> = rows
+            .iter()
+            .map(|r| Series {
+                name: title(r),
+                points: r.curve.iter().map(|(b, s)| (*b as f64, s.mean)).collect(),
+                band: Some(r.curve.iter().map(|(_, s)| band(s)).collect()),
+            })
+            .collect();
+        let svg = plot::lines(
+            "Learning in the real world",
+            "batches learned in the real world",
+            "AUCCESS on test tasks",
+            &series,
+        );
+        plots.push(("learning".into(), "Means with 95 % intervals over estimates.".into(), svg));
+    }
+    if study.rounds.len() > 1 {
+        let most = rows.iter().map(|r| r.interactions).fold(0.0, f64::max);
+        let flat = rows.iter().filter(|r| r.round.is_none()).map(|r| Series {
+            name: r.name.clone(),
+            points: vec![(0.0, r.jump_start.mean), (most, r.jump_start.mean)],
+            band: None,
+        });
+        let arms = study.arms.iter().map(|arm| {
+            let mine: Vec<&Row> = rows.iter().filter(|r| r.name == arm.name && r.round.is_some()).collect();
+            Series {
+                name: arm.name.clone(),
+                points: mine.iter().map(|r| (r.interactions, r.jump_start.mean)).collect(),
+                band: Some(mine.iter().map(|r| band(&r.jump_start)).collect()),
+            }
+        });
+        let svg = plot::lines(
+            "Jump start by interactions spent on the estimate",
+            "real interactions",
+            "AUCCESS on test tasks",
+            &arms.chain(flat).collect::<Vec<_>>(),
+        );
+        plots.push(("jump_start".into(), "Means with 95 % intervals over estimates.".into(), svg));
+    }
+    plots
+}
+
+/// What the last row's policy does on some test tasks: its chances over the scene, its choice, what became of it.
+fn pictures(family: &Family, study: &Study, cells: &[Cell]) -> Result<Vec<Picture>> {
+    let Some(cell) =
+        cells.iter().filter(|c| c.trial == 0 && c.seed == study.seeds[0]).rfind(|c| c.round.is_some())
+    else {
+        return Ok(Vec::new());
+    };
+    let bar = output::Bar::new();
+    let mut alone = study.clone();
+    alone.transfer.learn = None;
+    let Some(policy) = tried(family, &alone, cell, &bar)?.1 else { return Ok(Vec::new()) };
+    bar.clear();
+    let mut world = HiddenWorld::new(HiddenConfig { seed: cell.seed, ..study.hidden.clone() })?;
+    let mut pictures = Vec::new();
+    for (i, task) in split(&(family.tasks)(), Split::Test).iter().take(4).enumerate() {
+        if let Some((caption, svg)) = picture(&policy, task, &mut world)? {
+            pictures.push((format!("policy_{}", i + 1), format!("{}: {caption}", cell.row), svg));
+        }
+    }
+    Ok(pictures)
+}
+
+fn picture(policy: &Dqn, task: &Task, world: &mut HiddenWorld) -> Result<Option<(String, String)>> {
+    let space = task.actions();
+    let step = (space.count() / 20_000).max(1);
+    let actions: Vec<ValidAction> =
+        (0..space.count()).step_by(step).map(|i| space.at(i)).collect::<Result<_>>()?;
+    let scores = policy.score(task, &actions)?;
+    let axis = |quantity: Quantity| {
+        let found = space.components.iter().position(|c| c.set == quantity);
+        found.map(|i| (i, space.components[i].low, space.components[i].high))
+    };
+    let (Some(x), Some(y)) = (axis(Quantity::X), axis(Quantity::Y)) else { return Ok(None) };
+    let chances: Vec<([f64; 2], f64)> = actions
+        .iter()
+        .zip(&scores)
+        .map(|(a, score)| {
+            let at = |(i, low, high): (usize, f64, f64)| low + a.values()[i] * (high - low);
+            ([at(x), at(y)], 1.0 / (1.0 + (-f64::from(*score)).exp()))
+        })
+        .collect();
+    for index in rank(policy, task, &actions, CHUNK)? {
+        let attempt = world.measure(task, &[actions[index].clone()])?.pop();
+        let Some((Ok(scene), Some(film))) = attempt.map(|a| (a.placement, a.trajectory)) else { continue };
+        let outcome = if film.solved() { "solved" } else { "not solved" };
+        let caption = format!(
+            "{} {outcome} at the first attempt; predicted chance {:.2}. Yellow: sure to succeed, dark: sure to fail.",
+            task.id, chances[index].1
+        );
+        let style = Style { width: 640, ..Style::default() };
+        return Ok(Some((caption, chances_svg(&chances, &scene, Some(&film), &style))));
+    }
+    Ok(None)
+}
+
+fn html(
+    study: &Study,
+    rows: &[Row],
+    claims: &[Claim],
+    plots: &[Picture],
+    pictures: &[Picture],
+    seconds: f64,
+) -> Result<String> {
+    let columns = |names: &[&str]| names.iter().map(|n| n.to_string()).collect::<Vec<_>>();
+    let svg = |(_, caption, svg): &Picture| Block::Svg { svg: svg.clone(), caption: caption.clone() };
+    let table = Block::Table {
+        columns: columns(&[
+            "policy",
+            "real interactions",
+            "jump start",
+            "95 % interval",
+            "after learning on",
+        ]),
+        rows: rows
+            .iter()
+            .map(|r| {
+                let learned = r.curve.last().filter(|(b, _)| *b > 0);
+                vec![
+                    title(r),
+                    format!("{:.0}", r.interactions),
+                    r.jump_start.show(3),
+                    interval(&r.jump_start),
+                    learned.map_or("-".into(), |(b, s)| format!("{} ({b} batches)", s.show(3))),
+                ]
+            })
+            .collect(),
+        note: "AUCCESS on the test tasks of the hidden world, mean over estimates +- standard error; \
+               the interval is Student's over estimates."
+            .into(),
+    };
+    let judged = Block::Table {
+        columns: columns(&["claim", "verdict", "figure"]),
+        rows: claims
+            .iter()
+            .map(|c| vec![c.text.clone(), c.verdict.title().into(), c.figure.clone()])
+            .collect(),
+        note: "Paired by estimate seed; undecided where the 95 % interval of the difference holds zero."
+            .into(),
+    };
+    let mut sections = vec![
+        Section { heading: "Claims".into(), blocks: vec![judged] },
+        Section { heading: "Jump start".into(), blocks: plots.iter().map(svg).chain([table]).collect() },
+    ];
+    if !pictures.is_empty() {
+        let blocks = pictures.iter().map(svg).collect();
+        sections.push(Section { heading: "What the learned policy does".into(), blocks });
+    }
+    sections.push(Section {
+        heading: "How it was run".into(),
+        blocks: vec![
+            Block::Text(format!("iplw {}; {seconds:.0} s of work.", env!("CARGO_PKG_VERSION"))),
+            Block::Details {
+                summary: "Configuration".into(),
+                blocks: vec![Block::Code(
+                    serde_json::to_string_pretty(study).map_err(|e| Error::Failed(e.to_string()))?,
+                )],
+            },
+        ],
+    });
+    let page = Report {
+        title: format!("Transfer: {} on {}", study.name, study.family),
+        lead: "How well policies do on unseen tasks of a hidden world, by what they were trained in.".into(),
+        sections,
+    };
+    Ok(page.to_html())
+}

@@ -1,0 +1,370 @@
+//! The paper's transfer figures: policies grounded in different ways, compared in one hidden world.
+//!
+//! Source: Semage et al., experiments on bowling and basketball: estimates from 5 seeds, 3 learning trials each.
+//! A [`Study`] is what is compared; it is cut into [`Estimated`] and [`Transfer`] cells, so that whoever runs it
+//! can keep them and go on later. Uncertainty counts estimate seeds, not learning trials, as repetitions: trials
+//! that share an estimate are not independent.
+//!
+//! Differences from the source: rows past the paper stand beside it (a simulation extended by the drag that it
+//! lacks, fitted along; the real world's own ranking).
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use super::quickstart::DRAG_PRIOR;
+use super::statistics::{Claim, Summary, Verdict};
+use super::strategies::{Arm, Nature};
+use super::transfer::{LearnConfig, School, Transfer, TransferConfig, transfer};
+use super::{EstimateConfig, Memory, Workflow, run};
+use crate::error::{Error, Result};
+use crate::estimate::cem::Sample;
+use crate::explore::Importance;
+use crate::policy::Training;
+use crate::progress::Progress;
+use crate::reality::{HiddenConfig, HiddenWorld};
+use crate::rng;
+use crate::task::{Family, Split, split};
+use crate::world::Latents;
+use crate::world::effect::linear_drag;
+
+/// What is compared.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Study {
+    /// Name of the experiment.
+    pub name: String,
+    /// Name of the task family.
+    pub family: String,
+    /// The real world.
+    pub hidden: HiddenConfig,
+    /// Policies that need no estimate.
+    pub schools: Vec<(String, School)>,
+    /// Ways to estimate; a policy is trained in the simulation of the estimate after each of `rounds`.
+    pub arms: Vec<Arm>,
+    /// Rounds after which policies are trained, from 1.
+    pub rounds: Vec<usize>,
+    /// How policies are made and tried.
+    pub transfer: TransferConfig,
+    /// One estimate for each.
+    pub seeds: Vec<u64>,
+    /// Learning trials for each estimate.
+    pub trials: u64,
+}
+
+/// What an arm knew after each round, for one seed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Estimated {
+    pub estimates: Vec<Sample>,
+    /// Real interactions after each round.
+    pub interactions: Vec<u64>,
+}
+
+/// One policy to be made and tried.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Cell {
+    /// Row of the table it belongs to.
+    pub row: String,
+    /// Round of the estimate; `None` for a policy without one.
+    pub round: Option<usize>,
+    pub school: School,
+    pub seed: u64,
+    pub trial: u64,
+    /// Real interactions the estimate cost.
+    pub interactions: u64,
+}
+
+/// A row's results at one round.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Row {
+    pub name: String,
+    pub round: Option<usize>,
+    /// Mean real interactions before transfer.
+    pub interactions: f64,
+    /// AUCCESS before learning in the real world.
+    pub jump_start: Summary,
+    /// Mean of the jump start of each seed, in the order of the study's seeds.
+    pub by_seed: Vec<f64>,
+    /// (batches learned in the real world, AUCCESS), the jump start first.
+    pub curve: Vec<(usize, Summary)>,
+}
+
+/// The studies by name: the experiment's, what it is for, and how it is made from a family.
+pub const STUDIES: [(&str, &str); 3] = [
+    ("latents", "estimate from 10,000 random real trajectories, beside every baseline: learning curves"),
+    ("bowling", "jump start of every strategy over 10 rounds of 50 interactions"),
+    ("basketball", "jump start of every strategy over 10 rounds of 50 interactions"),
+];
+
+impl Study {
+    /// The paper's first experiment: latents from 10,000 random real trajectories against the baselines.
+    pub fn latents(family: &Family) -> Study {
+        let random = EstimateConfig {
+            strategy: "random".into(),
+            actions: 1000,
+            candidates: 1000,
+            memory: Memory::LastRound,
+            ..EstimateConfig::paper(family.prior)
+        };
+        let arm = |name: &str, estimate: EstimateConfig| Arm { name: name.into(), estimate };
+        let mut study = Study::base("latents", family);
+        study.arms = vec![
+            arm("CEM on random trajectories", random.clone()),
+            arm("CEM on random trajectories, drag fitted along", with_drag(random)),
+        ];
+        study.rounds = vec![10];
+        study.schools.insert(1, ("direct learning".into(), School::Direct));
+        study.transfer.learn = Some(LearnConfig::paper());
+        study
+    }
+
+    /// The comparison of strategies by jump start.
+    pub fn strategies(family: &Family) -> Study {
+        let mut study = Study::base(family.name, family);
+        let paper = |name: &str| Arm {
+            name: name.into(),
+            estimate: EstimateConfig { strategy: name.into(), ..EstimateConfig::paper(family.prior) },
+        };
+        study.arms = crate::explore::REGISTRY.iter().map(|s| paper(s.name())).collect();
+        let few =
+            EstimateConfig { rounds: 10, actions: 5, settled: 0.0, ..EstimateConfig::fast(family.prior) };
+        study.arms.push(Arm { name: "extended, 5 a round".into(), estimate: with_drag(few) });
+        study.rounds = (1..=10).collect();
+        study
+    }
+
+    /// A small run of the same shape, for a look.
+    pub fn quick(mut self, family: &Family) -> Study {
+        let learn = self.transfer.learn.take();
+        self.transfer = TransferConfig::quick(family);
+        self.transfer.learn = learn.map(|l| LearnConfig { evaluations: 2, ..l });
+        self.seeds.truncate(2);
+        self.trials = 1;
+        for arm in &mut self.arms {
+            let e = &mut arm.estimate;
+            (e.rounds, e.actions) = (e.rounds.min(3), e.actions.min(20));
+            e.candidates = e.candidates.min(100);
+            (e.cem.samples, e.cem.elites) = (e.cem.samples.min(200), e.cem.elites.min(40));
+        }
+        self.rounds.retain(|r| *r == 1 || *r == 3);
+        if self.rounds.is_empty() {
+            self.rounds = vec![3];
+        }
+        self
+    }
+
+    /// Errors name what is wrong.
+    pub fn validate(&self) -> Result<()> {
+        if self.seeds.is_empty() || self.trials == 0 {
+            return Err(Error::input("seeds or trials", "none", "at least one"));
+        }
+        self.transfer.validate().map_err(|e| e.under("transfer"))?;
+        self.arms.iter().try_for_each(|a| a.estimate.validate().map_err(|e| e.under(&a.name)))
+    }
+
+    /// Whether any arm's strategy needs a performance surface.
+    pub fn needs_importance(&self) -> bool {
+        let needs =
+            |a: &Arm| crate::explore::strategy(&a.estimate.strategy).is_ok_and(|s| s.needs_importance());
+        self.arms.iter().any(needs)
+    }
+
+    /// The policies to make, given what was estimated: `estimated[arm][seed]`.
+    pub fn cells(&self, estimated: &[Vec<Estimated>]) -> Vec<Cell> {
+        let mut cells = Vec::new();
+        for (s, seed) in self.seeds.iter().enumerate() {
+            for trial in 0..self.trials {
+                let cell = |row: &str, round, school, interactions| Cell {
+                    row: row.into(),
+                    round,
+                    school,
+                    seed: *seed,
+                    trial,
+                    interactions,
+                };
+                cells.extend(self.schools.iter().map(|(name, school)| cell(name, None, school.clone(), 0)));
+                for (arm, found) in self.arms.iter().zip(estimated) {
+                    for round in self.rounds.iter().filter(|r| **r <= found[s].estimates.len()) {
+                        let school = grounded(found[s].estimates[round - 1]);
+                        cells.push(cell(&arm.name, Some(*round), school, found[s].interactions[round - 1]));
+                    }
+                }
+            }
+        }
+        cells
+    }
+
+    /// The table, rows in the study's order; `results` belong to `cells` one to one.
+    pub fn rows(&self, cells: &[Cell], results: &[Transfer]) -> Vec<Row> {
+        let names = self
+            .schools
+            .iter()
+            .map(|(name, _)| (name, None))
+            .chain(self.arms.iter().flat_map(|a| self.rounds.iter().map(move |r| (&a.name, Some(*r)))));
+        names
+            .filter_map(|(name, round)| {
+                let mine: Vec<(&Cell, &Transfer)> =
+                    cells.iter().zip(results).filter(|(c, _)| c.row == *name && c.round == round).collect();
+                let (_, first) = mine.first()?;
+                let by_seed = |point: usize| -> Vec<f64> {
+                    let of = |seed: &u64| {
+                        let all: Vec<f64> = mine
+                            .iter()
+                            .filter(|(c, _)| c.seed == *seed)
+                            .map(|(_, t)| t.points[point].auccess)
+                            .collect();
+                        (!all.is_empty()).then(|| all.iter().sum::<f64>() / all.len() as f64)
+                    };
+                    self.seeds.iter().filter_map(of).collect()
+                };
+                let points = mine.iter().map(|(_, t)| t.points.len()).min().unwrap_or(0);
+                Some(Row {
+                    name: name.clone(),
+                    round,
+                    interactions: mine.iter().map(|(c, _)| c.interactions as f64).sum::<f64>()
+                        / mine.len() as f64,
+                    jump_start: Summary::of(&by_seed(0)),
+                    by_seed: by_seed(0),
+                    curve: (0..points).map(|p| (first.points[p].batches, Summary::of(&by_seed(p)))).collect(),
+                })
+            })
+            .collect()
+    }
+
+    /// What the rows say of the paper's claims, and of ours.
+    pub fn claims(&self, rows: &[Row]) -> Vec<Claim> {
+        let at = |name: &str| rows.iter().rfind(|r| r.name == name);
+        let mut claims = Vec::new();
+        let mut ahead = |text: &str, better: &str, worse: &str| {
+            if let (Some(b), Some(w)) = (at(better), at(worse)) {
+                let difference: Vec<f64> = b.by_seed.iter().zip(&w.by_seed).map(|(b, w)| b - w).collect();
+                let found = Summary::of(&difference);
+                claims.push(Claim {
+                    text: text.into(),
+                    figure: format!(
+                        "{:.3} against {:.3}; difference {} (95 % +- {:.3})",
+                        b.jump_start.mean,
+                        w.jump_start.mean,
+                        found.show(3),
+                        found.half_width.unwrap_or(f64::INFINITY)
+                    ),
+                    verdict: found.above_zero(),
+                });
+            }
+        };
+        ahead("true latents beat domain randomisation", TRUE_LATENTS, RANDOMISED);
+        match self.name.as_str() {
+            "latents" => {
+                ahead(
+                    "estimated latents beat domain randomisation",
+                    "CEM on random trajectories",
+                    RANDOMISED,
+                );
+                ahead(
+                    "estimated latents beat direct learning at the start",
+                    "CEM on random trajectories",
+                    "direct learning",
+                );
+            }
+            _ => {
+                for single in ["collisions", "rolling"] {
+                    for ours in ["gradient", "mixed"] {
+                        ahead(&format!("{ours} beats {single}"), ours, single);
+                    }
+                }
+                ahead("mixed beats domain randomisation", "mixed", RANDOMISED);
+                ahead("collisions beats rolling", "collisions", "rolling");
+                ahead("gradient beats random", "gradient", "random");
+            }
+        }
+        if let (Some(extended), Some(oracle)) = (
+            rows.iter().rfind(|r| r.name.starts_with("extended") && r.interactions <= 50.0),
+            at(TRUE_PHYSICS),
+        ) {
+            let ratio = extended.jump_start.mean / oracle.jump_start.mean;
+            claims.push(Claim {
+                text: "past the paper: the extended simulation reaches 0.95 of the oracle with at most 50 interactions".into(),
+                figure: format!(
+                    "{:.3} of {:.3}: {ratio:.3}, after {:.0} interactions",
+                    extended.jump_start.mean, oracle.jump_start.mean, extended.interactions
+                ),
+                verdict: if ratio >= 0.95 { Verdict::Reproduced } else { Verdict::NotReproduced },
+            });
+        }
+        claims
+    }
+
+    /// Baselines, seeds and trials that every study has.
+    fn base(name: &str, family: &Family) -> Study {
+        let hidden = Nature::Damped.hidden(family, 0);
+        let simulated = |training: Training| School::Simulated { training };
+        let fixed = |effects| simulated(Training::Fixed { latents: hidden.latents, effects });
+        Study {
+            name: name.into(),
+            family: family.name.into(),
+            schools: vec![
+                ("chance".into(), School::Chance),
+                (RANDOMISED.into(), simulated(Training::paper_randomised())),
+                (TRUE_LATENTS.into(), fixed(Vec::new())),
+                (TRUE_PHYSICS.into(), fixed(hidden.effects.clone())),
+                ("best possible".into(), School::Itself),
+            ],
+            hidden,
+            arms: Vec::new(),
+            rounds: Vec::new(),
+            transfer: TransferConfig::paper(family),
+            seeds: vec![50, 100, 150, 500, 1000],
+            trials: 3,
+        }
+    }
+}
+
+const RANDOMISED: &str = "domain randomisation";
+const TRUE_LATENTS: &str = "true latents";
+const TRUE_PHYSICS: &str = "true latents and effects";
+
+/// Runs one arm's estimation.
+pub fn estimated(
+    family: &Family,
+    arm: &Arm,
+    hidden: &HiddenConfig,
+    seed: u64,
+    importance: Option<Arc<dyn Importance>>,
+    progress: &dyn Progress,
+) -> Result<Estimated> {
+    let training = split(&(family.tasks)(), Split::Train);
+    let mut world = HiddenWorld::new(HiddenConfig { seed, ..hidden.clone() })?;
+    let config = EstimateConfig { seed, ..arm.estimate.clone() };
+    let mut workflow = Workflow::new(&training, &config, importance)?;
+    run(&mut workflow, &mut world, progress, &mut |_| Ok(()))?;
+    let mut spent = 0;
+    let interactions = workflow.rounds().iter().map(|r| {
+        spent += r.answers.len() as u64;
+        spent
+    });
+    Ok(Estimated { interactions: interactions.collect(), estimates: workflow.estimates() })
+}
+
+/// Makes and tries one policy.
+pub fn tried(
+    family: &Family,
+    study: &Study,
+    cell: &Cell,
+    progress: &dyn Progress,
+) -> Result<(Transfer, Option<crate::policy::Dqn>)> {
+    let seed = rng::derive(cell.seed, "learning trial", cell.trial);
+    transfer(family, &cell.school, &study.hidden, &study.transfer, seed, progress)
+}
+
+/// Training in the simulation at an estimate, with its drag if it has one.
+fn grounded([density, friction, restitution, drag]: Sample) -> School {
+    let effects = if drag > 0.0 { vec![linear_drag(drag)] } else { Vec::new() };
+    School::Simulated {
+        training: Training::Fixed { latents: Latents::of([density, friction, restitution]), effects },
+    }
+}
+
+fn with_drag(mut config: EstimateConfig) -> EstimateConfig {
+    config.cem.drag = Some(DRAG_PRIOR);
+    config
+}

@@ -1,0 +1,240 @@
+//! Transfer: a policy from a simulation (or from none) tried in the real world, and learning on there.
+//!
+//! Source: Semage et al., their transfer experiments: a DQN is trained in simulation, its jump start is the
+//! AUCCESS on unseen tasks before any real training, and it then learns on in the real world, evaluated every
+//! 125 batches of 32. Direct learning starts there without a simulation.
+//!
+//! Differences from the source: what is learned from in the real world is a growing set of random attempts on
+//! the training tasks (as PHYRE's own agents learn), the same for every learner of a seed; every batch brings as
+//! many new attempts as it holds examples. The step size falls by a half cosine over each stretch between two
+//! evaluations and starts again.
+
+use serde::{Deserialize, Serialize};
+
+use super::quickstart::try_out;
+use crate::error::{Result, within};
+use crate::explore;
+use crate::policy::{
+    Dataset, Dqn, EvaluateConfig, Example, LabelConfig, Policy, Random, TrainConfig, Training, label, train,
+};
+use crate::progress::Progress;
+use crate::reality::{HiddenConfig, HiddenWorld, Reality};
+use crate::rng;
+use crate::task::{Family, Split, Task, ValidAction, split};
+
+/// Where a policy comes from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+pub enum School {
+    /// Nowhere: actions in random order, never learning.
+    Chance,
+    /// No simulation: starts untrained and learns in the real world alone.
+    Direct,
+    /// A simulation.
+    Simulated { training: Training },
+    /// The real world ranks the actions itself: nothing can do better.
+    Itself,
+}
+
+/// How policies are made and tried.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TransferConfig {
+    /// How training actions are labelled in simulation.
+    pub label: LabelConfig,
+    /// Training in simulation.
+    pub train: TrainConfig,
+    /// Trying out.
+    pub evaluate: EvaluateConfig,
+    /// Learning on in the real world; `None` for the jump start alone.
+    pub learn: Option<LearnConfig>,
+}
+
+/// Learning on in the real world.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LearnConfig {
+    /// Evaluations after the jump start.
+    pub evaluations: usize,
+    /// Batches before each.
+    pub batches: usize,
+    /// Examples in a batch, and new real attempts for it.
+    pub batch_size: usize,
+    /// Adam's step size at the start of each stretch.
+    pub learning_rate: f64,
+}
+
+/// How a policy did, before and while it learned in the real world.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Transfer {
+    /// The jump start first.
+    pub points: Vec<Point>,
+    /// (100,) share of test tasks solved within k attempts, at the jump start.
+    pub curve: Vec<f64>,
+}
+
+/// One evaluation.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Point {
+    /// Batches learned in the real world.
+    pub batches: usize,
+    /// Real attempts learned from.
+    pub interactions: u64,
+    /// On the test tasks, [0, 1].
+    pub auccess: f64,
+}
+
+impl TransferConfig {
+    /// As in the paper: 1000 batches of 16 (bowling) or 32 (basketball) in simulation.
+    pub fn paper(family: &Family) -> TransferConfig {
+        let train = match family.name {
+            "basketball" => TrainConfig::paper_basketball(),
+            _ => TrainConfig::paper_bowling(),
+        };
+        TransferConfig {
+            // More labels than the batches can use rank unseen tasks better.
+            label: LabelConfig { per_task: 800, most_per_task: 1600, ..LabelConfig::default() },
+            train,
+            evaluate: EvaluateConfig::phyre(0),
+            learn: None,
+        }
+    }
+
+    /// A small run of the same shape, for a look.
+    pub fn quick(family: &Family) -> TransferConfig {
+        let mut config = TransferConfig::paper(family);
+        (config.label.per_task, config.label.most_per_task) = (200, 400);
+        config.train.batches = 500;
+        config.evaluate.candidates = 2000;
+        config
+    }
+
+    /// Errors name what is out of range.
+    pub fn validate(&self) -> Result<()> {
+        self.train.validate().map_err(|e| e.under("train"))?;
+        self.learn.as_ref().map_or(Ok(()), |l| l.validate().map_err(|e| e.under("learn")))
+    }
+}
+
+impl LearnConfig {
+    /// As in the paper: batches of 32, evaluated every 125; eight times.
+    pub fn paper() -> LearnConfig {
+        LearnConfig { evaluations: 8, batches: 125, batch_size: 32, learning_rate: 5e-4 }
+    }
+
+    fn validate(&self) -> Result<()> {
+        within("evaluations", self.evaluations as f64, 1.0, 1000.0)?;
+        within("batches", self.batches as f64, 1.0, 100_000.0).map(drop)
+    }
+}
+
+/// Schools a policy, tries it on the test tasks of the hidden world, and lets it learn on there.
+///
+/// `seed` decides the labels drawn, the weights and the batches.
+pub fn transfer(
+    family: &Family,
+    school: &School,
+    hidden: &HiddenConfig,
+    config: &TransferConfig,
+    seed: u64,
+    progress: &dyn Progress,
+) -> Result<(Transfer, Option<Dqn>)> {
+    config.validate()?;
+    let tasks = (family.tasks)();
+    let (training, test) = (split(&tasks, Split::Train), split(&tasks, Split::Test));
+    let mut learner = match school {
+        School::Chance | School::Itself => None,
+        School::Direct => Some(Dqn::untrained(&training[0], config.train.hidden, seed)?),
+        School::Simulated { training: from } => Some(taught(&training, from, config, seed, progress)?),
+    };
+    let try_policy = |policy: &dyn Policy| try_out(policy, &test, hidden, &config.evaluate, progress);
+    let first = match (&learner, school) {
+        (Some(dqn), _) => try_policy(dqn)?,
+        (None, School::Itself) => best_possible(&test, hidden, &config.evaluate, progress)?,
+        (None, _) => try_policy(&Random { seed })?,
+    };
+    let mut found = Transfer {
+        points: vec![Point { batches: 0, interactions: 0, auccess: first.auccess }],
+        curve: first.curve.to_vec(),
+    };
+    let (Some(dqn), Some(learn)) = (&mut learner, &config.learn) else { return Ok((found, learner)) };
+    let mut world = HiddenWorld::new(HiddenConfig { seed, ..hidden.clone() })?;
+    let mut data = Dataset { tasks: training, rows: Vec::new() };
+    for stretch in 0..learn.evaluations {
+        let attempts = learn.batches * learn.batch_size;
+        let draw = rng::derive(seed, "real attempts", stretch as u64);
+        gather(&mut data, &mut world, attempts, draw, progress)?;
+        let setup = TrainConfig {
+            batches: learn.batches,
+            batch_size: learn.batch_size,
+            learning_rate: learn.learning_rate,
+            hidden: config.train.hidden,
+            seed: rng::derive(seed, "learning on", stretch as u64),
+        };
+        *dqn = dqn.learn_more(&data, &setup, progress)?.0;
+        found.points.push(Point {
+            batches: (stretch + 1) * learn.batches,
+            interactions: world.interactions(),
+            auccess: try_policy(dqn)?.auccess,
+        });
+    }
+    Ok((found, learner))
+}
+
+/// A policy trained in simulation.
+pub fn taught(
+    tasks: &[Task],
+    training: &Training,
+    config: &TransferConfig,
+    seed: u64,
+    progress: &dyn Progress,
+) -> Result<Dqn> {
+    let labels = LabelConfig { seed: rng::derive(seed, "label", 0), ..config.label.clone() };
+    let data = label(tasks, training, &labels, progress)?;
+    Ok(train(&data, &TrainConfig { seed, ..config.train.clone() }, progress)?.0)
+}
+
+/// Adds `count` random real attempts on the data's tasks.
+fn gather(
+    data: &mut Dataset,
+    world: &mut HiddenWorld,
+    count: usize,
+    seed: u64,
+    progress: &dyn Progress,
+) -> Result<()> {
+    let drawn = explore::draw(&data.tasks, count, &mut rng::stream(seed, "attempts"))?;
+    for (t, task) in data.tasks.iter().enumerate() {
+        progress.report("acting in the real world", t as u64, data.tasks.len() as u64)?;
+        let actions: Vec<ValidAction> = drawn.iter().filter(|d| d.0 == t).map(|d| d.1.clone()).collect();
+        let attempts = world.measure(task, &actions)?;
+        data.rows.extend(actions.into_iter().zip(attempts).filter_map(|(action, attempt)| {
+            attempt.trajectory.map(|seen| Example { task: t, action, solved: seen.solved() })
+        }));
+    }
+    Ok(())
+}
+
+/// What the real world's own ranking would reach: a task is solved at once if any of the ranked actions solves it.
+fn best_possible(
+    tasks: &[Task],
+    hidden: &HiddenConfig,
+    config: &EvaluateConfig,
+    progress: &dyn Progress,
+) -> Result<crate::policy::Evaluation> {
+    let mut world = HiddenWorld::new(hidden.clone())?;
+    let mut solved = Vec::with_capacity(tasks.len());
+    for (t, task) in tasks.iter().enumerate() {
+        progress.report("asking the real world itself", t as u64, tasks.len() as u64)?;
+        let candidates = crate::policy::evaluate::candidates(task, config)?;
+        let mut any = false;
+        for part in candidates.chunks(512) {
+            let attempts = world.measure(task, part)?;
+            any = attempts.iter().any(|a| a.trajectory.as_ref().is_some_and(|seen| seen.solved()));
+            if any {
+                break;
+            }
+        }
+        solved.push(any.then_some(1));
+    }
+    Ok(crate::policy::Evaluation::of(solved))
+}
