@@ -1,7 +1,7 @@
 //! A rollout with everything decided: what both engines integrate, so that a scene means the same in each.
 
 use super::Rollout;
-use super::effect::{self, Active};
+use super::effect::{self, Act, Active, Constants, Motion, Surroundings};
 use super::goal::GoalSpec;
 use crate::error::{Error, Result};
 use crate::task::geometry::Convex;
@@ -18,8 +18,10 @@ pub struct Prepared {
     pub observe_every: u32,
     pub bodies: Vec<PreparedBody>,
     pub statics: Vec<PreparedStatic>,
-    /// Effects at work, in the order in which they act.
-    pub effects: Vec<Active>,
+    /// Names of the effects that engines know of, in the order in which they act.
+    pub effects: Vec<&'static str>,
+    /// Laws of motion at work, in the order in which they act.
+    pub motions: Vec<(&'static dyn Motion, Constants)>,
     pub goal: Option<GoalSpec>,
     /// Whether the rollout ends when the goal is reached.
     pub stop: bool,
@@ -131,12 +133,21 @@ pub fn prepare(rollout: &Rollout) -> Result<Prepared> {
             (s[2] - s[0]).min(s[3] - s[1])
         })
         .fold(f64::INFINITY, f64::min);
+    let around = Surroundings { time_step: scene.time_step, gravity: scene.gravity };
+    let (mut effects, mut motions) = (Vec::new(), Vec::new());
+    for Active { effect, values } in active(rollout)? {
+        effects.push(effect.name);
+        match effect.act {
+            Act::Motion(law) => motions.push((law, law.constants(&values, &around))),
+        }
+    }
     Ok(Prepared {
         gravity: scene.gravity,
         time_step: scene.time_step,
         steps: scene.steps,
         observe_every: scene.observe_every,
-        effects: active(rollout)?,
+        effects,
+        motions,
         goal: scene.goal.as_ref().map(|goal| GoalSpec::new(goal, scene)),
         stop: scene.stops_at_goal() && rollout.stop,
         touch: 0.005 * smallest.min(1.0),

@@ -10,7 +10,7 @@
 
 use rapier2d::prelude::*;
 
-use super::effect::{Act, Constants, Moving};
+use super::effect::Moving;
 use super::goal::{self, Watch};
 use super::prepare::{Prepared, PreparedBody, PreparedShape};
 use super::record::{Recorder, State};
@@ -24,16 +24,9 @@ pub fn run(prepared: &Prepared) -> Result<Trajectory> {
     let mut recorder = Recorder::new(prepared);
     let mut watch = Watch::default();
     let needed = prepared.goal.as_ref().map_or(0, |g| g.hold_steps(prepared.time_step));
-    let kicks: Vec<Constants> = prepared
-        .effects
-        .iter()
-        .map(|a| match a.effect.act {
-            Act::Motion(motion) => motion.constants(&a.values, prepared.time_step),
-        })
-        .collect();
     recorder.observe(0, &world.states());
     for step in 1..=prepared.steps {
-        world.kick(prepared, &kicks, step - 1);
+        world.kick(prepared, step - 1);
         let before = world.velocities();
         world.physics.step();
         let states = world.states();
@@ -113,8 +106,8 @@ impl World {
     }
 
     /// Lets the motion effects act on every body.
-    fn kick(&mut self, prepared: &Prepared, kicks: &[Constants], step: u32) {
-        if kicks.is_empty() {
+    fn kick(&mut self, prepared: &Prepared, step: u32) {
+        if prepared.motions.is_empty() {
             return;
         }
         let time = f64::from(step) * self.time_step;
@@ -129,8 +122,7 @@ impl World {
                 vy: v.y.into(),
                 omega: body.angvel().into(),
             };
-            for (active, constants) in prepared.effects.iter().zip(kicks) {
-                let Act::Motion(motion) = active.effect.act;
+            for (motion, constants) in &prepared.motions {
                 [moving.vx, moving.vy, moving.omega] = motion.kick(constants, moving, self.time_step);
             }
             body.set_linvel(Vector::new(moving.vx as f32, moving.vy as f32), false);

@@ -4,9 +4,17 @@
 //! per second, so c = -ln d; the paper's real world has d = 0.8. Valid for creeping motion in a viscous medium;
 //! here simply what the paper's simulation lacks.
 //!
-//! Differences from the source: none. The exact solution over a step, v exp(-c dt) = v d^dt, is what Pymunk uses.
+//! Signature: speed decays exponentially, at the same rate whatever the speed; only a second speed tells it from
+//! quadratic drag. Spin decays along with it. Each bounce and roll is slowed in flight as on the ground.
+//!
+//! Integrator: exact, v exp(-c dt) = v d^dt, which is what Pymunk uses.
+//!
+//! Differences from the source: none.
 
-use super::{Act, Constants, Effect, LANES, MOST_PARAMETERS, Motion, Moving, MovingLanes, Parameter};
+use super::{
+    Act, Constants, Effect, LANES, MOST_PARAMETERS, Motion, Moving, MovingLanes, Parameter, Surroundings,
+    constants,
+};
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
@@ -20,10 +28,8 @@ pub static EFFECT: Effect = Effect {
 struct LinearDrag;
 
 impl Motion for LinearDrag {
-    fn constants(&self, parameters: &[f64], dt: f64) -> Constants {
-        let mut constants = [0.0; MOST_PARAMETERS];
-        constants[0] = libm::exp(-parameters[0] * dt);
-        constants
+    fn constants(&self, parameters: &[f64], around: &Surroundings) -> Constants {
+        constants(&[libm::exp(-parameters[0] * around.time_step)])
     }
 
     fn kick(&self, constants: &Constants, body: Moving, _dt: f64) -> [f64; 3] {

@@ -3,13 +3,31 @@
 //! An effect declares its parameters with units, bounds and the neutral values at which it vanishes, and
 //! acts through one of the forms of [`Act`]. Engines call the forms; no engine knows an effect by name.
 
+mod gravity_error;
+mod gust;
+mod lift;
 mod linear_drag;
+mod moving_air;
+mod position_field;
+mod quadratic_drag;
+mod sticky_patch;
+mod wind;
 
 use crate::error::{Error, Result, within};
 use crate::task::scene::EffectTerm;
 
 /// Every known effect.
-pub static REGISTRY: [&Effect; 1] = [&linear_drag::EFFECT];
+pub static REGISTRY: [&Effect; 9] = [
+    &linear_drag::EFFECT,
+    &quadratic_drag::EFFECT,
+    &wind::EFFECT,
+    &moving_air::EFFECT,
+    &gravity_error::EFFECT,
+    &lift::EFFECT,
+    &gust::EFFECT,
+    &position_field::EFFECT,
+    &sticky_patch::EFFECT,
+];
 
 /// One effect: what it is called, what it takes, what it does.
 pub struct Effect {
@@ -47,13 +65,21 @@ pub enum Act {
 /// Number of rollouts the batched kernel advances together.
 pub const LANES: usize = 8;
 
+/// What an effect may know of the rollout it acts in.
+#[derive(Clone, Copy, Debug)]
+pub struct Surroundings {
+    /// s
+    pub time_step: f64,
+    /// m/s^2
+    pub gravity: [f64; 2],
+}
+
 /// A law of motion, written for one body; engines that advance many at once use [`Motion::kick_lanes`].
 pub trait Motion: Sync {
-    /// What is worth computing once per rollout; by default the parameters as they are.
-    fn constants(&self, parameters: &[f64], _dt: f64) -> Constants {
-        let mut constants = [0.0; MOST_PARAMETERS];
-        constants[..parameters.len()].copy_from_slice(parameters);
-        constants
+    /// What is worth computing once per rollout; by default the parameters as they are. Constants that are all 0
+    /// stand for an empty lane, and must give finite kicks.
+    fn constants(&self, parameters: &[f64], _around: &Surroundings) -> Constants {
+        constants(parameters)
     }
 
     /// (vx, vy, omega) after `dt` seconds of the effect alone. Pure: the same bits for the same arguments.
@@ -88,6 +114,13 @@ pub trait Motion: Sync {
 pub const MOST_PARAMETERS: usize = 8;
 /// What [`Motion::constants`] computes.
 pub type Constants = [f64; MOST_PARAMETERS];
+
+/// The values, and 0 where there are fewer than [`MOST_PARAMETERS`].
+fn constants(values: &[f64]) -> Constants {
+    let mut all = [0.0; MOST_PARAMETERS];
+    all[..values.len()].copy_from_slice(values);
+    all
+}
 
 /// What a law of motion may depend on.
 #[derive(Clone, Copy, Debug)]
@@ -164,4 +197,86 @@ pub fn damping(kept: f64) -> EffectTerm {
 /// Linear drag with coefficient `c`, 1/s.
 pub fn linear_drag(c: f64) -> EffectTerm {
     EffectTerm { name: "linear_drag".into(), parameters: [("c".to_string(), c)].into() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn motions() -> impl Iterator<Item = (&'static Effect, &'static dyn Motion)> {
+        REGISTRY.iter().filter_map(|e| match e.act {
+            Act::Motion(law) => Some((*e, law)),
+        })
+    }
+
+    /// The value `share` of the way from the lower to the upper bound; dense near the neutral value for small shares.
+    fn value(p: &Parameter, share: f64) -> f64 {
+        let [low, high] = p.bounds;
+        if share < 0.5 {
+            (p.neutral + (share - 0.25) * 4.0).clamp(low, high)
+        } else {
+            low + (share - 0.5) * 2.0 * (high - low)
+        }
+    }
+
+    fn moving(s: [f64; 6]) -> Moving {
+        Moving { time: s[0].abs(), x: s[1], y: s[2], vx: s[3], vy: s[4], omega: s[5] }
+    }
+
+    #[test]
+    fn rows_are_in_order() {
+        for (i, e) in REGISTRY.iter().enumerate() {
+            assert!(REGISTRY[..i].iter().all(|other| other.name != e.name), "{} twice", e.name);
+            assert!(e.parameters.len() <= MOST_PARAMETERS, "{}", e.name);
+            assert!(["motion", "contact", "region", "sensor", "action"].contains(&e.acts_on), "{}", e.name);
+            for p in e.parameters {
+                assert!(p.bounds[0] <= p.neutral && p.neutral <= p.bounds[1], "{}.{}", e.name, p.name);
+                assert!(e.equation.contains(p.name), "{}: the equation lacks {}", e.name, p.name);
+            }
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(200))]
+
+        #[test]
+        fn lanes_are_kicked_as_one_body_is(
+            shares in prop::collection::vec([0.0..1.0f64; MOST_PARAMETERS], LANES),
+            states in prop::collection::vec([-30.0..30.0f64; 6], LANES),
+            dt in 1e-4..0.1f64,
+        ) {
+            let around = Surroundings { time_step: dt, gravity: [0.3, -9.8] };
+            for (effect, law) in motions() {
+                let own: Vec<Constants> = shares.iter().map(|s| {
+                    let values: Vec<f64> = effect.parameters.iter().zip(s).map(|(p, s)| value(p, *s)).collect();
+                    law.constants(&values, &around)
+                }).collect();
+                let lanes = std::array::from_fn(|c| std::array::from_fn(|l| own[l][c]));
+                let of = |k: usize| std::array::from_fn(|l| states[l][k]);
+                let mut batch =
+                    MovingLanes { time: of(0).map(f64::abs), x: of(1), y: of(2), vx: of(3), vy: of(4), omega: of(5) };
+                law.kick_lanes(&lanes, &mut batch, dt);
+                for l in 0..LANES {
+                    let one = law.kick(&own[l], moving(states[l]), dt);
+                    let ours = [batch.vx[l], batch.vy[l], batch.omega[l]];
+                    prop_assert_eq!(one.map(f64::to_bits), ours.map(f64::to_bits), "{}", effect.name);
+                    prop_assert!(one.iter().all(|v| v.is_finite()), "{}: {:?}", effect.name, one);
+                }
+            }
+        }
+
+        #[test]
+        fn neutral_values_change_nothing(state in [-30.0..30.0f64; 6], dt in 1e-4..0.1f64) {
+            let around = Surroundings { time_step: dt, gravity: [0.3, -9.8] };
+            for (effect, law) in motions() {
+                let values: Vec<f64> = effect.parameters.iter().map(|p| p.neutral).collect();
+                let after = law.kick(&law.constants(&values, &around), moving(state), dt);
+                prop_assert_eq!(after.map(f64::to_bits), [state[3], state[4], state[5]].map(f64::to_bits),
+                    "{}", effect.name);
+                let idle = law.kick(&[0.0; MOST_PARAMETERS], moving([0.0; 6]), dt);
+                prop_assert!(idle.iter().all(|v| v.is_finite()), "{}: an empty lane", effect.name);
+            }
+        }
+    }
 }

@@ -11,8 +11,7 @@ use super::simd::{Mask, Register, V, Wide};
 use super::{Feed, Settings};
 use crate::task::geometry::polygon_contains;
 use crate::trajectory::{End, Trajectory};
-use crate::world::effect::Act;
-use crate::world::effect::{Active, Constants, LANES, MOST_PARAMETERS, MovingLanes};
+use crate::world::effect::{Constants, LANES, MOST_PARAMETERS, Motion, MovingLanes};
 use crate::world::goal::{Condition, Party};
 use crate::world::prepare::{Prepared, PreparedShape};
 use crate::world::record::{Recorder, State};
@@ -23,7 +22,7 @@ pub struct Batch {
     pub statics: Vec<StaticLanes>,
     /// Pairs of bodies, then each body's statics.
     pub pairs: Vec<Pair>,
-    pub terms: Vec<TermLanes>,
+    pub motions: Vec<TermLanes<dyn Motion>>,
     /// Whether an effect looks at the clock.
     pub clocked: bool,
     /// s
@@ -146,9 +145,9 @@ pub struct Pair {
     pub seen: [u32; 2],
 }
 
-/// An effect in every lane.
-pub struct TermLanes {
-    pub act: Act,
+/// A law of an effect in every lane.
+pub struct TermLanes<L: ?Sized + 'static> {
+    pub law: &'static L,
     pub constants: [[f64; LANES]; MOST_PARAMETERS],
 }
 
@@ -297,16 +296,12 @@ impl Batch {
         for first in 0..count {
             pairs.extend((0..prepared.statics.len()).map(|s| Pair::new(first, count + s)));
         }
-        let terms = prepared
-            .effects
-            .iter()
-            .map(|a| TermLanes { act: a.effect.act, constants: [[0.0; LANES]; MOST_PARAMETERS] });
         Batch {
             bodies: vec![blank; count],
             statics,
             pairs,
-            terms: terms.collect(),
-            clocked: prepared.effects.iter().any(|a| !timeless(a)),
+            motions: prepared.motions.iter().map(|(law, _)| TermLanes::of(*law)).collect(),
+            clocked: prepared.motions.iter().any(|(law, _)| !law.timeless()),
             time_step: prepared.time_step,
             dt: V::all(0.0),
             kick_x: V::all(0.0),
@@ -369,12 +364,8 @@ impl Batch {
         for pair in &mut self.pairs {
             pair.fill(lane, prepared);
         }
-        for (term, active) in self.terms.iter_mut().zip(&prepared.effects) {
-            let Act::Motion(motion) = active.effect.act;
-            let constants: Constants = motion.constants(&active.values, dt);
-            for (row, value) in term.constants.iter_mut().zip(constants) {
-                row[lane] = value;
-            }
+        for (term, (_, constants)) in self.motions.iter_mut().zip(&prepared.motions) {
+            term.fill(lane, constants);
         }
         if let (Some(lanes), Some(own)) = (&mut self.goal, &prepared.goal) {
             lanes.held[lane] = 0.0;
@@ -460,10 +451,8 @@ impl Batch {
             (pair.jn[lane], pair.jt[lane]) = (0.0, 0.0);
             pair.limit[lane] = f64::INFINITY;
         }
-        for term in &mut self.terms {
-            for row in &mut term.constants {
-                row[lane] = 0.0;
-            }
+        for term in &mut self.motions {
+            term.fill(lane, &[0.0; MOST_PARAMETERS]);
         }
         if let Some(goal) = &mut self.goal {
             goal.needed[lane] = f64::INFINITY;
@@ -665,6 +654,18 @@ impl Pair {
     }
 }
 
+impl<L: ?Sized + 'static> TermLanes<L> {
+    fn of(law: &'static L) -> TermLanes<L> {
+        TermLanes { law, constants: [[0.0; LANES]; MOST_PARAMETERS] }
+    }
+
+    fn fill(&mut self, lane: usize, constants: &Constants) {
+        for (row, value) in self.constants.iter_mut().zip(constants) {
+            row[lane] = *value;
+        }
+    }
+}
+
 impl StaticLanes {
     fn fill(&mut self, lane: usize, shape: &PreparedShape) {
         match (&mut self.core, shape) {
@@ -744,10 +745,4 @@ fn slop(prepared: &Prepared) -> f64 {
     let smallest = prepared.bodies.iter().map(|b| 2.0 * b.shape.radius).fold(f64::INFINITY, f64::min);
     let share = (smallest / ORDINARY).min(1.0);
     SLOP * share * share
-}
-
-fn timeless(active: &Active) -> bool {
-    match active.effect.act {
-        Act::Motion(motion) => motion.timeless(),
-    }
 }

@@ -23,7 +23,7 @@ use super::batch::{Batch, BodyLanes, Pair};
 use super::contact::{Gap, between_discs, may_touch, with_static};
 use super::simd::{Mask, Register, Wide};
 use super::tunnel::{WATCHED, stop_fast_discs};
-use crate::world::effect::{Act, LANES};
+use crate::world::effect::LANES;
 use crate::world::record::{APART_STEPS, CARRIES};
 
 /// Sweeps over the contacts in a step: Chipmunk's default.
@@ -211,15 +211,14 @@ fn prepare<R: Register, const N: usize>(
 /// Effects, then gravity.
 #[inline(always)]
 fn push<R: Register, const N: usize>(batch: &mut Batch) {
-    for term in &batch.terms {
-        let Act::Motion(motion) = term.act;
+    for term in &batch.motions {
         for body in &mut batch.bodies {
             if batch.clocked {
                 for l in 0..LANES {
                     body.moving.time[l] = (batch.tick - 1.0 - batch.born[l]) * batch.time_step;
                 }
             }
-            motion.kick_lanes(&term.constants, &mut body.moving, batch.time_step);
+            term.law.kick_lanes(&term.constants, &mut body.moving, batch.time_step);
         }
     }
     let (kick_x, kick_y): (Wide<R, N>, Wide<R, N>) = (Wide::load(&batch.kick_x), Wide::load(&batch.kick_y));

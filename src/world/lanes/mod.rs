@@ -80,7 +80,7 @@ impl Topology {
                     PreparedShape::Halfspace { .. } => 0,
                 })
                 .collect(),
-            effects: prepared.effects.iter().map(|a| a.effect.name).collect(),
+            effects: prepared.effects.clone(),
             time_step: prepared.time_step.to_bits(),
             goal: prepared.goal.as_ref().map(|g| match &g.condition {
                 Condition::Inside { body, .. } => (0, *body, 0),

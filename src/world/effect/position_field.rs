@@ -1,0 +1,65 @@
+//! A force field that grows with distance: dv/dt = (kx (x0 - x), ky (y0 - y)).
+//!
+//! Source: Hooke's law; the first order of any smooth field about a place where it vanishes (a magnet under the
+//! table, a bowl-shaped floor seen from above). **Sign: k > 0 attracts to (x0, y0)**, k < 0 repels; an axis with
+//! k = 0 is left alone. Valid near that place.
+//!
+//! Signature: the push depends on where the body is and on nothing else; attraction swings with period
+//! 2 pi / sqrt(k) whatever the amplitude. With (x0, y0) far off it is wind.
+//!
+//! Integrator: engines move a body by its new velocity (symplectic Euler), whose swing under a kick K dt (x0 - x) obeys
+//! cos(theta) = 1 - K dt^2 / 2. K = (2 sin(w dt / 2) / dt)^2, w = sqrt(k), makes theta = w dt: swings have exactly the
+//! right period, and are stable for any step (w dt beyond pi is taken for pi). Likewise sinh for repulsion.
+//!
+//! Differences from the source: axes along x and y only. Its parameters x0 and y0 are in m.
+
+use super::{
+    Act, Constants, Effect, LANES, MOST_PARAMETERS, Motion, Moving, MovingLanes, Parameter, Surroundings,
+    constants,
+};
+
+/// The effect's row in the registry.
+pub static EFFECT: Effect = Effect {
+    name: "position_field",
+    acts_on: "motion",
+    equation: "a = (kx (x0 - x), ky (y0 - y)): k > 0 attracts, k < 0 repels",
+    parameters: &[
+        Parameter { name: "kx", unit: "1/s^2", bounds: [-1000.0, 1000.0], neutral: 0.0 },
+        Parameter { name: "ky", unit: "1/s^2", bounds: [-1000.0, 1000.0], neutral: 0.0 },
+        Parameter { name: "x0", unit: "m", bounds: [-1e5, 1e5], neutral: 0.0 },
+        Parameter { name: "y0", unit: "m", bounds: [-1e5, 1e5], neutral: 0.0 },
+    ],
+    act: Act::Motion(&PositionField),
+};
+
+struct PositionField;
+
+impl Motion for PositionField {
+    fn constants(&self, parameters: &[f64], around: &Surroundings) -> Constants {
+        let dt = around.time_step;
+        constants(&[stiffness(parameters[0], dt), stiffness(parameters[1], dt), parameters[2], parameters[3]])
+    }
+
+    fn kick(&self, constants: &Constants, body: Moving, _dt: f64) -> [f64; 3] {
+        let [kx, ky, x0, y0] = [constants[0], constants[1], constants[2], constants[3]];
+        [body.vx + kx * (x0 - body.x), body.vy + ky * (y0 - body.y), body.omega]
+    }
+
+    fn timeless(&self) -> bool {
+        true
+    }
+
+    fn kick_lanes(&self, constants: &[[f64; LANES]; MOST_PARAMETERS], bodies: &mut MovingLanes, _dt: f64) {
+        for lane in 0..LANES {
+            bodies.vx[lane] += constants[0][lane] * (constants[2][lane] - bodies.x[lane]);
+            bodies.vy[lane] += constants[1][lane] * (constants[3][lane] - bodies.y[lane]);
+        }
+    }
+}
+
+/// K dt, 1/s: see the integrator above.
+fn stiffness(k: f64, dt: f64) -> f64 {
+    let half = k.abs().sqrt() * dt / 2.0;
+    let swing = if k > 0.0 { libm::sin(half.min(std::f64::consts::FRAC_PI_2)) } else { libm::sinh(half) };
+    k.signum() * 4.0 * swing * swing / dt
+}

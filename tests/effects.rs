@@ -1,0 +1,411 @@
+//! Every effect against pen and paper, against an integrator that shares nothing with the engines, and in both
+//! engines alike; neutral values change no bit, and no parameter within bounds makes a NaN.
+
+use iplw::task::Scene;
+use iplw::task::scene::{Body, EffectTerm, Shape, Static};
+use iplw::trajectory::{Track, Trajectory};
+use iplw::world::{Engine, Latents, Rollout, effect, simulate};
+use proptest::prelude::*;
+
+const ENGINES: [Engine; 2] = [Engine::Lanes, Engine::Rapier];
+const G: f64 = 9.8;
+
+// ---- motion ----
+
+#[test]
+fn quadratic_drag_ends_in_terminal_speed() {
+    for engine in ENGINES {
+        let fall = free([0.0, 0.0], 10.0, &[("quadratic_drag", &[("k", 0.2)])], 1.0 / 240.0);
+        let t = roll(&fall, engine);
+        near(last(&t.bodies[0].vy), -(G / 0.2).sqrt(), 0.03, "terminal speed", engine);
+    }
+}
+
+#[test]
+fn quadratic_drag_slows_as_one_over_t() {
+    for engine in ENGINES {
+        let mut scene = free([12.0, 0.0], 3.0, &[("quadratic_drag", &[("k", 0.5)])], 1.0 / 240.0);
+        scene.gravity = [0.0, 0.0];
+        let t = roll(&scene, engine);
+        // v = v0 / (1 + k v0 t), x = ln(1 + k v0 t) / k.
+        let spent: f64 = 1.0 + 0.5 * 12.0 * 3.0;
+        near(last(&t.bodies[0].vx), 12.0 / spent, 1e-4, "speed", engine);
+        near(last(&t.bodies[0].x), spent.ln() / 0.5, 0.03, "way", engine);
+    }
+}
+
+#[test]
+fn wind_and_gravity_error_shift_the_parabola() {
+    for engine in ENGINES {
+        let base = free([2.0, 3.0], 2.0, &[], 1.0 / 240.0);
+        let with = |name, parameters: &[(&str, f64)]| Scene {
+            effects: vec![term(name, parameters)],
+            ..base.clone()
+        };
+        let wind = roll(&with("wind", &[("ax", 1.5), ("ay", -0.5)]), engine);
+        let heavy = roll(&with("gravity_error", &[("dg", 1.2)]), engine);
+        let plain = roll(&base, engine);
+        let shift = |t: &Trajectory| {
+            [last(&t.bodies[0].x) - last(&plain.bodies[0].x), last(&t.bodies[0].y) - last(&plain.bodies[0].y)]
+        };
+        near(shift(&wind)[0], 1.5 * 2.0, 0.01, "a t^2 / 2 across", engine);
+        near(shift(&wind)[1], -0.5 * 2.0, 0.01, "a t^2 / 2 down", engine);
+        near(shift(&heavy)[1], -1.2 * 2.0, 0.01, "dg t^2 / 2", engine);
+        near(shift(&heavy)[0], 0.0, 1e-5, "across gravity", engine);
+        // Along gravity, whichever way that is.
+        let mut aslant = with("gravity_error", &[("dg", 1.0)]);
+        aslant.gravity = [3.0, -4.0];
+        let v = roll(&aslant, engine);
+        near(last(&v.bodies[0].vx), 2.0 + 2.0 * 3.6, 1e-3, "along gravity", engine);
+        near(last(&v.bodies[0].vy), 3.0 - 2.0 * 4.8, 1e-3, "along gravity", engine);
+        aslant.gravity = [0.0, 0.0];
+        near(last(&roll(&aslant, engine).bodies[0].vx), 2.0, 1e-6, "no gravity, no direction", engine);
+    }
+}
+
+#[test]
+fn moving_air_takes_bodies_along() {
+    for engine in ENGINES {
+        let parameters = [("ux", 3.0), ("uy", 1.0), ("k", 2.0)];
+        let mut scene = free([0.0, 0.0], 30.0, &[("moving_air", &parameters)], 1.0 / 240.0);
+        scene.gravity = [0.0, 0.0];
+        let t = roll(&scene, engine);
+        near(last(&t.bodies[0].vx), 3.0, 0.05, "speed of the air", engine);
+        near(last(&t.bodies[0].vy), 1.0, 0.05, "speed of the air", engine);
+    }
+}
+
+#[test]
+fn lift_turns_on_a_circle() {
+    for engine in ENGINES {
+        for dt in [1.0 / 60.0, 1.0 / 240.0] {
+            let s = 2.0;
+            let mut scene = free([3.0, 0.0], 4.0, &[("lift", &[("s", s)])], dt);
+            scene.gravity = [0.0, 0.0];
+            let t = roll(&scene, engine);
+            let track = &t.bodies[0];
+            // A circle to the left of the start, of radius v / s, at constant speed.
+            let radius = 3.0 / s;
+            for i in 0..track.len() {
+                let off = (track.x[i].powi(2) + (track.y[i] - 100.0 - radius).powi(2)).sqrt() - radius;
+                assert!(off.abs() < 3.0 * dt, "{engine:?} dt {dt}: off the circle by {off}");
+                let speed = (track.vx[i].powi(2) + track.vy[i].powi(2)).sqrt();
+                near(speed, 3.0, 1e-4, "speed", engine);
+            }
+            let turned = last(&track.vy).atan2(last(&track.vx)).rem_euclid(std::f64::consts::TAU);
+            near(turned, (s * 4.0f64).rem_euclid(std::f64::consts::TAU), 1e-4, "angle turned", engine);
+        }
+    }
+}
+
+#[test]
+fn gusts_push_by_the_clock() {
+    for engine in ENGINES {
+        let (a, period, phase) = (2.0, 1.5, 0.7);
+        let parameters = [("ax", a), ("ay", 0.0), ("period", period), ("phase", phase)];
+        let mut scene = free([0.0, 0.0], 1.0, &[("gust", &parameters)], 1.0 / 60.0);
+        scene.gravity = [0.0, 0.0];
+        let t = roll(&scene, engine);
+        let w = std::f64::consts::TAU / period;
+        for (i, time) in t.times.iter().enumerate() {
+            let v = a / w * (phase.cos() - (w * time + phase).cos());
+            near(t.bodies[0].vx[i], v, 1e-5, "speed", engine);
+        }
+    }
+}
+
+#[test]
+fn position_field_swings_with_its_period_whatever_the_step() {
+    for engine in ENGINES {
+        for dt in [1.0 / 20.0, 1.0 / 240.0] {
+            let k = 9.0;
+            let parameters = [("kx", k), ("x0", 1.0), ("ky", 0.0)];
+            let mut scene = free([0.0, 0.5], 20.0, &[("position_field", &parameters)], dt);
+            scene.gravity = [0.0, 0.0];
+            let t = roll(&scene, engine);
+            // x = 1 - cos(3 t): after ten periods and a bit the phase is still right.
+            for (i, time) in t.times.iter().enumerate() {
+                let wanted = 1.0 - (3.0 * time).cos();
+                let off = (t.bodies[0].x[i] - wanted).abs();
+                assert!(off < 3.0 * dt * 1.2, "{engine:?} dt {dt} t {time}: off by {off}");
+                near(t.bodies[0].vy[i], 0.5, 1e-6, "the free axis", engine);
+            }
+        }
+    }
+}
+
+#[test]
+fn repulsion_grows_exponentially() {
+    for engine in ENGINES {
+        let mut scene =
+            free([0.0, 0.0], 2.0, &[("position_field", &[("kx", -4.0), ("x0", -1.0)])], 1.0 / 240.0);
+        scene.gravity = [0.0, 0.0];
+        let t = roll(&scene, engine);
+        near(last(&t.bodies[0].x), (2.0f64 * 2.0).cosh() - 1.0, 0.3, "cosh", engine);
+    }
+}
+
+#[test]
+fn sticky_patch_slows_inside_only() {
+    for engine in ENGINES {
+        let c = 0.8;
+        let patch = [("x_min", 3.0), ("x_max", 5.0), ("y_min", 90.0), ("y_max", 110.0), ("c", c)];
+        for v0 in [2.0, 6.0] {
+            let mut scene = free([v0, 0.0], 6.0, &[("sticky_patch", &patch)], 1.0 / 240.0);
+            scene.gravity = [0.0, 0.0];
+            scene.bodies[0].angular_velocity = 1.0;
+            let t = roll(&scene, engine);
+            // Under linear drag speed falls by c for every metre of way.
+            let step = v0 / 240.0;
+            near(last(&t.bodies[0].vx), v0 - c * 2.0, c * step + 1e-4, "speed behind the patch", engine);
+            near(last(&t.bodies[0].omega), (v0 - c * 2.0) / v0, 0.01, "spin", engine);
+            let before = t.bodies[0].x.iter().position(|x| *x > 2.0).unwrap();
+            near(t.bodies[0].vx[before], v0, 1e-5, "speed before the patch", engine);
+            let swapped = patch.map(|(n, v)| match n {
+                "x_min" => ("x_max", v),
+                "x_max" => ("x_min", v),
+                _ => (n, v),
+            });
+            let turned = Scene { effects: vec![term("sticky_patch", &swapped)], ..scene.clone() };
+            assert_eq!(roll(&turned, engine), t, "corners in either order");
+        }
+    }
+}
+
+/// All laws of motion at once against Runge and Kutta, at two time steps: the engines' error is of first order.
+#[test]
+fn motion_agrees_with_an_independent_integrator() {
+    type Law = fn(f64, [f64; 4]) -> [f64; 2];
+    let cases: [(&str, &[(&str, f64)], Law); 8] = [
+        ("linear_drag", &[("c", 0.7)], |_, [_, _, vx, vy]| [-0.7 * vx, -0.7 * vy]),
+        ("quadratic_drag", &[("k", 0.3)], |_, [_, _, vx, vy]| {
+            let v = vx.hypot(vy);
+            [-0.3 * v * vx, -0.3 * v * vy]
+        }),
+        ("wind", &[("ax", 2.0), ("ay", 1.0)], |_, _| [2.0, 1.0]),
+        ("moving_air", &[("ux", -2.0), ("uy", 1.0), ("k", 0.3)], |_, [_, _, vx, vy]| {
+            let (wx, wy) = (vx + 2.0, vy - 1.0);
+            let w = wx.hypot(wy);
+            [-0.3 * w * wx, -0.3 * w * wy]
+        }),
+        ("gravity_error", &[("dg", -2.0)], |_, _| [0.0, 2.0]),
+        ("lift", &[("s", 1.3)], |_, [_, _, vx, vy]| [-1.3 * vy, 1.3 * vx]),
+        ("gust", &[("ax", 3.0), ("ay", -1.0), ("period", 0.8), ("phase", 0.4)], |t, _| {
+            let s = (std::f64::consts::TAU * t / 0.8 + 0.4).sin();
+            [3.0 * s, -s]
+        }),
+        ("position_field", &[("kx", 4.0), ("ky", -0.5), ("x0", 2.0), ("y0", 99.0)], |_, [x, y, ..]| {
+            [4.0 * (2.0 - x), -0.5 * (99.0 - y)]
+        }),
+    ];
+    let start = [0.0, 100.0, 4.0, 5.0];
+    let alone = cases.map(|(name, parameters, law)| (vec![term(name, parameters)], vec![law]));
+    let together = (
+        cases.iter().map(|c| term(c.0, c.1)).collect::<Vec<_>>(),
+        cases.iter().map(|c| c.2).collect::<Vec<_>>(),
+    );
+    for (effects, laws) in alone.into_iter().chain([together]) {
+        let wanted = runge_kutta(start, 1.5, |t, s| {
+            let sum = laws.iter().map(|law| law(t, s)).fold([0.0, -G], |a, b| [a[0] + b[0], a[1] + b[1]]);
+            [s[2], s[3], sum[0], sum[1]]
+        });
+        for engine in ENGINES {
+            let error = |dt: f64| {
+                let mut scene = free([start[2], start[3]], 1.5, &[], dt);
+                scene.effects = effects.clone();
+                let b = &roll(&scene, engine).bodies[0];
+                let got = [last(&b.x), last(&b.y), last(&b.vx), last(&b.vy)];
+                got.iter().zip(wanted).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+            };
+            let (coarse, fine) = (error(1.0 / 60.0), error(1.0 / 480.0));
+            let names: Vec<&str> = effects.iter().map(|e| e.name.as_str()).collect();
+            assert!(coarse < 0.3 && fine < 0.03, "{engine:?} {names:?}: {coarse}, {fine}");
+            assert!(fine < coarse / 4.0 || fine < 1e-3, "{engine:?} {names:?}: {coarse}, {fine}");
+        }
+    }
+}
+
+// ---- every effect ----
+
+#[test]
+fn neutral_values_change_no_bit() {
+    for engine in ENGINES {
+        let scene = lively();
+        let plain = roll(&scene, engine);
+        for e in effect::REGISTRY {
+            let neutral: Vec<(&str, f64)> = e.parameters.iter().map(|p| (p.name, p.neutral)).collect();
+            let with = Scene { effects: vec![term(e.name, &neutral)], ..scene.clone() };
+            assert_eq!(bits(&roll(&with, engine)), bits(&plain), "{engine:?} {}", e.name);
+            assert_eq!(roll(&with, engine), plain, "{engine:?} {}", e.name);
+        }
+    }
+}
+
+#[test]
+fn both_engines_feel_every_effect() {
+    for e in effect::REGISTRY {
+        for engine in ENGINES {
+            let scene = lively();
+            let strong = Scene { effects: vec![term(e.name, &telling(e))], ..scene.clone() };
+            assert_ne!(bits(&roll(&strong, engine)), bits(&roll(&scene, engine)), "{engine:?} {}", e.name);
+        }
+    }
+}
+
+#[test]
+fn errors_name_the_known() {
+    let mut scene = lively();
+    scene.effects = vec![term("ether", &[])];
+    let said = simulate(&[rollout(&scene)], Engine::Auto).unwrap_err().to_string();
+    assert!(
+        said.contains("effects[0].name") && said.contains("linear_drag") && said.contains("sticky_patch"),
+        "{said}"
+    );
+    scene.effects = vec![term("wind", &[("az", 1.0)])];
+    let said = simulate(&[rollout(&scene)], Engine::Auto).unwrap_err().to_string();
+    assert!(said.contains("effects[0].parameters.az") && said.contains("ax, ay"), "{said}");
+    scene.effects = vec![term("gust", &[("period", 0.0)])];
+    let said = simulate(&[rollout(&scene)], Engine::Auto).unwrap_err().to_string();
+    assert!(said.contains("effects[0].parameters.period") && said.contains("from 0.001 to"), "{said}");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(200))]
+
+    /// Whatever the parameters, samples are numbers; a rollout that leaves all reason ends as diverged.
+    #[test]
+    fn no_parameters_within_bounds_make_a_nan(
+        chosen in prop::collection::vec((0..effect::REGISTRY.len(), prop::array::uniform8(0.0..=1.0f64)), 1..4),
+        rapier in any::<bool>(),
+    ) {
+        let effects = chosen.iter().map(|(i, shares)| {
+            let e = effect::REGISTRY[*i];
+            let values = e.parameters.iter().zip(shares);
+            let values: Vec<(&str, f64)> =
+                values.map(|(p, s)| (p.name, (p.bounds[0] + s * (p.bounds[1] - p.bounds[0])).clamp(p.bounds[0], p.bounds[1]))).collect();
+            term(e.name, &values)
+        });
+        let mut scene = Scene { effects: effects.collect(), ..lively() };
+        scene.steps = 240;
+        let t = roll(&scene, if rapier { Engine::Rapier } else { Engine::Lanes });
+        for b in &t.bodies {
+            for column in [&b.x, &b.y, &b.angle, &b.vx, &b.vy, &b.omega] {
+                prop_assert_eq!(column.len(), t.times.len());
+                prop_assert!(column.iter().all(|v| v.is_finite()), "{:?}", scene.effects);
+            }
+        }
+    }
+}
+
+// ---- helpers ----
+
+/// Parameters that no rollout of [`lively`] can fail to show.
+fn telling(e: &effect::Effect) -> Vec<(&'static str, f64)> {
+    let special = |p: &effect::Parameter| match (e.name, p.name) {
+        ("sticky_patch", "x_min" | "y_min") => Some(-100.0),
+        ("sticky_patch", "x_max" | "y_max") => Some(100.0),
+        ("gust", "period") => Some(1.0),
+        _ => None,
+    };
+    let value = |p: &effect::Parameter| {
+        special(p).unwrap_or_else(|| (p.neutral + 0.3).clamp(p.bounds[0], p.bounds[1]))
+    };
+    e.parameters.iter().map(|p| (p.name, value(p))).collect()
+}
+
+/// Two balls that fall, bounce, meet and roll.
+fn lively() -> Scene {
+    let mut a = ball("a", 0.3, [-2.0, 2.0], [2.0, 0.0]);
+    let mut b = ball("b", 0.2, [1.0, 0.2], [0.0, 0.0]);
+    (a.angular_velocity, a.restitution, b.friction) = (4.0, 0.7, 0.4);
+    let mut scene = empty(1.0 / 240.0, 3.0);
+    scene.bodies = vec![a, b];
+    scene.statics = vec![floor()];
+    scene
+}
+
+/// A ball in free flight from (0, 100).
+fn free(velocity: [f64; 2], seconds: f64, effects: &[(&str, &[(&str, f64)])], dt: f64) -> Scene {
+    let mut scene = empty(dt, seconds);
+    scene.bodies = vec![ball("a", 0.5, [0.0, 100.0], velocity)];
+    scene.effects = effects.iter().map(|(name, parameters)| term(name, parameters)).collect();
+    scene
+}
+
+fn empty(dt: f64, seconds: f64) -> Scene {
+    Scene {
+        time_step: dt,
+        steps: (seconds / dt).round() as u32,
+        observe_every: (0.05 / dt).round().max(1.0) as u32,
+        ..Scene::empty()
+    }
+}
+
+fn ball(name: &str, radius: f64, position: [f64; 2], velocity: [f64; 2]) -> Body {
+    Body {
+        name: name.into(),
+        shape: Shape::Disc { radius },
+        mass: None,
+        density: Some(1.0),
+        friction: 0.8,
+        restitution: 0.5,
+        position: Some(position),
+        angle: 0.0,
+        velocity,
+        angular_velocity: 0.0,
+    }
+}
+
+fn floor() -> Static {
+    Static {
+        name: "floor".into(),
+        shape: Shape::Segment { from: [-500.0, -1.0], to: [500.0, -1.0], radius: 1.0 },
+        friction: 1.0,
+        restitution: 1.0,
+        position: [0.0, 0.0],
+        angle: 0.0,
+    }
+}
+
+fn term(name: &str, parameters: &[(&str, f64)]) -> EffectTerm {
+    let parameters = parameters.iter().map(|(n, v)| (n.to_string(), *v)).collect();
+    EffectTerm { name: name.into(), parameters }
+}
+
+fn rollout(scene: &Scene) -> Rollout<'_> {
+    Rollout { scene, latents: Latents::default(), effects: &[], stop: true }
+}
+
+fn roll(scene: &Scene, engine: Engine) -> Trajectory {
+    simulate(&[rollout(scene)], engine).unwrap().remove(0)
+}
+
+fn bits(t: &Trajectory) -> Vec<u64> {
+    let columns =
+        |b: &Track| [b.x.clone(), b.y.clone(), b.angle.clone(), b.vx.clone(), b.vy.clone(), b.omega.clone()];
+    t.bodies.iter().flat_map(columns).flatten().map(f64::to_bits).collect()
+}
+
+fn last(column: &[f64]) -> f64 {
+    *column.last().expect("a trajectory has samples")
+}
+
+fn near(value: f64, wanted: f64, tolerance: f64, what: &str, engine: Engine) {
+    assert!((value - wanted).abs() <= tolerance, "{engine:?}: {what} is {value}, not {wanted}");
+}
+
+/// The classical Runge-Kutta method at a thousandth of a second; state (x, y, vx, vy).
+fn runge_kutta(start: [f64; 4], seconds: f64, rate: impl Fn(f64, [f64; 4]) -> [f64; 4]) -> [f64; 4] {
+    let h = 1e-3;
+    let mut s = start;
+    for n in 0..(seconds / h).round() as u32 {
+        let t = f64::from(n) * h;
+        let ahead = |k: [f64; 4], f: f64| std::array::from_fn(|i| s[i] + f * h * k[i]);
+        let k1 = rate(t, s);
+        let k2 = rate(t + h / 2.0, ahead(k1, 0.5));
+        let k3 = rate(t + h / 2.0, ahead(k2, 0.5));
+        let k4 = rate(t + h, ahead(k3, 1.0));
+        s = std::array::from_fn(|i| s[i] + h / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]));
+    }
+    s
+}
