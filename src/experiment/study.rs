@@ -24,9 +24,10 @@ use crate::policy::Training;
 use crate::progress::Progress;
 use crate::reality::{HiddenConfig, HiddenWorld};
 use crate::rng;
+use crate::task::scene::EffectTerm;
 use crate::task::{Family, Split, split};
-use crate::world::Latents;
 use crate::world::effect::linear_drag;
+use crate::world::{Engine, Latents};
 
 /// What is compared.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -89,13 +90,6 @@ pub struct Row {
     pub curve: Vec<(usize, Summary)>,
 }
 
-/// The studies by name: the experiment's, what it is for, and how it is made from a family.
-pub const STUDIES: [(&str, &str); 3] = [
-    ("latents", "estimate from 10,000 random real trajectories, beside every baseline: learning curves"),
-    ("bowling", "jump start of every strategy over 10 rounds of 50 interactions"),
-    ("basketball", "jump start of every strategy over 10 rounds of 50 interactions"),
-];
-
 impl Study {
     /// The paper's first experiment: latents from 10,000 random real trajectories against the baselines.
     pub fn latents(family: &Family) -> Study {
@@ -131,6 +125,49 @@ impl Study {
         study.arms.push(Arm { name: "extended, 5 a round".into(), estimate: with_drag(few) });
         study.rounds = (1..=10).collect();
         study
+    }
+
+    /// Real worlds that lack other things than drag, past the paper: one study each. The extension that is fitted
+    /// along knows linear drag alone, so these show what a wrong extension is worth.
+    pub fn harder(family: &Family) -> Vec<Study> {
+        let term = |name: &str, parameters: &[(&str, f64)]| EffectTerm {
+            name: name.into(),
+            parameters: parameters.iter().map(|(k, v)| (k.to_string(), *v)).collect(),
+        };
+        // A strong breeze; a ball that loses half its speed in 25 m; carpet on the middle of the floor.
+        let patch = [("x_min", 14.0), ("x_max", 28.0), ("y_min", 0.0), ("y_max", 6.0), ("c", 2.0)];
+        let natures = [
+            ("wind", vec![term("wind", &[("ax", 1.0), ("ay", 0.0)])], Engine::Auto),
+            ("quadratic_drag", vec![term("quadratic_drag", &[("k", 0.028)])], Engine::Auto),
+            ("sticky_patch", vec![term("sticky_patch", &patch)], Engine::Auto),
+            ("other_engine", Nature::Damped.hidden(family, 0).effects, Engine::Rapier),
+        ];
+        natures
+            .into_iter()
+            .map(|(name, effects, engine)| {
+                let mut study = Study::base(name, family);
+                study.hidden = HiddenConfig { effects: effects.clone(), engine, ..study.hidden };
+                for (row, school) in &mut study.schools {
+                    if row == TRUE_PHYSICS {
+                        let training =
+                            Training::Fixed { latents: study.hidden.latents, effects: effects.clone() };
+                        *school = School::Simulated { training };
+                    }
+                }
+                let few = EstimateConfig {
+                    rounds: 5,
+                    actions: 10,
+                    settled: 0.0,
+                    ..EstimateConfig::fast(family.prior)
+                };
+                study.arms = vec![
+                    Arm { name: "mixed".into(), estimate: few.clone() },
+                    Arm { name: "extended by linear drag".into(), estimate: with_drag(few) },
+                ];
+                study.rounds = vec![5];
+                study
+            })
+            .collect()
     }
 
     /// A small run of the same shape, for a look.

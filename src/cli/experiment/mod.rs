@@ -32,10 +32,10 @@ pub struct RunArgs {
 /// `quickstart`: the story over several seeds. `strategies`: every way of choosing actions, error of the latents
 /// against real interactions. `latents`: policies from latents estimated on 10,000 random real trajectories beside
 /// every baseline, learning on in the real world. `bowling`, `basketball`: jump start of every strategy over 10
-/// rounds of 50 interactions.
+/// rounds of 50 interactions. `harder`: real worlds with wind, quadratic drag, a sticky patch, another engine.
 #[derive(clap::Args)]
 pub struct ExperimentArgs {
-    /// quickstart, strategies, latents, bowling or basketball
+    /// quickstart, strategies, latents, bowling, basketball or harder
     name: String,
     /// bowling or basketball.
     #[arg(long, default_value = "bowling")]
@@ -64,7 +64,7 @@ pub fn experiment(args: &ExperimentArgs) -> Result<()> {
             quickstart::story(&args.task, (0..args.seeds.unwrap_or(3)).collect(), args.quick, &args.out)
         }
         "strategies" => strategies::run(args),
-        "latents" | "bowling" | "basketball" => study::run(args),
+        "latents" | "bowling" | "basketball" | "harder" => study::run(args),
         other => Err(Error::NotFound {
             kind: "experiment",
             id: other.into(),

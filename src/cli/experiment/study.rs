@@ -21,12 +21,18 @@ use super::cells::Cells;
 use crate::cli::output;
 
 pub fn run(args: &ExperimentArgs) -> Result<()> {
-    let of = |name: &str| if args.name == "latents" { args.task.clone() } else { name.to_string() };
-    let family = family(&of(&args.name))?;
-    let mut study = match args.name.as_str() {
-        "latents" => Study::latents(family),
-        _ => Study::strategies(family),
-    };
+    let named = if matches!(args.name.as_str(), "latents" | "harder") { &args.task } else { &args.name };
+    let family = family(named)?;
+    match args.name.as_str() {
+        "latents" => carry_out(args, family, Study::latents(family), &args.out),
+        "harder" => Study::harder(family)
+            .into_iter()
+            .try_for_each(|study| carry_out(args, family, study.clone(), &args.out.join(&study.name))),
+        _ => carry_out(args, family, Study::strategies(family), &args.out),
+    }
+}
+
+fn carry_out(args: &ExperimentArgs, family: &Family, mut study: Study, out: &Path) -> Result<()> {
     if args.quick {
         study = study.quick(family);
     }
@@ -40,7 +46,7 @@ pub fn run(args: &ExperimentArgs) -> Result<()> {
     let policies = study.seeds.len()
         * study.trials as usize
         * (study.schools.len() + study.arms.len() * study.rounds.len());
-    let mut cells = Cells::new(&args.out, estimates + policies)?;
+    let mut cells = Cells::new(out, estimates + policies)?;
     let mut seconds = 0.0;
     let mut found: Vec<Vec<Estimated>> = Vec::new();
     for arm in &study.arms {
@@ -72,9 +78,9 @@ pub fn run(args: &ExperimentArgs) -> Result<()> {
     cells.finish();
     let rows = study.rows(&policies, &results);
     let claims = study.claims(&rows);
-    write_all(&args.out, family, &study, &rows, &claims, &policies, &results, seconds)?;
+    write_all(out, family, &study, &rows, &claims, &policies, &results, seconds)?;
     output::print(&text_table(&study, &rows, &claims))?;
-    output::print(&format!("\n{seconds:.0} s of work; report: {}\n", args.out.join("report.html").display()))
+    output::print(&format!("\n{seconds:.0} s of work; report: {}\n", out.join("report.html").display()))
 }
 
 fn title(row: &Row) -> String {
