@@ -225,6 +225,143 @@ fn motion_agrees_with_an_independent_integrator() {
     }
 }
 
+// ---- contact ----
+
+#[test]
+fn rolling_resistance_stops_a_rolling_ball_where_it_should() {
+    // At v0 with crr: v0^2 / (2 crr g), whatever the ball's mass and size, and no further back.
+    let (v0, crr) = (3.0, 0.08);
+    for engine in ENGINES {
+        for (radius, dt) in [(0.5, 1.0 / 240.0), (0.1, 1.0 / 240.0), (0.5, 1.0 / 60.0)] {
+            let t = roll(&rolling(v0, radius, crr, dt, 6.0), engine);
+            let track = &t.bodies[0];
+            near(
+                last(&track.x),
+                v0 * v0 / (2.0 * crr * G),
+                3.0 * v0 * dt + 0.02,
+                "stopping distance",
+                engine,
+            );
+            near(last(&track.vx), 0.0, 2e-3, "speed at the end", engine);
+            assert!(track.vx.iter().all(|v| *v > -2e-3), "{engine:?}: it rolls back");
+            let early = t.times.iter().position(|t| *t >= 1.0).unwrap();
+            near(track.vx[early], v0 - crr * G * t.times[early], 0.03, "speed on the way", engine);
+            near(track.omega[early] * radius, -track.vx[early], 0.03, "it rolls", engine);
+        }
+    }
+}
+
+#[test]
+fn rolling_resistance_leaves_flight_and_bounces_alone() {
+    for engine in ENGINES {
+        let mut scene = rolling(3.0, 0.5, 0.3, 1.0 / 240.0, 1.0);
+        scene.bodies[0].position = Some([0.0, 3.0]);
+        (scene.bodies[0].friction, scene.bodies[0].restitution) = (0.0, 0.9);
+        let t = roll(&scene, engine);
+        assert!(t.events.len() == 1 || t.events.len() == 2, "{engine:?}: it bounces");
+        near(last(&t.bodies[0].vx), 3.0, 1e-4, "speed across", engine);
+    }
+}
+
+#[test]
+fn a_ball_lies_still_on_a_slope_below_the_angle_of_rolling() {
+    // Weight along the slope is shared with spin: it rolls off at 2/3 g sin, against crr g cos.
+    for engine in ENGINES {
+        for (crr, moves) in [(0.03, true), (0.12, false)] {
+            let angle: f64 = 0.1;
+            let mut scene = rolling(0.0, 0.5, crr, 1.0 / 240.0, 2.0);
+            scene.gravity = [G * angle.sin(), -G * angle.cos()];
+            let way = last(&roll(&scene, engine).bodies[0].x);
+            if moves {
+                let a = G * (2.0 / 3.0 * angle.sin() - crr * angle.cos());
+                near(way, a * 2.0, 0.1 * a * 2.0, "way down the slope", engine);
+            } else {
+                near(way, 0.0, 0.01, "it lies still", engine);
+            }
+        }
+    }
+}
+
+#[test]
+fn bounces_are_deader_the_harder_they_are() {
+    let (e0, slope) = (0.9, 0.03);
+    for engine in ENGINES {
+        for height in [1.0, 5.0] {
+            let mut scene = empty(1.0 / 480.0, 2.4);
+            scene.bodies = vec![ball("a", 0.5, [0.0, 0.5 + height], [0.0, 0.0])];
+            scene.bodies[0].restitution = e0;
+            scene.statics = vec![floor()];
+            scene.observe_every = 1;
+            scene.effects = vec![term("restitution_speed", &[("slope", slope)])];
+            let t = roll(&scene, engine);
+            let y = &t.bodies[0].y;
+            let bottom = (1..y.len() - 1).find(|i| y[i + 1] > y[*i]).expect("it bounces");
+            let end = (bottom..y.len() - 1).find(|i| t.bodies[0].vy[*i] < 0.0).expect("it comes down again");
+            let e = e0 - slope * (2.0 * G * height).sqrt();
+            near(y[end] - 0.5, e * e * height, 0.03 * height, "apex", engine);
+        }
+        // Never below 0, never above 1.
+        for (slope, wanted) in [(5.0, 0.0), (-5.0, 1.0)] {
+            let mut scene = bouncing([0.0, -4.0], 0.0, 0.5);
+            scene.effects = vec![term("restitution_speed", &[("slope", slope)])];
+            near(last(&roll(&scene, engine).bodies[0].vy), 4.0 * wanted, 0.05, "speed after", engine);
+        }
+    }
+}
+
+#[test]
+fn tangential_restitution_turns_the_surface_round() {
+    // A disc with I = m r^2 / 2 has the tangential mass m / 3: surface speed vx + r omega goes from s to -et s, so
+    // vx changes by -(1 + et) s / 3.
+    let (vx, omega, r) = (1.0, 6.0, 0.5);
+    let slip = vx + r * omega;
+    for engine in ENGINES {
+        for et in [-1.0, -0.5, 0.0, 0.5, 1.0] {
+            let mut scene = bouncing([vx, -6.0], omega, 0.8);
+            scene.effects = vec![term("tangential_restitution", &[("et", et)])];
+            let t = roll(&scene, engine);
+            let b = &t.bodies[0];
+            let what = format!("et {et}: ");
+            near(last(&b.vx), vx - (1.0 + et) * slip / 3.0, 0.06, &(what.clone() + "vx"), engine);
+            near(last(&b.vx) + r * last(&b.omega), -et * slip, 0.15, &(what.clone() + "slip"), engine);
+            near(last(&b.vy), 6.0 * 0.8, 0.06, &(what + "vy"), engine);
+        }
+        // Within friction: a ball that spins so fast that its surface slides all the while is not turned round.
+        let mut scene = bouncing([vx, -6.0], 40.0, 0.8);
+        scene.bodies[0].friction = 0.1;
+        let sliding = last(&roll(&scene, engine).bodies[0].vx);
+        scene.effects = vec![term("tangential_restitution", &[("et", 1.0)])];
+        near(last(&roll(&scene, engine).bodies[0].vx), sliding, 0.01, "limit of friction", engine);
+        if engine == Engine::Lanes {
+            near(sliding, vx - 0.1 * 6.0 * 1.8, 1e-6, "friction times the normal impulse", engine);
+        }
+    }
+}
+
+#[test]
+fn laws_of_contact_hold_between_bodies_too() {
+    // Two equal discs head on, one spinning: relative tangential mass m / 6.
+    for engine in ENGINES {
+        let mut scene = empty(1.0 / 480.0, 0.8);
+        scene.gravity = [0.0, 0.0];
+        scene.bodies = vec![ball("a", 0.5, [0.0, 0.0], [3.0, 0.0]), ball("b", 0.5, [2.0, 0.0], [0.0, 0.0])];
+        scene.bodies[0].angular_velocity = 2.0;
+        (scene.bodies[0].friction, scene.bodies[1].friction) = (1.5, 1.5);
+        (scene.bodies[0].restitution, scene.bodies[1].restitution) = (1.0, 0.9);
+        scene.effects = vec![
+            term("restitution_speed", &[("slope", 0.1)]),
+            term("tangential_restitution", &[("et", 0.5)]),
+        ];
+        let t = roll(&scene, engine);
+        let (a, b) = (&t.bodies[0], &t.bodies[1]);
+        near(last(&b.vx) - last(&a.vx), 3.0 * 0.6, 0.05, "e = 0.9 - 0.1 * 3", engine);
+        // Surface speed of b against a along +y: -r w before, 0.5 r w after.
+        let slip = |a: &Track, b: &Track| last(&b.vy) - last(&a.vy) - 0.5 * (last(&b.omega) + last(&a.omega));
+        near(slip(a, b), 0.5, 0.05, "slip", engine);
+        near(last(&b.vy) + last(&a.vy), 0.0, 1e-3, "momentum", engine);
+    }
+}
+
 // ---- every effect ----
 
 #[test]
@@ -320,6 +457,27 @@ fn lively() -> Scene {
     (a.angular_velocity, a.restitution, b.friction) = (4.0, 0.7, 0.4);
     let mut scene = empty(1.0 / 240.0, 3.0);
     scene.bodies = vec![a, b];
+    scene.statics = vec![floor()];
+    scene
+}
+
+/// A ball on the floor that rolls at `v0` against `crr`.
+fn rolling(v0: f64, radius: f64, crr: f64, dt: f64, seconds: f64) -> Scene {
+    let mut scene = empty(dt, seconds);
+    scene.bodies = vec![ball("a", radius, [0.0, radius], [v0, 0.0])];
+    (scene.bodies[0].angular_velocity, scene.bodies[0].restitution) = (-v0 / radius, 0.0);
+    scene.statics = vec![floor()];
+    scene.effects = vec![term("rolling_resistance", &[("crr", crr)])];
+    scene
+}
+
+/// A ball thrown at the floor without gravity, and seen after the bounce.
+fn bouncing(velocity: [f64; 2], omega: f64, e: f64) -> Scene {
+    let mut scene = empty(1.0 / 480.0, 0.5);
+    scene.gravity = [0.0, 0.0];
+    scene.bodies = vec![ball("a", 0.5, [0.0, 1.5], velocity)];
+    (scene.bodies[0].angular_velocity, scene.bodies[0].restitution) = (omega, e);
+    scene.bodies[0].friction = 3.0;
     scene.statics = vec![floor()];
     scene
 }

@@ -1,7 +1,7 @@
 //! A rollout with everything decided: what both engines integrate, so that a scene means the same in each.
 
 use super::Rollout;
-use super::effect::{self, Act, Active, Constants, Motion, Surroundings};
+use super::effect::{self, Act, Active, Constants, Motion, Surroundings, Touch};
 use super::goal::GoalSpec;
 use crate::error::{Error, Result};
 use crate::task::geometry::Convex;
@@ -22,6 +22,8 @@ pub struct Prepared {
     pub effects: Vec<&'static str>,
     /// Laws of motion at work, in the order in which they act.
     pub motions: Vec<(&'static dyn Motion, Constants)>,
+    /// Laws of contact at work, in the order in which they act.
+    pub touches: Vec<(&'static dyn Touch, Constants)>,
     pub goal: Option<GoalSpec>,
     /// Whether the rollout ends when the goal is reached.
     pub stop: bool,
@@ -134,11 +136,12 @@ pub fn prepare(rollout: &Rollout) -> Result<Prepared> {
         })
         .fold(f64::INFINITY, f64::min);
     let around = Surroundings { time_step: scene.time_step, gravity: scene.gravity };
-    let (mut effects, mut motions) = (Vec::new(), Vec::new());
+    let (mut effects, mut motions, mut touches) = (Vec::new(), Vec::new(), Vec::new());
     for Active { effect, values } in active(rollout)? {
         effects.push(effect.name);
         match effect.act {
             Act::Motion(law) => motions.push((law, law.constants(&values, &around))),
+            Act::Contact(law) => touches.push((law, law.constants(&values, &around))),
         }
     }
     Ok(Prepared {
@@ -148,6 +151,7 @@ pub fn prepare(rollout: &Rollout) -> Result<Prepared> {
         observe_every: scene.observe_every,
         effects,
         motions,
+        touches,
         goal: scene.goal.as_ref().map(|goal| GoalSpec::new(goal, scene)),
         stop: scene.stops_at_goal() && rollout.stop,
         touch: 0.005 * smallest.min(1.0),

@@ -3,6 +3,10 @@
 //! Source: rapier2d 0.36.1 (TGS-soft with sub-steps, f32). Semantics as in [`super`]: products of coefficients,
 //! effects before gravity once per step.
 //!
+//! Laws of contact (effects of the form `Act::Contact`) act through rapier's hook on solver contacts, which sets a
+//! contact's restitution and the slip its friction drives at from the velocities at the beginning of the step; what rolls
+//! is slowed after the step, by the impulses that rapier reports. Without such laws neither is called.
+//!
 //! Differences from rapier's defaults, each of which changes results: coefficients combine by `Multiply`
 //! (default: average); bodies never sleep; contact recycling is off (stale contacts of up to 5 cm of drift);
 //! `length_unit` follows the smallest body so that centimetre-sized balls are not met with metre-sized
@@ -10,7 +14,7 @@
 
 use rapier2d::prelude::*;
 
-use super::effect::Moving;
+use super::effect::{Answer, Meeting, Moving, rolled_off};
 use super::goal::{self, Watch};
 use super::prepare::{Prepared, PreparedBody, PreparedShape};
 use super::record::{Recorder, State};
@@ -28,7 +32,12 @@ pub fn run(prepared: &Prepared) -> Result<Trajectory> {
     for step in 1..=prepared.steps {
         world.kick(prepared, step - 1);
         let before = world.velocities();
-        world.physics.step();
+        if prepared.touches.is_empty() {
+            world.physics.step();
+        } else {
+            world.physics.step_with_events(&Laws { prepared }, &());
+            world.slow_what_rolls(prepared);
+        }
         let states = world.states();
         if states.iter().any(|s| !s.is_finite()) {
             return Ok(recorder.finish(step - 1, End::Diverged));
@@ -63,6 +72,9 @@ struct World {
     /// Body angle, unwrapped by following small turns.
     angles: Vec<f64>,
     time_step: f64,
+    /// Whether a body and a static bore a load on each other in the last step: `body * statics + static`. Kept only where
+    /// laws of contact are at work.
+    loaded: Vec<bool>,
 }
 
 impl World {
@@ -75,6 +87,11 @@ impl World {
         parameters.length_unit = unit;
         parameters.normalized_max_linear_velocity = 400.0 / unit;
         parameters.contact_recycling = false;
+        let hooks = if prepared.touches.is_empty() {
+            ActiveHooks::empty()
+        } else {
+            ActiveHooks::MODIFY_SOLVER_CONTACTS
+        };
         let mut bodies = Vec::new();
         for (i, body) in prepared.bodies.iter().enumerate() {
             let rigid = RigidBodyBuilder::dynamic()
@@ -86,7 +103,7 @@ impl World {
                 .build();
             let handle = physics.bodies.insert(rigid);
             let collider = surface(collider(&body.shape, &body.name)?, body.friction, body.restitution, i);
-            let collider = collider.mass_properties(mass_properties(body));
+            let collider = collider.mass_properties(mass_properties(body)).active_hooks(hooks);
             physics.colliders.insert_with_parent(collider, handle, &mut physics.bodies);
             bodies.push(handle);
         }
@@ -102,7 +119,8 @@ impl World {
             physics.colliders.insert(surface(builder, fixed.friction, fixed.restitution, index));
         }
         let angles = prepared.bodies.iter().map(|b| b.angle).collect();
-        Ok(World { physics, bodies, angles, time_step: prepared.time_step })
+        let loaded = vec![false; prepared.bodies.len() * prepared.statics.len()];
+        Ok(World { physics, bodies, angles, time_step: prepared.time_step, loaded })
     }
 
     /// Lets the motion effects act on every body.
@@ -128,6 +146,43 @@ impl World {
             body.set_linvel(Vector::new(moving.vx as f32, moving.vy as f32), false);
             body.set_angvel(moving.omega as f32, false);
         }
+    }
+
+    /// Lets the laws of contact slow the discs that roll on statics.
+    fn slow_what_rolls(&mut self, prepared: &Prepared) {
+        let count = prepared.bodies.len();
+        let mut loaded = vec![false; self.loaded.len()];
+        for pair in self.physics.narrow_phase.contact_pairs() {
+            let PairContacts::Rigid(contacts) = &pair.contacts else { continue };
+            let index = |c: ColliderHandle| self.physics.colliders[c].user_data as usize;
+            let (first, second) = (index(pair.collider1), index(pair.collider2));
+            let (body, fixed) = (first.min(second), first.max(second));
+            if body >= count || fixed < count || !prepared.bodies[body].shape.is_disc() {
+                continue;
+            }
+            for manifold in &contacts.manifolds {
+                let impulse: f64 = manifold.points.iter().map(|p| f64::from(p.data.impulse)).sum();
+                let slot = body * prepared.statics.len() + fixed - count;
+                loaded[slot] |= impulse > 0.0;
+                if impulse <= 0.0 || !self.loaded[slot] {
+                    continue;
+                }
+                let load = impulse / prepared.bodies[body].mass;
+                let off: f64 = prepared.touches.iter().map(|(law, own)| law.roll(own, load)).sum();
+                if off > 0.0 {
+                    // From the static to the disc.
+                    let normal = if first == body { -manifold.data.normal } else { manifold.data.normal };
+                    let tangent = Vector::new(-normal.y, normal.x);
+                    let rigid = &mut self.physics.bodies[self.bodies[body]];
+                    let (v, spin) = (rigid.linvel(), rigid.angvel());
+                    let radius = prepared.bodies[body].shape.radius;
+                    let [lost, turn] = rolled_off(v.dot(tangent).into(), spin.into(), radius, off);
+                    rigid.set_linvel(v - tangent * lost as f32, false);
+                    rigid.set_angvel(spin - turn as f32, false);
+                }
+            }
+        }
+        self.loaded = loaded;
     }
 
     fn velocities(&self) -> Vec<(Vector, f32)> {
@@ -188,6 +243,43 @@ impl World {
                 let approach = (speed_at(first) - speed_at(second)).dot(normal).max(0.0);
                 recorder.touch(step, first, second, [normal.x.into(), normal.y.into()], approach.into());
                 break;
+            }
+        }
+    }
+}
+
+/// The laws of contact as rapier calls them.
+struct Laws<'a> {
+    prepared: &'a Prepared,
+}
+
+impl PhysicsHooks for Laws<'_> {
+    fn modify_solver_contacts(&self, context: &mut ContactModificationContext) {
+        let (bodies, handles) = (context.bodies, [context.rigid_body1, context.rigid_body2]);
+        let velocity = |handle: Option<RigidBodyHandle>, at: Vector| {
+            handle.map_or(Vector::ZERO, |h| bodies[h].velocity_at_point(at))
+        };
+        let Some(manifold) = context.rigid_mut() else { return };
+        let normal = *manifold.normal;
+        let tangent = Vector::new(-normal.y, normal.x);
+        let own = f64::from(*manifold.restitution);
+        // Restitution is the manifold's: of its points, the fastest decides.
+        let mut fastest = 0.0;
+        for contact in manifold.solver_contacts.iter_mut() {
+            let speed = velocity(handles[1], contact.anchor2) - velocity(handles[0], contact.anchor1);
+            let meeting = Meeting {
+                approach: f64::from(-speed.dot(normal)).max(0.0),
+                slip: speed.dot(tangent).into(),
+                begins: contact.contact_id[0] & NEW_CONTACT_BIT != 0,
+            };
+            let answer = Answer { restitution: own, slip: 0.0 };
+            let answer = self.prepared.touches.iter().fold(answer, |a, (law, c)| law.meet(c, meeting, a));
+            if meeting.approach > fastest {
+                fastest = meeting.approach;
+                *manifold.restitution = answer.restitution as f32;
+            }
+            if answer.slip != 0.0 {
+                contact.tangent_velocity = tangent * answer.slip as f32;
             }
         }
     }

@@ -11,7 +11,7 @@ use super::simd::{Mask, Register, V, Wide};
 use super::{Feed, Settings};
 use crate::task::geometry::polygon_contains;
 use crate::trajectory::{End, Trajectory};
-use crate::world::effect::{Constants, LANES, MOST_PARAMETERS, Motion, MovingLanes};
+use crate::world::effect::{Constants, LANES, MOST_PARAMETERS, Motion, MovingLanes, Touch};
 use crate::world::goal::{Condition, Party};
 use crate::world::prepare::{Prepared, PreparedShape};
 use crate::world::record::{Recorder, State};
@@ -23,6 +23,7 @@ pub struct Batch {
     /// Pairs of bodies, then each body's statics.
     pub pairs: Vec<Pair>,
     pub motions: Vec<TermLanes<dyn Motion>>,
+    pub touches: Vec<TermLanes<dyn Touch>>,
     /// Whether an effect looks at the clock.
     pub clocked: bool,
     /// s
@@ -127,6 +128,10 @@ pub struct Pair {
     /// Target speeds, m/s.
     pub bounce: V,
     pub bias: V,
+    /// Slip that friction drives at, m/s, and whether the pair bore no load in the step before (0 or 1); kept only
+    /// where laws of contact are at work.
+    pub slip: V,
+    pub unloaded: V,
     /// Effective masses, kg: 0 in lanes where the pair does not push.
     pub normal_mass: V,
     pub tangent_mass: V,
@@ -301,6 +306,7 @@ impl Batch {
             statics,
             pairs,
             motions: prepared.motions.iter().map(|(law, _)| TermLanes::of(*law)).collect(),
+            touches: prepared.touches.iter().map(|(law, _)| TermLanes::of(*law)).collect(),
             clocked: prepared.motions.iter().any(|(law, _)| !law.timeless()),
             time_step: prepared.time_step,
             dt: V::all(0.0),
@@ -365,6 +371,9 @@ impl Batch {
             pair.fill(lane, prepared);
         }
         for (term, (_, constants)) in self.motions.iter_mut().zip(&prepared.motions) {
+            term.fill(lane, constants);
+        }
+        for (term, (_, constants)) in self.touches.iter_mut().zip(&prepared.touches) {
             term.fill(lane, constants);
         }
         if let (Some(lanes), Some(own)) = (&mut self.goal, &prepared.goal) {
@@ -606,6 +615,8 @@ impl Pair {
             jb: none,
             bounce: none,
             bias: none,
+            slip: none,
+            unloaded: none,
             normal_mass: none,
             tangent_mass: none,
             full_normal_mass: none,
@@ -657,6 +668,11 @@ impl Pair {
 impl<L: ?Sized + 'static> TermLanes<L> {
     fn of(law: &'static L) -> TermLanes<L> {
         TermLanes { law, constants: [[0.0; LANES]; MOST_PARAMETERS] }
+    }
+
+    /// The law's constants in one lane.
+    pub fn own(&self, lane: usize) -> Constants {
+        std::array::from_fn(|c| self.constants[c][lane])
     }
 
     fn fill(&mut self, lane: usize, constants: &Constants) {

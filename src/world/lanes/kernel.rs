@@ -22,6 +22,7 @@
 use super::batch::{Batch, BodyLanes, Pair};
 use super::contact::{Gap, between_discs, may_touch, with_static};
 use super::simd::{Mask, Register, Wide};
+use super::touch;
 use super::tunnel::{WATCHED, stop_fast_discs};
 use crate::world::effect::LANES;
 use crate::world::record::{APART_STEPS, CARRIES};
@@ -45,10 +46,22 @@ pub fn step<R: Register, const N: usize>(batch: &mut Batch) {
     batch.tick += 1.0;
     advance::<R, N>(batch);
     find_contacts::<R, N>(batch);
+    let laws = !batch.touches.is_empty();
+    if laws {
+        touch::meet(batch);
+    }
     push::<R, N>(batch);
     if !batch.active.is_empty() {
         warm_start::<R, N>(batch);
-        if batch.any_bias { sweep::<true, R, N>(batch) } else { sweep::<false, R, N>(batch) }
+        match (batch.any_bias, laws) {
+            (false, false) => sweep::<false, false, R, N>(batch),
+            (true, false) => sweep::<true, false, R, N>(batch),
+            (false, true) => sweep::<false, true, R, N>(batch),
+            (true, true) => sweep::<true, true, R, N>(batch),
+        }
+        if laws {
+            touch::roll(batch);
+        }
     }
 }
 
@@ -248,9 +261,10 @@ fn warm_start<R: Register, const N: usize>(batch: &mut Batch) {
     }
 }
 
-/// Sequential impulses; without `BIAS` no pair is deeper than the slop and the bias part is left out.
+/// Sequential impulses; without `BIAS` no pair is deeper than the slop and the bias part is left out, without `SLIP`
+/// friction drives at rest.
 #[inline(always)]
-fn sweep<const BIAS: bool, R: Register, const N: usize>(batch: &mut Batch) {
+fn sweep<const BIAS: bool, const SLIP: bool, R: Register, const N: usize>(batch: &mut Batch) {
     let count = batch.bodies.len();
     batch.versions.fill(0);
     for _ in 0..SWEEPS {
@@ -264,9 +278,9 @@ fn sweep<const BIAS: bool, R: Register, const N: usize>(batch: &mut Batch) {
             }
             let moved = if pair.second < count {
                 let (a, b) = two(&mut batch.bodies, pair.first, pair.second);
-                visit_pair::<BIAS, R, N>(pair, a, b)
+                visit_pair::<BIAS, SLIP, R, N>(pair, a, b)
             } else {
-                visit_static::<BIAS, R, N>(pair, &mut batch.bodies[pair.first])
+                visit_static::<BIAS, SLIP, R, N>(pair, &mut batch.bodies[pair.first])
             };
             if moved {
                 changed = true;
@@ -286,7 +300,7 @@ fn sweep<const BIAS: bool, R: Register, const N: usize>(batch: &mut Batch) {
 
 /// One visit to a contact of two discs; whether it changed anything.
 #[inline(always)]
-fn visit_pair<const BIAS: bool, R: Register, const N: usize>(
+fn visit_pair<const BIAS: bool, const SLIP: bool, R: Register, const N: usize>(
     pair: &mut Pair,
     a: &mut BodyLanes,
     b: &mut BodyLanes,
@@ -296,7 +310,7 @@ fn visit_pair<const BIAS: bool, R: Register, const N: usize>(
     let vy = Wide::load(&b.moving.vy) - Wide::load(&a.moving.vy);
     let rim = Wide::load(&b.radius) * Wide::load(&b.moving.omega)
         + Wide::load(&a.radius) * Wide::load(&a.moving.omega);
-    let (impulse, mut moved) = resist(pair, vx * nx + vy * ny, vy * nx - vx * ny - rim);
+    let (impulse, mut moved) = resist::<SLIP, R, N>(pair, vx * nx + vy * ny, vy * nx - vx * ny - rim);
     if let Some(impulse) = impulse {
         impulse.pull(a);
         impulse.push(b);
@@ -318,11 +332,14 @@ fn visit_pair<const BIAS: bool, R: Register, const N: usize>(
 
 /// One visit to a contact of a disc with a static; whether it changed anything.
 #[inline(always)]
-fn visit_static<const BIAS: bool, R: Register, const N: usize>(pair: &mut Pair, b: &mut BodyLanes) -> bool {
+fn visit_static<const BIAS: bool, const SLIP: bool, R: Register, const N: usize>(
+    pair: &mut Pair,
+    b: &mut BodyLanes,
+) -> bool {
     let (nx, ny) = (Wide::<R, N>::load(&pair.nx), Wide::load(&pair.ny));
     let (vx, vy) = (Wide::load(&b.moving.vx), Wide::load(&b.moving.vy));
     let rim = Wide::load(&b.radius) * Wide::load(&b.moving.omega);
-    let (impulse, mut moved) = resist(pair, vx * nx + vy * ny, vy * nx - vx * ny - rim);
+    let (impulse, mut moved) = resist::<SLIP, R, N>(pair, vx * nx + vy * ny, vy * nx - vx * ny - rim);
     if let Some(impulse) = impulse {
         impulse.push(b);
     }
@@ -341,7 +358,7 @@ fn visit_static<const BIAS: bool, R: Register, const N: usize>(pair: &mut Pair, 
 /// Normal and tangential impulses against relative speeds (of the second against the first); `None` where the
 /// contact is content.
 #[inline(always)]
-fn resist<R: Register, const N: usize>(
+fn resist<const SLIP: bool, R: Register, const N: usize>(
     pair: &mut Pair,
     normal: Wide<R, N>,
     tangent: Wide<R, N>,
@@ -350,6 +367,7 @@ fn resist<R: Register, const N: usize>(
     let (jn_old, jt_old) = (Wide::load(&pair.jn), Wide::load(&pair.jt));
     let jn = (jn_old - (Wide::load(&pair.bounce) + normal) * Wide::load(&pair.normal_mass)).above(none);
     let most = Wide::load(&pair.friction) * jn;
+    let tangent = if SLIP { tangent - Wide::load(&pair.slip) } else { tangent };
     let jt = (jt_old - tangent * Wide::load(&pair.tangent_mass)).above(none - most).below(most);
     let (dn, dt) = (jn - jn_old, jt - jt_old);
     let content = Wide::all(CONTENT) * jn;

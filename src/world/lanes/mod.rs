@@ -19,6 +19,7 @@ mod kernel;
 mod level;
 mod rest;
 mod simd;
+mod touch;
 mod tunnel;
 
 use super::goal::Condition;

@@ -1,0 +1,69 @@
+//! Laws of contact (effects of the form `Act::Contact`) in a batch, one lane at a time: scenes with such laws are few
+//! beside those without, and a scene without never comes here.
+
+use super::batch::{Batch, BodyLanes, Pair, TermLanes};
+use crate::world::effect::{Answer, LANES, Meeting, Touch, rolled_off};
+
+/// Asks the laws what every contact that pushes is to give back; called when contacts are found, and before effects and
+/// gravity act, as Chipmunk's bounce speed is taken.
+#[cold]
+pub fn meet(batch: &mut Batch) {
+    let count = batch.bodies.len();
+    for index in &batch.active {
+        let pair = &mut batch.pairs[*index];
+        for lane in (0..LANES).filter(|l| pair.normal_mass[*l] > 0.0) {
+            let other = (pair.second < count).then(|| &batch.bodies[pair.second]);
+            let [normal, tangent] = relative(pair, lane, &batch.bodies[pair.first], other);
+            let begins = pair.jn[lane] == 0.0;
+            let meeting = Meeting { approach: (-normal).max(0.0), slip: tangent, begins };
+            let own = Answer { restitution: pair.restitution[lane], slip: 0.0 };
+            let ask = |answer, law: &TermLanes<dyn Touch>| law.law.meet(&law.own(lane), meeting, answer);
+            let answer = batch.touches.iter().fold(own, ask);
+            pair.bounce[lane] = normal * answer.restitution;
+            pair.slip[lane] = answer.slip;
+            pair.unloaded[lane] = f64::from(u8::from(begins));
+        }
+    }
+}
+
+/// Slows the discs that roll on statics; called when contacts are resolved.
+#[cold]
+pub fn roll(batch: &mut Batch) {
+    let count = batch.bodies.len();
+    for index in &batch.active {
+        let pair = &batch.pairs[*index];
+        if pair.second < count {
+            continue;
+        }
+        let body = &mut batch.bodies[pair.first];
+        for lane in (0..LANES).filter(|l| pair.jn[*l] > 0.0 && pair.unloaded[*l] == 0.0) {
+            let load = pair.jn[lane] * body.inv_mass[lane];
+            let off: f64 = batch.touches.iter().map(|t| t.law.roll(&t.own(lane), load)).sum();
+            if off > 0.0 {
+                let (nx, ny) = (pair.nx[lane], pair.ny[lane]);
+                let moving = &mut body.moving;
+                let along = moving.vy[lane] * nx - moving.vx[lane] * ny;
+                let [lost, turn] = rolled_off(along, moving.omega[lane], body.radius[lane], off);
+                // Of what is lost, nothing stays but +0: see `kernel::push`.
+                moving.vx[lane] = moving.vx[lane] + lost * ny + 0.0;
+                moving.vy[lane] = moving.vy[lane] - lost * nx + 0.0;
+                moving.omega[lane] = moving.omega[lane] - turn + 0.0;
+            }
+        }
+    }
+}
+
+/// Normal and tangential speed of the second surface against the first, as the kernel has them, m/s.
+fn relative(pair: &Pair, lane: usize, first: &BodyLanes, second: Option<&BodyLanes>) -> [f64; 2] {
+    let (nx, ny) = (pair.nx[lane], pair.ny[lane]);
+    let of = |b: &BodyLanes| (b.moving.vx[lane], b.moving.vy[lane], b.radius[lane] * b.moving.omega[lane]);
+    let (ax, ay, a_rim) = of(first);
+    let (vx, vy, rim) = match second {
+        Some(b) => {
+            let (bx, by, b_rim) = of(b);
+            (bx - ax, by - ay, b_rim + a_rim)
+        }
+        None => (ax, ay, a_rim),
+    };
+    [vx * nx + vy * ny, vy * nx - vx * ny - rim]
+}
