@@ -102,14 +102,19 @@ impl World {
                 .can_sleep(false)
                 .build();
             let handle = physics.bodies.insert(rigid);
-            let collider = surface(collider(&body.shape, &body.name)?, body.friction, body.restitution, i);
+            let builder = collider(&body.shape, &format!("bodies[{i}]"))?;
+            let collider = surface(builder, body.friction, body.restitution, i);
             let collider = collider.mass_properties(mass_properties(body)).active_hooks(hooks);
             physics.colliders.insert_with_parent(collider, handle, &mut physics.bodies);
             bodies.push(handle);
         }
         for (i, fixed) in prepared.statics.iter().enumerate() {
             let builder = match &fixed.shape {
-                PreparedShape::Convex(shape) => collider(shape, &fixed.name)?,
+                PreparedShape::Convex(shape) => {
+                    // Corners about the shape's own middle: far from the origin an f32 cannot tell them apart.
+                    let (centre, own) = centred(shape);
+                    collider(&own, &format!("statics[{i}]"))?.translation(vector(centre))
+                }
                 PreparedShape::Halfspace { normal, offset } => {
                     let at = [normal[0] * offset, normal[1] * offset];
                     halfspace(*normal).translation(vector(at))
@@ -294,7 +299,16 @@ fn surface(builder: ColliderBuilder, friction: f64, restitution: f64, index: usi
         .user_data(index as u128)
 }
 
-fn collider(shape: &Convex, name: &str) -> Result<ColliderBuilder> {
+/// The mean of a shape's corners, and the shape moved so that it is at the origin.
+fn centred(shape: &Convex) -> ([f64; 2], Convex) {
+    let count = shape.points.len() as f64;
+    let centre = [0, 1].map(|k| shape.points.iter().map(|p| p[k]).sum::<f64>() / count);
+    let points = shape.points.iter().map(|p| [p[0] - centre[0], p[1] - centre[1]]).collect();
+    (centre, Convex { points, radius: shape.radius })
+}
+
+/// `owner` is the path of the thing whose shape it is, for errors.
+fn collider(shape: &Convex, owner: &str) -> Result<ColliderBuilder> {
     let points: Vec<Vector> = shape.points.iter().map(|p| vector(*p)).collect();
     let radius = shape.radius as f32;
     Ok(match points.as_slice() {
@@ -302,7 +316,8 @@ fn collider(shape: &Convex, name: &str) -> Result<ColliderBuilder> {
         [a, b] if radius == 0.0 => ColliderBuilder::segment(*a, *b),
         [a, b] => ColliderBuilder::capsule_from_endpoints(*a, *b, radius),
         _ => ColliderBuilder::convex_polyline(points).ok_or_else(|| {
-            Error::Failed(format!("the shape of {name:?} is too thin for the rapier engine"))
+            let allowed = "a polygon wide enough to have an inside in f32 (rapier engine)";
+            Error::input(format!("{owner}.shape"), "too thin", allowed)
         })?,
     })
 }
