@@ -237,8 +237,16 @@ pub struct BodyOverride {
 
 /// Largest length or coordinate accepted, m.
 const FAR: f64 = 1e5;
+/// Smallest length accepted, m: smaller ones vanish when squared or beside [`FAR`].
+const NEAR: f64 = 1e-6;
 /// Largest speed accepted, m/s (the general engine's cap is 400 m/s).
 const FAST: f64 = 400.0;
+/// Masses accepted, kg: those whose inverses, and those of the moments of inertia, an f32 still holds.
+const MASSES: [f64; 2] = [1e-12, 1e9];
+/// Densities accepted, kg/m^2: the same for the smallest and largest of bodies.
+const DENSITIES: [f64; 2] = [1e-6, 1e9];
+/// Time steps accepted, s.
+const TIME_STEPS: [f64; 2] = [1e-6, 0.1];
 /// Overlap up to this share of the smaller body is put down to measurement, not refused.
 const OVERLAP_SHARE: f64 = 0.05;
 
@@ -303,9 +311,7 @@ impl Scene {
             fixed.validate().map_err(|e| e.under(&format!("statics[{i}]")))?;
             unique(&mut names, &format!("statics[{i}].name"), &fixed.name)?;
         }
-        if !(self.time_step > 0.0 && self.time_step <= 0.1) {
-            return Err(Error::input("time_step", self.time_step, "seconds in (0, 0.1]"));
-        }
+        within("time_step", self.time_step, TIME_STEPS[0], TIME_STEPS[1])?;
         within("steps", f64::from(self.steps), 1.0, 1e6)?;
         within("observe_every", f64::from(self.observe_every), 1.0, 1e6)?;
         if let Some(damping) = self.damping
@@ -504,12 +510,9 @@ impl Body {
         if self.mass.is_some() && self.density.is_some() {
             return Err(Error::input("mass", "given beside `density`", "one of `mass` and `density`"));
         }
-        for (field, value) in [("mass", self.mass), ("density", self.density)] {
-            if let Some(v) = value
-                && !(v > 0.0 && v <= 1e9)
-            {
-                return Err(Error::input(field, v, "a number in (0, 1e9]"));
-            }
+        for (field, value, [low, high]) in [("mass", self.mass, MASSES), ("density", self.density, DENSITIES)]
+        {
+            value.map_or(Ok(0.0), |v| within(field, v, low, high))?;
         }
         within("friction", self.friction, 0.0, 100.0)?;
         within("restitution", self.restitution, 0.0, 1.0)?;
@@ -586,13 +589,7 @@ impl Shape {
     }
 
     fn validate(&self, movable: bool) -> Result<()> {
-        let length = |field: &str, v: f64| {
-            if v > 0.0 && v <= FAR {
-                Ok(())
-            } else {
-                Err(Error::input(format!("shape.{field}"), v, format!("metres in (0, {FAR}]")))
-            }
-        };
+        let length = |field: &str, v: f64| within(&format!("shape.{field}"), v, NEAR, FAR).map(drop);
         match self {
             Shape::Disc { radius } => length("radius", *radius),
             Shape::Box { half_width, half_height } => {
@@ -603,8 +600,9 @@ impl Shape {
             Shape::Segment { from, to, radius } => {
                 vector("shape.from", *from, FAR)?;
                 vector("shape.to", *to, FAR)?;
-                if from == to {
-                    return Err(Error::input("shape.to", format!("{to:?}"), "a point other than `from`"));
+                if ((to[0] - from[0]).powi(2) + (to[1] - from[1]).powi(2)).sqrt() < NEAR {
+                    let allowed = format!("a point {NEAR} m or more from `from`");
+                    return Err(Error::input("shape.to", format!("{to:?}"), allowed));
                 }
                 if movable {
                     length("radius", *radius)
@@ -655,8 +653,9 @@ fn validate_polygon(vertices: &[[f64; 2]]) -> Result<()> {
         vector(&format!("shape.vertices[{i}]"), *v, FAR)?;
     }
     for i in 0..n {
-        let (a, b, c) = (vertices[i], vertices[(i + 1) % n], vertices[(i + 2) % n]);
-        if geometry::signed_area(&[a, b, c]) <= 1e-12 {
+        let (a, b) = (vertices[i], vertices[(i + 1) % n]);
+        // Every other corner, not only the next: a star turns the same way at each corner too.
+        if (2..n).any(|k| geometry::signed_area(&[a, b, vertices[(i + k) % n]]) <= 1e-12) {
             let corner = (i + 1) % n;
             return Err(Error::input(
                 format!("shape.vertices[{corner}]"),

@@ -1,0 +1,308 @@
+//! Fuzzing of scenes on stable Rust: legal scenes are mutated, and whatever comes out must be refused by name or
+//! simulated to finite numbers in both engines (`fuzz/fuzz_one.rs`).
+//!
+//! By default ten thousand mutants of fixed seeds. `FUZZ_SCENES=1000000 cargo test --release --test fuzz_scene`
+//! runs as many, `FUZZ_SEED=17` begins at another seed; a failure names the seed and prints the mutant.
+
+#[path = "../fuzz/fuzz_one.rs"]
+mod fuzz_one;
+
+use fuzz_one::{Fate, fuzz_one};
+use iplw::rng::{Stream, stream};
+use iplw::task::{Placement, Scene, family};
+use rand::RngExt;
+use rayon::iter::Either;
+use rayon::prelude::*;
+use serde_json::{Map, Value, json};
+
+/// Mutants of a run with the tests: some seconds.
+const MUTANTS: u64 = 10_000;
+
+#[test]
+fn mutated_scenes_are_refused_by_name_or_simulated() {
+    let number = |name: &str| std::env::var(name).ok().and_then(|v| v.parse::<u64>().ok());
+    let (first, count) = (number("FUZZ_SEED").unwrap_or(0), number("FUZZ_SCENES").unwrap_or(MUTANTS));
+    let seeds = seeds();
+    let (fates, failures): (Vec<Fate>, Vec<String>) =
+        (first..first + count).into_par_iter().partition_map(|seed| {
+            let bytes = mutant(&seeds, seed);
+            match std::panic::catch_unwind(|| fuzz_one(&bytes)) {
+                Ok(fate) => Either::Left(fate),
+                Err(panic) => {
+                    let said = panic.downcast_ref::<String>().map_or("a panic", |s| s);
+                    Either::Right(format!("seed {seed}: {said}\n    {}", String::from_utf8_lossy(&bytes)))
+                }
+            }
+        });
+    let shown: Vec<String> = failures.iter().take(10).map(|f| f.chars().take(3000).collect()).collect();
+    assert!(failures.is_empty(), "{} failures:\n{}", failures.len(), shown.join("\n"));
+    let share = |fate| fates.iter().filter(|f| **f == fate).count() as f64 / fates.len() as f64;
+    let (refused, simulated) = (share(Fate::Refused), share(Fate::Simulated));
+    println!("{count} mutants: {:.1} % refused, {:.1} % simulated", 100.0 * refused, 100.0 * simulated);
+    assert!(refused > 0.2 && simulated > 0.15, "mutants too tame or too wild to show anything");
+}
+
+#[test]
+fn seeds_are_legal_and_simulated() {
+    for (i, seed) in seeds().iter().enumerate() {
+        let fate = fuzz_one(seed.to_string().as_bytes());
+        assert_eq!(fate, Fate::Simulated, "seed {i}: {:?}", Scene::from_json(&seed.to_string()).err());
+    }
+}
+
+/// What used to be taken and led to division by nothing, or to a shape with no inside and outside.
+#[test]
+fn vanishing_and_crossed_shapes_are_refused() {
+    let star: Vec<[f64; 2]> =
+        (0..5).map(|k| (1.2566 * 2.0 * f64::from(k)).sin_cos()).map(|(y, x)| [x, y]).collect();
+    let shapes = [
+        json!({"type": "polygon", "vertices": star}),
+        json!({"type": "disc", "radius": 1e-300}),
+        json!({"type": "box", "half_width": 1.0, "half_height": 1e-200}),
+        json!({"type": "segment", "from": [0, 0], "to": [1e-200, 0]}),
+    ];
+    for shape in shapes {
+        let mut scene = seeds().pop().expect("there are seeds");
+        scene["statics"][0]["shape"] = shape;
+        let error = Scene::from_json(&scene.to_string()).expect_err("it is refused").to_string();
+        assert!(error.starts_with("`statics[0].shape."), "{error}");
+    }
+    for (field, value) in [("mass", 1e-300), ("density", 1e-300)] {
+        let mut scene = seeds().pop().expect("there are seeds");
+        scene["bodies"][2][field] = json!(value);
+        let error = Scene::from_json(&scene.to_string()).expect_err("it is refused").to_string();
+        assert!(error.starts_with(&format!("`bodies[2].{field}`")), "{error}");
+    }
+}
+
+/// Legal scenes that between them use every field and every shape.
+fn seeds() -> Vec<Value> {
+    let mut seeds = Vec::new();
+    for name in ["bowling", "basketball"] {
+        let scene = (family(name).expect("built in").candidates)(0).swap_remove(0);
+        let space = scene.action.as_ref().expect("it has one");
+        let placed = (0..).find_map(|k| match space.place(&scene, &space.at(k).expect("it exists")) {
+            Placement::Valid(placed) => Some(placed),
+            Placement::Invalid(_) => None,
+        });
+        seeds.extend([&scene, &*placed.expect("some action can be placed")].map(|s| json!(s)));
+    }
+    // The families' scenes need an action before they can be rolled out: only what is placed is a seed.
+    seeds.retain(|s| s["bodies"].as_array().is_some_and(|b| b.iter().all(|b| !b["position"].is_null())));
+    seeds.push(json!({
+        "format": "iplw.scene/1", "name": "all shapes", "gravity": [0.5, -9.81],
+        "bodies": [
+            {"name": "disc", "shape": {"type": "disc", "radius": 0.02}, "mass": 0.0027, "friction": 0.3,
+             "restitution": 0.9, "position": [0, 0.3], "angle": 0.1, "velocity": [3, 1], "angular_velocity": 5},
+            {"name": "box", "shape": {"type": "box", "half_width": 0.5, "half_height": 0.2}, "density": 2.0,
+             "position": [2, 1], "velocity": [-3, 0]},
+            {"name": "polygon", "shape": {"type": "polygon", "vertices": [[0, 0], [1, 0], [0.6, 0.9]]},
+             "position": [4, 1], "angular_velocity": -3},
+            {"name": "bar", "shape": {"type": "segment", "from": [-0.4, 0], "to": [0.4, 0.1], "radius": 0.1},
+             "position": [6, 1]}
+        ],
+        "statics": [
+            {"name": "table", "shape": {"type": "segment", "from": [-5, 0], "to": [1, 0], "radius": 0.0}},
+            {"name": "ground", "shape": {"type": "halfspace", "normal": [0, 1], "offset": -0.5}, "friction": 0.7},
+            {"name": "ramp", "shape": {"type": "polygon", "vertices": [[0, 0], [3, 0], [3, 0.3]]},
+             "position": [4, 0], "angle": 0.05, "restitution": 0.4},
+            {"name": "post", "shape": {"type": "disc", "radius": 0.1}, "position": [1.5, 0.2]},
+            {"name": "wall", "shape": {"type": "box", "half_width": 0.1, "half_height": 2}, "position": [9, 1]}
+        ],
+        "effects": [{"name": "linear_drag", "parameters": {"c": 0.3}}],
+        "damping": 0.9, "time_step": 0.004, "steps": 50, "observe_every": 7,
+        "goal": {"type": "inside", "body": "disc", "region": [[0, 0], [3, 0], [3, 3]], "hold_s": 0.02},
+        "calibrate": ["restitution"], "per_setting": ["lift"], "carriers": ["disc", "table"],
+        "settings": {"slow": {"bodies": {"disc": {"mass": 0.003}}, "statics": {"post": {"position": [1.5, 0.1]}}}}
+    }));
+    seeds.push(json!({
+        "format": "iplw.scene/1", "name": "discs",
+        "bodies": [
+            {"name": "a", "shape": {"type": "disc", "radius": 0.5}, "mass": 1.0, "friction": 0.3,
+             "restitution": 1.0, "position": [0, 0.6], "angle": 0.1, "velocity": [3, -100], "angular_velocity": 50},
+            {"name": "b", "shape": {"type": "disc", "radius": 0.3}, "density": 2.0, "position": [1, 0.4],
+             "velocity": [-30, 0]},
+            {"name": "c", "shape": {"type": "disc", "radius": 0.1}, "position": [0.1, 1.3]}
+        ],
+        "statics": [
+            {"name": "table", "shape": {"type": "segment", "from": [-5, 0], "to": [5, 0], "radius": 0.05}},
+            {"name": "ground", "shape": {"type": "halfspace", "normal": [0.6, 0.8], "offset": -5}},
+            {"name": "ramp", "shape": {"type": "polygon", "vertices": [[0, 0], [3, 0], [3, 0.3]]},
+             "position": [2, 0], "angle": 0.05},
+            {"name": "post", "shape": {"type": "disc", "radius": 0.1}, "position": [-1.5, 0.2]}
+        ],
+        "time_step": 0.01, "steps": 60, "observe_every": 1, "stop": false,
+        "goal": {"type": "contact", "bodies": ["a", "table"], "hold_s": 0.1, "tolerance": 0.01}
+    }));
+    seeds
+}
+
+/// The mutant of a seed: one to three changes of its fields, and now and then of its bytes.
+fn mutant(seeds: &[Value], seed: u64) -> Vec<u8> {
+    let mut draw = stream(seed, "fuzz");
+    let mut scene = seeds[draw.random_range(0..seeds.len())].clone();
+    for _ in 0..draw.random_range(1..4) {
+        mutate(&mut scene, &mut draw);
+    }
+    let text = scene.to_string().replace("\"<<", "").replace(">>\"", "").replace("<twice>", "");
+    let mut bytes = text.into_bytes();
+    if draw.random_range(0..8) == 0 {
+        spoil(&mut bytes, &mut draw);
+    }
+    bytes
+}
+
+/// Numbers at the edges of what formats, floats and scenes hold; written as they stand.
+const EXTREMES: [&str; 34] = [
+    "0",
+    "-0",
+    "-0.0",
+    "1",
+    "-1",
+    "2",
+    "0.5",
+    "1e-6",
+    "9.99e-7",
+    "1e-12",
+    "1e-30",
+    "1e-45",
+    "1e-310",
+    "5e-324",
+    "-5e-324",
+    "0.1",
+    "1e4",
+    "1e5",
+    "-1e5",
+    "100000.1",
+    "400",
+    "-400",
+    "1e6",
+    "1e9",
+    "16777217",
+    "4294967295",
+    "4294967296",
+    "9007199254740993",
+    "18446744073709551616",
+    "1e38",
+    "1e39",
+    "1.7976931348623157e308",
+    "-1.7976931348623157e308",
+    "1e999",
+];
+
+fn mutate(scene: &mut Value, draw: &mut Stream) {
+    let mut places = Vec::new();
+    collect(scene, &mut String::new(), &mut places);
+    let numbers: Vec<&String> =
+        places.iter().filter(|p| scene.pointer(p).is_some_and(Value::is_number)).collect();
+    let number = numbers.get(draw.random_range(0..numbers.len().max(1))).map(ToString::to_string);
+    let any = places[draw.random_range(0..places.len())].clone();
+    let other = scene.pointer(&places[draw.random_range(0..places.len())]).cloned().unwrap_or(Value::Null);
+    match draw.random_range(0..12) {
+        0 | 1 => put(scene, number, json!(format!("<<{}>>", EXTREMES[draw.random_range(0..EXTREMES.len())]))),
+        2..=5 => {
+            let old = number.as_ref().and_then(|p| scene.pointer(p)).cloned().unwrap_or_default();
+            let reach = [0.1, 0.5, 6.0][draw.random_range(0..3)];
+            let size = 10f64.powf(draw.random_range(-reach..reach));
+            let was = old.as_f64().unwrap_or(0.0);
+            let new = if was == 0.0 { size * 1e-2 } else { was * size };
+            let new = if draw.random_range(0..8) == 0 { -new } else { new };
+            // Counts stay whole, or they would always be refused.
+            let whole = old.is_u64() && was > 6.0 && new >= 0.0;
+            put(scene, number, if whole { json!(new.ceil() as u64) } else { json!(new) });
+        }
+        6 => {
+            let values =
+                [json!(null), json!(true), json!("x"), json!([]), json!({}), json!([[]]), json!("<<NaN>>")];
+            put(scene, Some(any), values[draw.random_range(0..values.len())].clone());
+        }
+        7 => put(scene, Some(any), other),
+        8 | 9 => change_object(scene, &places, draw),
+        _ => change_array(scene, &places, draw),
+    }
+}
+
+/// Paths of everything within a value, as JSON pointers.
+fn collect(value: &Value, path: &mut String, places: &mut Vec<String>) {
+    let length = path.len();
+    let mut go = |key: &str, child: &Value| {
+        path.push('/');
+        path.push_str(&key.replace('~', "~0").replace('/', "~1"));
+        places.push(path.clone());
+        collect(child, path, places);
+        path.truncate(length);
+    };
+    match value {
+        Value::Object(fields) => fields.iter().for_each(|(k, v)| go(k, v)),
+        Value::Array(items) => items.iter().enumerate().for_each(|(i, v)| go(&i.to_string(), v)),
+        _ => {}
+    }
+}
+
+fn put(scene: &mut Value, place: Option<String>, value: Value) {
+    if let Some(slot) = place.and_then(|p| scene.pointer_mut(&p)) {
+        *slot = value;
+    }
+}
+
+/// Drops, doubles or misspells a field.
+fn change_object(scene: &mut Value, places: &[String], draw: &mut Stream) {
+    let objects: Vec<&str> = std::iter::once("")
+        .chain(places.iter().map(String::as_str))
+        .filter(|p| scene.pointer(p).and_then(Value::as_object).is_some_and(|o| !o.is_empty()))
+        .collect();
+    let place = objects[draw.random_range(0..objects.len())];
+    let fields: &mut Map<String, Value> =
+        scene.pointer_mut(place).and_then(Value::as_object_mut).expect("it was just seen");
+    let key = fields.keys().nth(draw.random_range(0..fields.len())).expect("within the length").clone();
+    let value = fields[&key].clone();
+    match draw.random_range(0..4) {
+        0 => drop(fields.insert(format!("{key}<twice>"), value)),
+        1 => drop(fields.insert(format!("{key}s"), value)),
+        _ => drop(fields.remove(&key)),
+    }
+}
+
+/// Empties, shortens or lengthens an array; what is added to bodies and statics gets names and places of its own.
+fn change_array(scene: &mut Value, places: &[String], draw: &mut Stream) {
+    let arrays: Vec<&String> =
+        places.iter().filter(|p| scene.pointer(p).is_some_and(Value::is_array)).collect();
+    let Some(place) = arrays.get(draw.random_range(0..arrays.len().max(1))) else { return };
+    let items = scene.pointer_mut(place).and_then(Value::as_array_mut).expect("it was just seen");
+    let Some(item) = items.get(draw.random_range(0..items.len().max(1))).cloned() else { return };
+    match draw.random_range(0..6) {
+        0 => items.clear(),
+        1 => drop(items.pop()),
+        _ => {
+            let more = [1, 2, 5, 30, 300][draw.random_range(0..5)];
+            for k in 0..more {
+                let mut copy = item.clone();
+                if copy.get("name").is_some() {
+                    copy["name"] = json!(format!("copy {k}"));
+                    let step = [0.0, 1.0, 3.0][draw.random_range(0..3)];
+                    copy["position"] = json!([step * f64::from(k), 5.0 + step * f64::from(k % 7)]);
+                }
+                items.push(copy);
+            }
+        }
+    }
+}
+
+/// Flips, cuts, doubles or inserts bytes.
+fn spoil(bytes: &mut Vec<u8>, draw: &mut Stream) {
+    for _ in 0..draw.random_range(1..4) {
+        if bytes.is_empty() {
+            return;
+        }
+        let at = draw.random_range(0..bytes.len());
+        match draw.random_range(0..4) {
+            0 => bytes[at] ^= 1 << draw.random_range(0..8),
+            1 => bytes.truncate(at),
+            2 => bytes.insert(at, b"{}[],:\"0e-"[draw.random_range(0..10)]),
+            _ => {
+                let tail = bytes[at..].to_vec();
+                bytes.extend(tail);
+            }
+        }
+    }
+}
