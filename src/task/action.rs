@@ -6,7 +6,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::geometry::{Bounds, Convex, gap};
-use super::scene::{Scene, Shape};
+use super::scene::{FAR, Scene, Shape};
 use crate::error::{Error, Result, within};
 
 /// What an action sets, and which actions the discrete set holds.
@@ -161,8 +161,11 @@ impl ActionSpace {
             let place = format!("components[{i}]");
             c.validate(scene).map_err(|e| e.under(&place))?;
         }
+        for (i, v) in self.bounds.iter().flatten().enumerate() {
+            within(&format!("bounds[{i}]"), *v, -FAR, FAR)?;
+        }
         if let Some(b) = self.bounds
-            && !(b.iter().all(|v| v.is_finite()) && b[0] < b[2] && b[1] < b[3])
+            && !(b[0] < b[2] && b[1] < b[3])
         {
             return Err(Error::input(
                 "bounds",

@@ -236,7 +236,7 @@ pub struct BodyOverride {
 }
 
 /// Largest length or coordinate accepted, m.
-const FAR: f64 = 1e5;
+pub(super) const FAR: f64 = 1e5;
 /// Smallest length accepted, m: smaller ones vanish when squared or beside [`FAR`].
 const NEAR: f64 = 1e-6;
 /// Largest speed accepted, m/s (the general engine's cap is 400 m/s).
