@@ -1,4 +1,7 @@
 //! What both engines do against what pen and paper say, at two time steps, so that the error visibly shrinks.
+//!
+//! Both are of first order in the time step h, so an error should fall to a quarter from 1/120 to 1/480 s. `lanes` is
+//! held to that; what keeps `rapier` from it, where something does, is said at each test.
 
 use iplw::task::Scene;
 use iplw::task::scene::{Body, EffectTerm, Shape, Static};
@@ -11,12 +14,22 @@ const G: f64 = 9.8;
 #[test]
 fn falls_as_half_g_t_squared() {
     for engine in ENGINES {
-        shrinks("fall over 1 s, m", engine, 0.05, |dt| {
+        let fallen_short = |dt: f64| {
             let t = roll(&scene(vec![ball("a", 0.5, [0.0, 100.0], [3.0, 0.0])], vec![], dt, 1.0), engine);
             let (x, y) = (last(&t.bodies[0].x), last(&t.bodies[0].y));
             assert!((x - 3.0).abs() < 1e-3);
-            (y - (100.0 - G / 2.0)).abs()
-        });
+            y - (100.0 - G / 2.0)
+        };
+        shrinks("fall over 1 s, m", engine, 0.05, USUAL, |dt| fallen_short(dt).abs());
+        // The error itself is known: lanes moves, then accelerates, and is g h / 2 too high after a second; rapier
+        // accelerates, then moves, in each of four sub-steps: g h / 8 too low. Below 128 m an f32 is good to 4e-6 m,
+        // and rapier rounds so 4 times in each of 120 steps.
+        let (wanted, rounding) = match engine {
+            Engine::Lanes => (G / 120.0 / 2.0, 1e-9),
+            _ => (-G / 120.0 / 8.0, 480.0 * 4e-6),
+        };
+        let error = fallen_short(1.0 / 120.0);
+        assert!((error - wanted).abs() < rounding, "{engine:?}: {error} m, not {wanted} m");
     }
 }
 
@@ -24,8 +37,11 @@ fn falls_as_half_g_t_squared() {
 fn rebounds_to_e_squared_h() {
     for engine in ENGINES {
         for e in [0.5, 0.9] {
-            // Where in a step the floor is met is chance: the mean over several heights of fall.
-            shrinks("rebound height, m", engine, 0.25, |dt| {
+            // Where in a step the floor is met is chance: the mean over several heights of fall. Rapier at e = 0.9 is of
+            // first order from 1/480 s on only: it rebounds 22, 13, 3.8 and 0.04 mm too low at 1/120, 1/480, 1/1920 and
+            // 1/7680 s, so the error at 1/120 s is less than its order promises.
+            let rapier = if e > 0.8 { 0.65 } else { USUAL };
+            shrinks("rebound height, m", engine, 0.03, rapier, |dt| {
                 (0..12).map(|k| rebound_error(5.0 + 0.017 * f64::from(k), e, dt, engine)).sum::<f64>() / 12.0
             });
         }
@@ -49,13 +65,20 @@ fn slides_a_speed_off_until_it_rolls_at_two_thirds() {
     let (v0, mu) = (6.0, 0.3);
     let slides = v0 / (3.0 * mu * G);
     for engine in ENGINES {
-        shrinks("speed when rolling, m/s", engine, 0.03, |dt| {
+        shrinks("speed when rolling, m/s", engine, 0.002, USUAL, |dt| {
             let t = slid(v0, mu, dt, engine);
             let track = &t.bodies[0];
-            assert!((last(&track.omega) + last(&track.vx) / 0.5).abs() < 0.05, "{engine:?} does not roll");
+            // Half a second after it began to roll: to the last bits in f64.
+            let slip = (last(&track.omega) + last(&track.vx) / 0.5).abs();
+            assert!(
+                slip < if engine == Engine::Lanes { 1e-9 } else { 0.05 },
+                "{engine:?}: slips {slip} rad/s"
+            );
             (last(&track.vx) - 2.0 / 3.0 * v0).abs()
         });
-        shrinks("sliding distance, m", engine, 0.06, |dt| {
+        // Rapier's error, 1.4 mm at 1/120 s, is a sixth of that of lanes; the 0.5 mm left at 1/480 s are little beside
+        // the 5 mm of overlap that it allows the disc.
+        shrinks("sliding distance, m", engine, 0.01, 0.45, |dt| {
             let t = slid(v0, mu, dt, engine);
             // Rolling from then on at 2/3 v0: what is left of the way at the end is the sliding.
             let end = last(&t.times);
@@ -89,10 +112,12 @@ fn two_discs_share_momentum_as_restitution_says() {
             let (after_a, after_b) = (last(&t.bodies[0].vx), last(&t.bodies[1].vx));
             assert_eq!(t.collisions, 1, "{engine:?}");
             let wanted = (v * (m1 - e * m2) / (m1 + m2), v * m1 * (1.0 + e) / (m1 + m2));
-            assert!((after_a - wanted.0).abs() < 0.02, "{engine:?} dt {dt}: {after_a} != {}", wanted.0);
-            assert!((after_b - wanted.1).abs() < 0.02, "{engine:?} dt {dt}: {after_b} != {}", wanted.1);
+            // One contact, one impulse: exact in lanes. In rapier a soft constraint, solved in f32.
+            let (off, loss) = if engine == Engine::Lanes { (1e-12, 1e-12) } else { (0.02, 1e-5) };
+            assert!((after_a - wanted.0).abs() < off, "{engine:?} dt {dt}: {after_a} != {}", wanted.0);
+            assert!((after_b - wanted.1).abs() < off, "{engine:?} dt {dt}: {after_b} != {}", wanted.1);
             let drift = m1 * after_a + m2 * after_b - m1 * v;
-            assert!(drift.abs() < 1e-4, "{engine:?}: momentum changes by {drift}");
+            assert!(drift.abs() < loss, "{engine:?}: momentum changes by {drift}");
         }
     }
 }
@@ -101,7 +126,7 @@ fn two_discs_share_momentum_as_restitution_says() {
 fn drag_ends_in_terminal_speed() {
     let c = 2.0;
     for engine in ENGINES {
-        shrinks("terminal speed, m/s", engine, 0.06, |dt| {
+        shrinks("terminal speed, m/s", engine, 0.05, USUAL, |dt| {
             let mut fall = scene(vec![ball("a", 0.5, [0.0, 500.0], [0.0, 0.0])], vec![], dt, 8.0);
             fall.effects =
                 vec![EffectTerm { name: "linear_drag".into(), parameters: [("c".to_string(), c)].into() }];
@@ -139,14 +164,31 @@ fn energy_never_rises() {
                     .map(|(b, (m, inertia))| {
                         let kinetic = m * (b.vx[i] * b.vx[i] + b.vy[i] * b.vy[i]) / 2.0
                             + inertia * b.omega[i] * b.omega[i] / 2.0;
-                        // Both engines' paths in free fall keep m v^2 / 2 + m g (y +- v dt / 2): one sign each.
-                        let shift = if engine == Engine::Lanes { 0.5 } else { -0.5 };
+                        // In free fall lanes keeps m v^2 / 2 + m g (y + v h / 2) for the step h, and rapier, which
+                        // accelerates first, m v^2 / 2 + m g (y - v h / 2) for its sub-step, a quarter of that.
+                        let shift = if engine == Engine::Lanes { 0.5 } else { -0.125 };
                         kinetic + m * G * (b.y[i] + shift * b.vy[i] / 480.0)
                     })
                     .sum::<f64>()
             };
-            // Pushing overlapping things apart lifts them by up to the slop: that much height is allowed for.
-            let slack = masses.iter().map(|(m, _)| m * G * 0.02).sum::<f64>();
+            // What may come back after a low, by engine:
+            // - lanes: a bounce from -v to e v turns g h / 2 (1 + e) v of the term above into height, and keeps
+            //   (1 - e^2) v^2 / 2 for itself: at most (g h)^2 (1 + e) / (8 (1 - e)) to a kilogram, at tiny v. Nothing is
+            //   pushed out here: 11 m/s for a step is less than the slop of 0.1 m. (Worst seen: 0.04 mJ of 1 mJ.)
+            // - rapier: what has sunk in is pushed out again up to the overlap it allows, 5 mm for bodies of a
+            //   metre: that much height. (Worst seen: 0.25 mm.)
+            let slack: f64 = box_of_balls
+                .bodies
+                .iter()
+                .zip(&masses)
+                .map(|(b, (m, _))| match engine {
+                    Engine::Lanes => {
+                        let e = b.restitution;
+                        m * (G / 480.0).powi(2) * (1.0 + e) / (8.0 * (1.0 - e))
+                    }
+                    _ => m * G * 0.005,
+                })
+                .sum();
             let mut least = energy(0);
             for i in 1..t.times.len() {
                 let now = energy(i);
@@ -157,15 +199,20 @@ fn energy_never_rises() {
     }
 }
 
-/// Checks that an error is small at 1/120 s and at most 60 % of that at 1/480 s (or next to nothing).
-///
-/// Both engines are of first order, so a quarter is expected; rapier's contacts, solved in f32 with sub-steps and
-/// soft constraints, lose a little at every bounce that no time step gives back.
-fn shrinks(what: &str, engine: Engine, most: f64, error: impl Fn(f64) -> f64) {
+/// The most that may be left at 1/480 s of an error at 1/120 s: a quarter is expected of both engines; where in a
+/// step things meet is chance, and spreads it.
+const USUAL: f64 = 0.35;
+/// An error that is not worth shrinking: what rounds off in f64.
+const NOTHING: f64 = 1e-12;
+
+/// Checks that an error is below `most` at 1/120 s, and at 1/480 s at most [`USUAL`] of itself for lanes and `rapier`
+/// of itself for rapier.
+fn shrinks(what: &str, engine: Engine, most: f64, rapier: f64, error: impl Fn(f64) -> f64) {
     let (coarse, fine) = (error(1.0 / 120.0), error(1.0 / 480.0));
     assert!(coarse < most, "{what}, {engine:?}: error {coarse} at 1/120 s");
+    let left = if engine == Engine::Lanes { USUAL } else { rapier };
     assert!(
-        fine < 0.6 * coarse || fine < 0.02 * most,
+        fine < left * coarse || fine < NOTHING,
         "{what}, {engine:?}: error {coarse} at 1/120 s is {fine} at 1/480 s"
     );
 }
