@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::statistics::Summary;
+use super::statistics::{Claim, Summary, Verdict};
 use super::{Choice, EstimateConfig, Memory, Workflow, run};
 use crate::error::{Error, Result};
 use crate::estimate::LatentEstimate;
@@ -251,6 +251,101 @@ pub fn errors(family: &Family, cells: &[Cell]) -> Vec<ErrorRow> {
     }
     rows
 }
+
+/// What the cells say of the paper's claims about estimates, and of ours. Errors are in units of the prior's
+/// standard deviation, averaged over friction and restitution unless one is named; paired by seed.
+pub fn claims(family: &Family, config: &StrategiesConfig, cells: &[Cell]) -> Vec<Claim> {
+    let mut claims = Vec::new();
+    for nature in &config.natures {
+        let score = |arm: &str, factors: &[usize], round: Option<usize>| -> Vec<f64> {
+            let of = |seed: &u64| {
+                let cell = cells.iter().find(|c| c.arm == arm && c.nature == *nature && c.seed == *seed)?;
+                let estimate = round.map_or(cell.estimates.last(), |r| cell.estimates.get(r))?;
+                Some(factors.iter().map(|i| off(family, estimate, *i)).sum::<f64>() / factors.len() as f64)
+            };
+            config.seeds.iter().filter_map(of).collect()
+        };
+        let mut less = |text: &str, better: &str, worse: &str, factors: &[usize]| {
+            let (b, w) = (score(better, factors, None), score(worse, factors, None));
+            if b.is_empty() || b.len() != w.len() {
+                return;
+            }
+            let difference: Vec<f64> = w.iter().zip(&b).map(|(w, b)| w - b).collect();
+            let found = Summary::of(&difference);
+            claims.push(Claim {
+                text: format!("{}: {text}", nature.title()),
+                figure: format!(
+                    "error {:.4} against {:.4} of the prior's deviation; difference {} (95 % +- {:.4})",
+                    Summary::of(&b).mean,
+                    Summary::of(&w).mean,
+                    found.show(4),
+                    found.half_width.unwrap_or(f64::INFINITY)
+                ),
+                verdict: found.above_zero(),
+            });
+        };
+        match family.name {
+            "basketball" => {
+                less("rolling alone tells restitution worse than collisions", "collisions", "rolling", &[2]);
+                less("rolling alone tells restitution worse than mixed", "mixed", "rolling", &[2]);
+            }
+            _ => {
+                for single in ["collisions", "rolling"] {
+                    for ours in ["gradient", "mixed"] {
+                        less(&format!("{ours} is nearer than {single} alone"), ours, single, &TOLD);
+                    }
+                }
+                less("collisions tell restitution better than rolling", "collisions", "rolling", &[2]);
+                less("rolling tells friction better than collisions", "rolling", "collisions", &[1]);
+            }
+        }
+        let (paper, ours) = (score("mixed", &TOLD, None), score(OURS, &TOLD, None));
+        if paper.is_empty() || ours.is_empty() {
+            continue;
+        }
+        let wanted = Summary::of(&paper).mean;
+        let rounds = cells.iter().filter(|c| c.arm == OURS).map(|c| c.estimates.len()).min().unwrap_or(0);
+        let reached = (0..rounds).find(|r| Summary::of(&score(OURS, &TOLD, Some(*r))).mean <= wanted);
+        let spent = |arm: &str, round: Option<usize>| {
+            let all: Vec<f64> = cells
+                .iter()
+                .filter(|c| c.arm == arm && c.nature == *nature)
+                .filter_map(|c| round.map_or(c.interactions.last(), |r| c.interactions.get(r)))
+                .map(|n| *n as f64)
+                .collect();
+            Summary::of(&all).mean
+        };
+        claims.push(Claim {
+            text: format!(
+                "{}: past the paper, {OURS} reaches the accuracy of mixed with a tenth",
+                nature.title()
+            ),
+            figure: format!(
+                "mixed {wanted:.4} after {:.0} interactions; ours {:.4} after {:.0}, there first after {}",
+                spent("mixed", None),
+                Summary::of(&ours).mean,
+                spent(OURS, None),
+                reached.map_or("none".into(), |r| format!("{:.0}", spent(OURS, Some(r))))
+            ),
+            verdict: if reached.is_some_and(|r| spent(OURS, Some(r)) <= 50.0) {
+                Verdict::Reproduced
+            } else {
+                Verdict::NotReproduced
+            },
+        });
+    }
+    claims
+}
+
+/// |estimate - truth| of a factor, in standard deviations of the prior.
+fn off(family: &Family, estimate: &Sample, factor: usize) -> f64 {
+    let physics = &family.real_physics;
+    let truth = [physics.density, physics.friction, physics.restitution][factor];
+    (estimate[factor] - truth).abs() / family.prior[factor].1
+}
+
+/// The arm past the paper.
+pub const OURS: &str = "informative, shooting, 5 a round";
 
 /// The (arm, nature) pairs there are, in order of appearance.
 fn groups(cells: &[Cell]) -> Vec<(&str, Nature)> {

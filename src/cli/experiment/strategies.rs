@@ -4,7 +4,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 use iplw::error::{Error, Result};
-use iplw::experiment::strategies::{Cell, ErrorRow, Nature, StrategiesConfig, cell, errors};
+use iplw::experiment::statistics::Claim;
+use iplw::experiment::strategies::{Cell, ErrorRow, Nature, StrategiesConfig, cell, claims, errors};
 use iplw::explore::Importance;
 use iplw::picture::plot::{self, Series};
 use iplw::picture::{Block, Report, Section};
@@ -40,8 +41,9 @@ pub fn run(args: &ExperimentArgs) -> Result<()> {
     }
     cells.finish();
     let rows = errors(family, &found);
-    write_all(&args.out, family, &config, &found, &rows, &seconds)?;
-    output::print(&text_table(family, &config, &rows))?;
+    let claims = claims(family, &config, &found);
+    write_all(&args.out, family, &config, &found, &rows, &claims, &seconds)?;
+    output::print(&text_table(family, &config, &rows, &claims))?;
     output::print(&format!("\nreport: {}\n", args.out.join("report.html").display()))
 }
 
@@ -61,7 +63,7 @@ fn with_error(row: &ErrorRow) -> String {
     }
 }
 
-fn text_table(family: &Family, config: &StrategiesConfig, rows: &[ErrorRow]) -> String {
+fn text_table(family: &Family, config: &StrategiesConfig, rows: &[ErrorRow], claims: &[Claim]) -> String {
     let mut text = format!(
         "\n{}: error of the latents at the end, mean over {} seeds +- standard error, and where they are pulled to\n",
         family.name,
@@ -86,6 +88,10 @@ fn text_table(family: &Family, config: &StrategiesConfig, rows: &[ErrorRow]) -> 
             );
         }
     }
+    text += "\nclaims\n";
+    for claim in claims {
+        text += &format!("{:<15} {}: {}\n", claim.verdict.title(), claim.text, claim.figure);
+    }
     text
 }
 
@@ -95,6 +101,7 @@ fn write_all(
     config: &StrategiesConfig,
     cells: &[Cell],
     rows: &[ErrorRow],
+    claims: &[Claim],
     seconds: &[f64],
 ) -> Result<()> {
     let mut errors = String::from("arm,hidden_world,factor,interactions,error,standard_error,bias,seeds\n");
@@ -145,11 +152,11 @@ fn write_all(
         })
         .collect();
     let result = json!({
-        "config": config, "cells": cells, "errors": rows, "seconds": seconds.iter().sum::<f64>(),
+        "config": config, "cells": cells, "errors": rows, "claims": claims, "seconds": seconds.iter().sum::<f64>(),
         "version": env!("CARGO_PKG_VERSION"),
     });
-    let table = text_table(family, config, rows);
-    let html = html(family, config, rows, cells, &plots, seconds)?;
+    let table = text_table(family, config, rows, claims);
+    let html = html(family, config, rows, claims, cells, &plots, seconds)?;
     output::write_whole(&out.join("errors.csv"), errors.as_bytes())?;
     output::write_whole(&out.join("estimates.csv"), estimates.as_bytes())?;
     output::write_whole(&out.join("choices.csv"), choices.as_bytes())?;
@@ -189,12 +196,21 @@ fn html(
     family: &Family,
     config: &StrategiesConfig,
     rows: &[ErrorRow],
+    claims: &[Claim],
     cells: &[Cell],
     plots: &[(String, String)],
     seconds: &[f64],
 ) -> Result<String> {
     let columns = |names: &[&str]| names.iter().map(|n| n.to_string()).collect::<Vec<_>>();
-    let mut sections = Vec::new();
+    let judged = Block::Table {
+        columns: columns(&["claim", "verdict", "figure"]),
+        rows: claims
+            .iter()
+            .map(|c| vec![c.text.clone(), c.verdict.title().into(), c.figure.clone()])
+            .collect(),
+        note: "Paired by seed; undecided where the 95 % interval of the difference holds zero.".into(),
+    };
+    let mut sections = vec![Section { heading: "Claims".into(), blocks: vec![judged] }];
     for nature in &config.natures {
         let table = config.arms.iter().filter_map(|arm| {
             let [Some(friction), Some(restitution)] = told().map(|f| last(rows, &arm.name, *nature, f))
