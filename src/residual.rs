@@ -7,7 +7,7 @@
 //! is in m^2 and means the same for measured data that have nothing else. Observations missing on either side
 //! do not count.
 
-use crate::trajectory::{End, Track, Trajectory};
+use crate::trajectory::{End, Track, Trajectory, hermite};
 
 /// Residual of a simulation that diverged: larger than any trajectory within a scene can be off, and finite.
 pub const DIVERGED: f64 = 1e12;
@@ -64,16 +64,9 @@ fn position_at(times: &[f64], track: &Track, t: f64, cursor: &mut usize) -> Opti
         return Some([track.x[i], track.y[i]]);
     }
     let s = ((t - times[i]) / span).clamp(0.0, 1.0);
-    let (s2, s3) = (s * s, s * s * s);
-    let blend = |p: [f64; 2], v: [f64; 2]| {
-        (2.0 * s3 - 3.0 * s2 + 1.0) * p[0]
-            + (s3 - 2.0 * s2 + s) * span * v[0]
-            + (3.0 * s2 - 2.0 * s3) * p[1]
-            + (s3 - s2) * span * v[1]
-    };
     Some([
-        blend([track.x[i], track.x[j]], [track.vx[i], track.vx[j]]),
-        blend([track.y[i], track.y[j]], [track.vy[i], track.vy[j]]),
+        hermite([track.x[i], track.x[j]], [track.vx[i], track.vx[j]], span, s),
+        hermite([track.y[i], track.y[j]], [track.vy[i], track.vy[j]], span, s),
     ])
 }
 

@@ -98,6 +98,17 @@ mod gaps {
     }
 }
 
+/// A position `share` (0 to 1) of the way through an interval of `span` seconds, by the cubic polynomial that has the
+/// positions and velocities of both ends (Hermite): exact for motion under constant force.
+pub fn hermite(positions: [f64; 2], velocities: [f64; 2], span: f64, share: f64) -> f64 {
+    let s = share;
+    let (s2, s3) = (s * s, s * s * s);
+    (2.0 * s3 - 3.0 * s2 + 1.0) * positions[0]
+        + (s3 - 2.0 * s2 + s) * span * velocities[0]
+        + (3.0 * s2 - 2.0 * s3) * positions[1]
+        + (s3 - s2) * span * velocities[1]
+}
+
 impl Track {
     /// An empty track with room for `samples`.
     pub fn with_capacity(name: &str, samples: usize) -> Self {

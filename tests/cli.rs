@@ -167,6 +167,38 @@ fn measured_files_read_back_and_hide_the_truth() {
 }
 
 #[test]
+fn effects_are_listed_and_every_one_can_be_measured() {
+    let listed: Value = serde_json::from_str(&good(&["effects", "--json"], "")).unwrap();
+    let all = listed["effects"].as_array().unwrap();
+    assert_eq!(all.len(), iplw::world::effect::REGISTRY.len());
+    assert!(good(&["effects"], "").contains("wind (motion): a = (ax, ay)"));
+    let one: Value = serde_json::from_str(&good(&["effects", "lag", "--json"], "")).unwrap();
+    assert_eq!(one["parameters"][0]["unit"], "s");
+    refused(&["effects", "ether"], "", "linear_drag");
+    let dir = tempfile::tempdir().unwrap();
+    for e in all {
+        let first = &e["parameters"][0];
+        let value = first["neutral"].as_f64().unwrap() + 0.1;
+        let term = format!("{}:{}={value}", e["name"].as_str().unwrap(), first["name"].as_str().unwrap());
+        let out = dir.path().join(e["name"].as_str().unwrap());
+        let to = out.to_str().unwrap();
+        good(&["measure", "--task", "basketball", "--effect", &term, "--trials", "2", "--out", to], "");
+        let scene = iplw::task::Scene::from_json(&std::fs::read_to_string(out.join("scene.json")).unwrap());
+        let trials = iplw::reality::read_trials(&out.join("trials.csv"), &scene.unwrap()).unwrap();
+        assert_eq!(trials.len(), 2, "{term}");
+        let parameters = format!("{{{}: {value}}}", first["name"]);
+        let effects = format!(r#""effects":[{{"name":{},"parameters":{parameters}}}],"gravity""#, e["name"]);
+        let line = FALL.replace("\"gravity\"", &effects);
+        for engine in ["lanes", "rapier"] {
+            let rolled: Value =
+                serde_json::from_str(&good(&["rollout", "--engine", engine], &(line.clone() + "\n")))
+                    .unwrap();
+            assert!(rolled["t"].as_array().unwrap().len() >= 3, "{term}");
+        }
+    }
+}
+
+#[test]
 fn measure_refuses_before_it_writes() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("m");

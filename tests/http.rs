@@ -332,6 +332,37 @@ fn custom_scenes_are_worlds() {
     problem(server.send(Method::GET, &place, ""), 404, "not-found");
 }
 
+#[test]
+fn worlds_take_every_effect() {
+    let server = Running::start();
+    let attempt = |kind: &str, effects: Value| {
+        let body = json!({"scene": scene(), "kind": kind, "effects": effects, "sealed": false});
+        let world = server.post("/v1/worlds", &body, 201);
+        assert_eq!(world["effects"], effects);
+        let id = world["id"].as_str().unwrap();
+        let rolled = server.post(&format!("/v1/worlds/{id}/rollout"), &json!({"actions": [[0.5]]}), 200);
+        server.send(Method::DELETE, &format!("/v1/worlds/{id}"), "");
+        rolled["results"][0].clone()
+    };
+    for kind in ["sim", "real"] {
+        for e in iplw::world::effect::REGISTRY {
+            let parameters = e.parameters.iter().map(|p| (p.name.to_string(), json!(p.neutral)));
+            let mut parameters: serde_json::Map<String, Value> = parameters.collect();
+            let neutral = attempt(kind, json!([{"name": e.name, "parameters": parameters.clone()}]));
+            for p in e.parameters {
+                let value = match p.name {
+                    "x_min" | "y_min" => -9.0,
+                    "x_max" | "y_max" => 9.0,
+                    _ => p.neutral + 0.2,
+                };
+                parameters.insert(p.name.into(), json!(value));
+            }
+            let strong = attempt(kind, json!([{"name": e.name, "parameters": parameters}]));
+            assert_ne!(neutral, strong, "{kind} {}", e.name);
+        }
+    }
+}
+
 fn scene() -> Value {
     json!({
         "format": "iplw.scene/1", "name": "shot", "steps": 240,

@@ -17,7 +17,8 @@ pub struct Args {
     /// bowling, basketball, or one task such as bowling:017.
     #[arg(long)]
     task: String,
-    /// Effect of the hidden world, `name:parameter=value,...`; may be repeated. None: the family's own.
+    /// Effect of the hidden world, `name:parameter=value,...` (see `iplw effects`); may be repeated. None: the family's
+    /// own.
     #[arg(long = "effect", value_name = "EFFECT")]
     effects: Vec<String>,
     /// More of the hidden world: `damping=0.8,density=..,friction=..,restitution=..,engine=..`.

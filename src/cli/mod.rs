@@ -1,5 +1,6 @@
 //! Commands, their shared options, and what they print.
 
+mod effects;
 mod estimate;
 mod experiment;
 mod measure;
@@ -38,6 +39,8 @@ enum Command {
     Rollout(rollout::Args),
     /// List tasks, splits and action spaces.
     Tasks(tasks::Args),
+    /// List the effects that worlds may have, with their parameters.
+    Effects(effects::Args),
     /// Measure trials in a hidden world: writes scene.json and trials.csv.
     Measure(measure::Args),
     /// Estimate the latent factors of a hidden real world.
@@ -60,6 +63,7 @@ pub fn main() -> ExitCode {
         Command::Openapi => serve::print_openapi(),
         Command::Rollout(args) => rollout::run(&args),
         Command::Tasks(args) => tasks::run(&args),
+        Command::Effects(args) => effects::run(&args),
         Command::Measure(args) => measure::run(&args),
         Command::Estimate(args) => estimate::run(&args),
         Command::Train(args) => train::train_policy(&args),

@@ -5,12 +5,15 @@
 //! - Friction and restitution of a contact are the products of the two surfaces' coefficients (as in Pymunk).
 //! - Once per time step, in this order: effects act on velocities, gravity acts, contacts are resolved,
 //!   positions advance. With the effect `linear_drag` this is Pymunk's damping.
+//! - Where sensor effects are at work, samples are what the sensors show; contacts, goals and outcomes are the
+//!   truth's (see [`observe`]).
 //! - A latent factor sets the coefficient of every carrier and the density of every carrying body.
 
 pub mod effect;
 pub mod goal;
 mod lanes;
 pub mod latent;
+mod observe;
 pub mod prepare;
 mod rapier;
 mod record;
@@ -25,6 +28,8 @@ use crate::trajectory::Trajectory;
 use lanes::Topology;
 pub use lanes::{Level, Settings};
 pub use latent::Latents;
+use observe::View;
+pub use observe::observe;
 use prepare::{Prepared, prepare};
 
 /// One rollout to simulate.
@@ -90,10 +95,15 @@ pub fn simulate_map_set<T: Send>(
     let finished: Vec<Result<Vec<(usize, T)>>> = work
         .into_par_iter()
         .map(|part| match part {
-            Part::Rapier(index) => Ok(vec![(index, keep(index, rapier::run(&prepare(&rollouts[index])?)?))]),
+            Part::Rapier(index) => {
+                let prepared = prepare(&rollouts[index])?;
+                let truth = rapier::run(&prepared)?;
+                Ok(vec![(index, keep(index, seen(prepared.view.as_ref(), truth)))])
+            }
             Part::Lanes(indices) => {
                 let kept = Vec::with_capacity(indices.len());
-                let mut feed = Chunk { rollouts, indices: indices.into_iter(), keep: &keep, kept };
+                let indices = indices.into_iter();
+                let mut feed = Chunk { rollouts, indices, keep: &keep, kept, views: Vec::new() };
                 lanes::run(&mut feed, settings);
                 Ok(feed.kept)
             }
@@ -106,6 +116,13 @@ pub fn simulate_map_set<T: Send>(
         }
     }
     results.into_iter().map(|r| r.ok_or_else(|| Error::Failed("a rollout was lost".into()))).collect()
+}
+
+fn seen(view: Option<&View>, truth: Trajectory) -> Trajectory {
+    match view {
+        Some(view) => view.seen(truth),
+        None => truth,
+    }
 }
 
 /// The engine that [`simulate`] would use for a scene.
@@ -187,16 +204,22 @@ struct Chunk<'a, K, T> {
     indices: std::vec::IntoIter<usize>,
     keep: &'a K,
     kept: Vec<(usize, T)>,
+    /// The sensors of the rollouts at work that have any, by number.
+    views: Vec<(usize, View)>,
 }
 
 impl<T, K: Fn(usize, Trajectory) -> T> lanes::Feed for Chunk<'_, K, T> {
     fn next(&mut self) -> Option<(usize, Prepared)> {
         let index = self.indices.next()?;
         // Prepared once before without error, in `divide`; a rollout that fails now is reported as lost.
-        Some((index, prepare(&self.rollouts[index]).ok()?))
+        let mut prepared = prepare(&self.rollouts[index]).ok()?;
+        self.views.extend(prepared.view.take().map(|view| (index, view)));
+        Some((index, prepared))
     }
 
-    fn done(&mut self, index: usize, trajectory: Trajectory) {
+    fn done(&mut self, index: usize, truth: Trajectory) {
+        let view = self.views.iter().position(|(i, _)| *i == index).map(|at| self.views.swap_remove(at).1);
+        let trajectory = seen(view.as_ref(), truth);
         self.kept.push((index, (self.keep)(index, trajectory)));
     }
 }

@@ -1,9 +1,12 @@
 //! A rollout with everything decided: what both engines integrate, so that a scene means the same in each.
 
 use super::Rollout;
-use super::effect::{self, Act, Active, Constants, Motion, Surroundings, Touch};
+use super::effect::{self, Act, Active, Constants, Motion, Placing, Surroundings, Touch};
 use super::goal::GoalSpec;
+use super::observe::{Schedule, View};
 use crate::error::{Error, Result};
+use crate::task::Scene;
+use crate::task::action::Quantity;
 use crate::task::geometry::Convex;
 use crate::task::scene::Shape;
 
@@ -15,7 +18,7 @@ pub struct Prepared {
     /// s
     pub time_step: f64,
     pub steps: u32,
-    pub observe_every: u32,
+    pub schedule: Schedule,
     pub bodies: Vec<PreparedBody>,
     pub statics: Vec<PreparedStatic>,
     /// Names of the effects that engines know of, in the order in which they act.
@@ -24,6 +27,8 @@ pub struct Prepared {
     pub motions: Vec<(&'static dyn Motion, Constants)>,
     /// Laws of contact at work, in the order in which they act.
     pub touches: Vec<(&'static dyn Touch, Constants)>,
+    /// What sensors make of what the engine observes; `None` if they show the truth.
+    pub view: Option<View>,
     pub goal: Option<GoalSpec>,
     /// Whether the rollout ends when the goal is reached.
     pub stop: bool,
@@ -76,6 +81,31 @@ pub fn prepare(rollout: &Rollout) -> Result<Prepared> {
     let scene = rollout.scene;
     let latents = &rollout.latents;
     latents.validate()?;
+    let around = Surroundings { time_step: scene.time_step, gravity: scene.gravity };
+    let (mut effects, mut motions, mut touches) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut sensors, mut placings) = (Vec::new(), Vec::new());
+    for active in active(rollout)? {
+        let neutral = active.is_neutral();
+        let Active { effect, values } = active;
+        match effect.act {
+            Act::Motion(law) => {
+                effects.push(effect.name);
+                motions.push((law, law.constants(&values, &around)));
+            }
+            Act::Contact(law) => {
+                effects.push(effect.name);
+                touches.push((law, law.constants(&values, &around)));
+            }
+            Act::Sensor(_) | Act::Action(_) if neutral => {}
+            Act::Sensor(sensor) => sensors.push((sensor, sensor.constants(&values, &around))),
+            Act::Action(placing) => placings.push((placing, placing.constants(&values, &around))),
+        }
+    }
+    let view = View::new(sensors, f64::from(scene.observe_every) * scene.time_step);
+    let schedule = match &view {
+        Some(view) => view.schedule(scene.time_step, scene.steps, scene.observe_every)?,
+        None => Schedule::Every(scene.observe_every),
+    };
     let mut bodies = Vec::with_capacity(scene.bodies.len());
     for (i, body) in scene.bodies.iter().enumerate() {
         let carries = scene.carries_latents(&body.name);
@@ -101,7 +131,7 @@ pub fn prepare(rollout: &Rollout) -> Result<Prepared> {
             inertia,
             friction: latents.friction.filter(|_| carries).unwrap_or(body.friction),
             restitution: latents.restitution.filter(|_| carries).unwrap_or(body.restitution),
-            position,
+            position: carried_out(scene, &placings, &body.name, position),
             angle: body.angle,
             velocity: body.velocity,
             omega: body.angular_velocity,
@@ -112,12 +142,13 @@ pub fn prepare(rollout: &Rollout) -> Result<Prepared> {
         .iter()
         .map(|s| {
             let carries = scene.carries_latents(&s.name);
+            let position = carried_out(scene, &placings, &s.name, s.position);
             let shape = match (&s.shape, s.shape.convex()) {
                 (Shape::Halfspace { normal, offset }, _) => {
-                    let shift = normal[0] * s.position[0] + normal[1] * s.position[1];
+                    let shift = normal[0] * position[0] + normal[1] * position[1];
                     PreparedShape::Halfspace { normal: *normal, offset: offset + shift }
                 }
-                (_, Some(shape)) => PreparedShape::Convex(shape.placed(s.position, s.angle)),
+                (_, Some(shape)) => PreparedShape::Convex(shape.placed(position, s.angle)),
                 (_, None) => unreachable!("every shape but a halfspace has a convex core"),
             };
             PreparedStatic {
@@ -135,20 +166,12 @@ pub fn prepare(rollout: &Rollout) -> Result<Prepared> {
             (s[2] - s[0]).min(s[3] - s[1])
         })
         .fold(f64::INFINITY, f64::min);
-    let around = Surroundings { time_step: scene.time_step, gravity: scene.gravity };
-    let (mut effects, mut motions, mut touches) = (Vec::new(), Vec::new(), Vec::new());
-    for Active { effect, values } in active(rollout)? {
-        effects.push(effect.name);
-        match effect.act {
-            Act::Motion(law) => motions.push((law, law.constants(&values, &around))),
-            Act::Contact(law) => touches.push((law, law.constants(&values, &around))),
-        }
-    }
     Ok(Prepared {
         gravity: scene.gravity,
         time_step: scene.time_step,
         steps: scene.steps,
-        observe_every: scene.observe_every,
+        schedule,
+        view,
         effects,
         motions,
         touches,
@@ -158,6 +181,31 @@ pub fn prepare(rollout: &Rollout) -> Result<Prepared> {
         bodies,
         statics,
     })
+}
+
+/// Where the thing named `name` ends up that was to stand at `asked`, if an action placed it.
+fn carried_out(
+    scene: &Scene,
+    placings: &[(&'static dyn Placing, Constants)],
+    name: &str,
+    asked: [f64; 2],
+) -> [f64; 2] {
+    if placings.is_empty() {
+        return asked;
+    }
+    let mut targets = scene
+        .action
+        .iter()
+        .flat_map(|a| &a.components)
+        .filter(|c| matches!(c.set, Quantity::X | Quantity::Y))
+        .map(|c| c.target.as_str())
+        .peekable();
+    let placed = match targets.peek() {
+        Some(_) => targets.any(|t| t == name),
+        // Whoever set the scene up placed what can move.
+        None => scene.body(name).is_some(),
+    };
+    if placed { placings.iter().fold(asked, |at, (p, c)| p.placed(c, at)) } else { asked }
 }
 
 /// The scene's damping, the scene's effects, the rollout's own: in this order.

@@ -29,6 +29,7 @@ pub fn run(prepared: &Prepared) -> Result<Trajectory> {
     let mut watch = Watch::default();
     let needed = prepared.goal.as_ref().map_or(0, |g| g.hold_steps(prepared.time_step));
     recorder.observe(0, &world.states());
+    let mut due = prepared.schedule.after(0);
     for step in 1..=prepared.steps {
         world.kick(prepared, step - 1);
         let before = world.velocities();
@@ -58,8 +59,9 @@ pub fn run(prepared: &Prepared) -> Result<Trajectory> {
                 }
             }
         }
-        if step % prepared.observe_every == 0 || step == prepared.steps {
+        if step == due || step == prepared.steps {
             recorder.observe(step, &states);
+            due = prepared.schedule.after(step);
         }
     }
     Ok(recorder.finish(prepared.steps, End::Horizon))

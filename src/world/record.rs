@@ -49,7 +49,7 @@ pub struct Recorder {
 impl Recorder {
     /// A recorder with room for all samples.
     pub fn new(prepared: &Prepared) -> Recorder {
-        let samples = (prepared.steps / prepared.observe_every) as usize + 2;
+        let samples = prepared.schedule.count(prepared.steps);
         let names: Vec<String> = prepared
             .bodies
             .iter()

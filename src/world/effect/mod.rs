@@ -3,24 +3,29 @@
 //! An effect declares its parameters with units, bounds and the neutral values at which it vanishes, and
 //! acts through one of the forms of [`Act`]. Engines call the forms; no engine knows an effect by name.
 
+mod camera_tilt;
 mod gravity_error;
 mod gust;
+mod lag;
 mod lift;
 mod linear_drag;
 mod moving_air;
+mod placement_offset;
 mod position_field;
+mod position_scale;
 mod quadratic_drag;
 mod restitution_speed;
 mod rolling_resistance;
 mod sticky_patch;
 mod tangential_restitution;
+mod time_scale;
 mod wind;
 
 use crate::error::{Error, Result, within};
 use crate::task::scene::EffectTerm;
 
 /// Every known effect.
-pub static REGISTRY: [&Effect; 12] = [
+pub static REGISTRY: [&Effect; 17] = [
     &linear_drag::EFFECT,
     &quadratic_drag::EFFECT,
     &wind::EFFECT,
@@ -33,6 +38,11 @@ pub static REGISTRY: [&Effect; 12] = [
     &restitution_speed::EFFECT,
     &tangential_restitution::EFFECT,
     &sticky_patch::EFFECT,
+    &position_scale::EFFECT,
+    &time_scale::EFFECT,
+    &camera_tilt::EFFECT,
+    &lag::EFFECT,
+    &placement_offset::EFFECT,
 ];
 
 /// One effect: what it is called, what it takes, what it does.
@@ -68,6 +78,10 @@ pub enum Act {
     Motion(&'static dyn Motion),
     /// Changes what contacts give back, or slows what rolls on them.
     Contact(&'static dyn Touch),
+    /// Changes what is seen of a rollout: see `world::observe`.
+    Sensor(&'static dyn Sensor),
+    /// Changes where things start that an action places.
+    Action(&'static dyn Placing),
 }
 
 /// Number of rollouts the batched kernel advances together.
@@ -168,6 +182,46 @@ pub fn rolled_off(along: f64, omega: f64, radius: f64, off: f64) -> [f64; 2] {
     [lost, lost / radius]
 }
 
+/// A sensor: what is seen of the truth, as a function of time and state.
+pub trait Sensor: Sync {
+    /// As [`Motion::constants`].
+    fn constants(&self, parameters: &[f64], _around: &Surroundings) -> Constants {
+        constants(parameters)
+    }
+
+    /// (rate, offset in s): what is stamped t was true at rate * t + offset; rate > 0.
+    fn clock(&self, _constants: &Constants) -> [f64; 2] {
+        [1.0, 0.0]
+    }
+
+    /// What is seen of a state.
+    fn show(&self, _constants: &Constants, state: Shown) -> Shown {
+        state
+    }
+}
+
+/// The state of a body as a sensor shows it: m, rad, m/s, rad/s.
+#[derive(Clone, Copy, Debug)]
+pub struct Shown {
+    pub x: f64,
+    pub y: f64,
+    pub angle: f64,
+    pub vx: f64,
+    pub vy: f64,
+    pub omega: f64,
+}
+
+/// How what an action asks for is carried out.
+pub trait Placing: Sync {
+    /// As [`Motion::constants`].
+    fn constants(&self, parameters: &[f64], _around: &Surroundings) -> Constants {
+        constants(parameters)
+    }
+
+    /// Where a thing ends up that was to be placed at `asked`, m.
+    fn placed(&self, constants: &Constants, asked: [f64; 2]) -> [f64; 2];
+}
+
 /// Most parameters an effect may have.
 pub const MOST_PARAMETERS: usize = 8;
 /// What [`Motion::constants`] computes.
@@ -218,6 +272,13 @@ pub struct Active {
     pub values: Vec<f64>,
 }
 
+impl Active {
+    /// Whether every parameter has its neutral value.
+    pub fn is_neutral(&self) -> bool {
+        self.effect.parameters.iter().zip(&self.values).all(|(p, v)| *v == p.neutral)
+    }
+}
+
 /// Looks up a term and checks its parameters; `place` prefixes the error's field.
 pub fn resolve(term: &EffectTerm, place: &str) -> Result<Active> {
     let effect = find(&term.name).map_err(|_| {
@@ -265,7 +326,7 @@ mod tests {
     fn motions() -> impl Iterator<Item = (&'static Effect, &'static dyn Motion)> {
         REGISTRY.iter().filter_map(|e| match e.act {
             Act::Motion(law) => Some((*e, law)),
-            Act::Contact(_) => None,
+            Act::Contact(_) | Act::Sensor(_) | Act::Action(_) => None,
         })
     }
 

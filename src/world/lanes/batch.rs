@@ -13,6 +13,7 @@ use crate::task::geometry::polygon_contains;
 use crate::trajectory::{End, Trajectory};
 use crate::world::effect::{Constants, LANES, MOST_PARAMETERS, Motion, MovingLanes, Touch};
 use crate::world::goal::{Condition, Party};
+use crate::world::observe::Schedule;
 use crate::world::prepare::{Prepared, PreparedShape};
 use crate::world::record::{Recorder, State};
 
@@ -192,7 +193,7 @@ struct Lane {
     index: usize,
     recorder: Recorder,
     steps: u32,
-    observe_every: u32,
+    schedule: Schedule,
     stop: bool,
     solved: bool,
     /// Ticks of the next observation and of the end.
@@ -385,10 +386,10 @@ impl Batch {
             index,
             recorder: Recorder::new(prepared),
             steps: prepared.steps,
-            observe_every: prepared.observe_every,
+            schedule: prepared.schedule.clone(),
             stop: prepared.stop,
             solved: false,
-            due: self.tick + f64::from(prepared.observe_every.min(prepared.steps)),
+            due: self.tick + f64::from(prepared.schedule.after(0).min(prepared.steps)),
         };
         new.recorder.observe(0, &self.states(lane));
         self.lanes[lane] = Some(new);
@@ -409,9 +410,10 @@ impl Batch {
                     (last, end) = (step + more, End::Goal);
                 }
             }
-            let next = (step / own.observe_every + 1) * own.observe_every;
-            for k in (next..last).step_by(own.observe_every as usize) {
+            let mut k = own.schedule.after(step);
+            while k < last {
                 own.recorder.observe(k, &states);
+                k = own.schedule.after(k);
             }
             if last > step {
                 own.recorder.observe(last, &states);
@@ -559,7 +561,7 @@ impl Batch {
             if own.due > self.tick {
                 continue;
             }
-            let (steps, next) = (own.steps, step.saturating_add(own.observe_every));
+            let (steps, next) = (own.steps, own.schedule.after(step));
             own.due = self.born[lane] + f64::from(next.min(steps));
             self.observe(lane, step);
             if step >= steps {
