@@ -1,6 +1,6 @@
 # make run   builds what is missing and runs the story: hidden world, estimate, policy, transfer, report
 # make test  everything a fresh machine needs, then all tests
-# make bench rollouts per second beside Pymunk on the same scenes
+# make bench rollouts per second beside Pymunk on the same scenes, and how far that is from the machine's limits
 
 VENV := .venv
 PYTHON := $(VENV)/bin/python

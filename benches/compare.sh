@@ -1,6 +1,8 @@
 #!/bin/sh
 # One table: lanes and rapier at every instruction set of this machine, Pymunk and Box2D, on the same scenes, one core
-# each, one after the other; then agreement with Pymunk. Needs a Python with pymunk 7.3.1 (and Box2D 2.3.10, if wanted):
+# each, one after the other; how far lanes is from what the machine can do; where its time goes; agreement with Pymunk.
+# SCENES (200 a family) and MOST (100000 rollouts, for the memory) in the environment make a smaller run of it.
+# Needs a Python with pymunk 7.3.1 (and Box2D 2.3.10, if wanted):
 #   python3 -m venv venv && venv/bin/pip install pymunk==7.3.1 Box2D && PYTHON=venv/bin/python benches/compare.sh
 set -eu
 cd "$(dirname "$0")/.."
@@ -8,10 +10,13 @@ python=${PYTHON:-python3}
 scenes=$(mktemp -d)
 trap 'rm -rf "$scenes"' EXIT
 
+count=${SCENES:-200}
+
 cargo build --quiet --release --bin iplw --example sampled_scenes
+cargo bench --quiet --no-run --bench engines --bench limits
 for family in bowling basketball; do
     for damping in 1 0.8; do
-        target/release/examples/sampled_scenes "$family" 200 "$damping" > "$scenes/$family-$damping.jsonl"
+        target/release/examples/sampled_scenes "$family" "$count" "$damping" > "$scenes/$family-$damping.jsonl"
     done
 done
 
@@ -21,6 +26,10 @@ for family in bowling basketball; do
         "$python" benches/pymunk_bench.py "$scenes/$family-0.8.jsonl"
     } | "$python" benches/table.py "$family"
 done
+
+cargo bench --quiet --bench limits -- "$scenes/bowling-0.8.jsonl" "${MOST:-100000}"
+# The newest build of the benchmark is the one just run.
+"$python" benches/profile.py "$(ls -t target/release/deps/engines-* | grep -v '\.d$' | head -n 1)" "$scenes/bowling-0.8.jsonl"
 
 for family in bowling basketball; do
     for damping in 1 0.8; do

@@ -4,17 +4,15 @@
 //!
 //! Without a file it uses the bowling family's own scenes.
 
-use std::time::Instant;
+mod common;
 
-use iplw::task::{Placement, Scene, family};
-use iplw::world::{Engine, Latents, Level, Rollout, Settings, simulate_map_set};
+use common::{Clock, level_name, rollouts, scenes};
+use iplw::task::Scene;
+use iplw::world::{Engine, Level, Settings, simulate_map_set};
 
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).filter(|a| a != "--bench").collect();
-    let scenes = match arguments.first() {
-        Some(path) => read(path),
-        None => bowling(200),
-    };
+    let scenes = scenes(arguments.first());
     let engines =
         if arguments.len() > 1 { arguments[1..].to_vec() } else { vec!["lanes".into(), "rapier".into()] };
     // One thread: figures are per core.
@@ -35,14 +33,13 @@ fn measure(name: &str, scenes: &[Scene]) {
         None => (plain, Level::best()),
     };
     let engine = Engine::from_name(engine).expect("an engine's name");
-    let rollout = |scene| Rollout { scene, latents: Latents::default(), effects: &[], stop: false };
-    let rollouts: Vec<Rollout> = scenes.iter().map(rollout).collect();
+    let rollouts = rollouts(scenes);
     let run = || {
         let settings = Settings { level, end_at_rest };
         simulate_map_set(settings, &rollouts, engine, |_, t| u64::from(t.outcome.steps))
             .expect("legal scenes")
     };
-    let clock = Clock(Instant::now());
+    let clock = Clock::start();
     run();
     // About half a second a repetition, at least one pass.
     let passes = (0.5 / clock.seconds()).ceil().max(1.0) as usize;
@@ -59,7 +56,7 @@ fn measure(name: &str, scenes: &[Scene]) {
         "{}",
         serde_json::json!({
             "engine": name,
-            "level": format!("{level:?}").to_lowercase(),
+            "level": level_name(level),
             "rollouts_per_s": count / seconds[3],
             "rollouts_per_s_range": [count / seconds[6], count / seconds[0]],
             "us_per_step": 1e6 * seconds[3] / steps as f64,
@@ -67,43 +64,8 @@ fn measure(name: &str, scenes: &[Scene]) {
     );
 }
 
-/// Seconds of processor time of all threads where Linux tells, so that other work on the machine counts less;
-/// seconds on the wall elsewhere.
-struct Clock(Instant);
-
-impl Clock {
-    fn seconds(&self) -> f64 {
-        let own = |entry: std::io::Result<std::fs::DirEntry>| {
-            let text = std::fs::read_to_string(entry.ok()?.path().join("schedstat")).ok()?;
-            text.split(' ').next()?.parse::<f64>().ok()
-        };
-        match std::fs::read_dir("/proc/self/task") {
-            Ok(threads) => threads.filter_map(own).sum::<f64>() / 1e9,
-            Err(_) => self.0.elapsed().as_secs_f64(),
-        }
-    }
-}
-
 fn level_named(name: &str) -> Level {
-    let level =
-        Level::ALL.into_iter().find(|l| format!("{l:?}").to_lowercase() == name).expect("a level's name");
+    let level = Level::ALL.into_iter().find(|l| level_name(*l) == name).expect("a level's name");
     assert!(level.available(), "this machine lacks {name}");
     level
-}
-
-fn read(path: &str) -> Vec<Scene> {
-    let text = std::fs::read_to_string(path).expect("the file of scenes can be read");
-    text.lines().map(|line| Scene::from_json(line).expect("a legal scene")).collect()
-}
-
-fn bowling(count: usize) -> Vec<Scene> {
-    let scenes = (family("bowling").expect("built in").candidates)(0);
-    let acted = |(i, scene): (usize, &Scene)| {
-        let space = scene.action.as_ref()?;
-        match space.place(scene, &space.at(i * 7919 % space.count()).ok()?) {
-            Placement::Valid(placed) => Some(*placed),
-            Placement::Invalid(_) => None,
-        }
-    };
-    scenes.iter().enumerate().filter_map(acted).take(count).collect()
 }

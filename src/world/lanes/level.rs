@@ -1,6 +1,7 @@
 //! Which instructions the kernel is compiled for: the same code several times, chosen at run time.
 
 use super::batch;
+use super::count::Counted;
 use super::{Feed, Settings};
 #[cfg(target_arch = "x86_64")]
 use std::arch::x86_64::{__m128d, __m256d, __m512d};
@@ -16,6 +17,8 @@ pub enum Level {
     Avx2,
     /// x86-64 with AVX-512: eight lanes to a register.
     Avx512,
+    /// Single numbers whose operations are counted: see `count`. Slow, and not among [`Level::ALL`].
+    Counted,
 }
 
 impl Level {
@@ -30,7 +33,7 @@ impl Level {
     /// Whether this machine has the level.
     pub fn available(self) -> bool {
         match self {
-            Level::Plain | Level::Baseline => true,
+            Level::Plain | Level::Baseline | Level::Counted => true,
             #[cfg(target_arch = "x86_64")]
             Level::Avx2 => is_x86_feature_detected!("avx2"),
             #[cfg(target_arch = "x86_64")]
@@ -56,6 +59,7 @@ pub fn run(feed: &mut dyn Feed, settings: Settings) {
         #[cfg(target_arch = "x86_64")]
         Level::Avx512 if Level::Avx512.available() => unsafe { run_avx512(feed, settings) },
         Level::Plain => batch::run::<f64, 8>(feed, settings),
+        Level::Counted => batch::run::<Counted, 8>(feed, settings),
         _ => run_baseline(feed, settings),
     }
 }

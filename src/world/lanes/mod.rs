@@ -15,6 +15,7 @@
 
 mod batch;
 mod contact;
+mod count;
 mod kernel;
 mod level;
 mod rest;
@@ -25,6 +26,7 @@ mod tunnel;
 use super::goal::Condition;
 use super::prepare::{Prepared, PreparedShape};
 use crate::trajectory::Trajectory;
+pub use count::{Operations, operations};
 pub use level::Level;
 
 /// Where rollouts of one topology come from and where their trajectories go.

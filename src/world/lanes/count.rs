@@ -1,0 +1,114 @@
+//! A register of one lane that counts what is done with it: how much arithmetic a step costs, for benchmarks.
+//!
+//! Lanes are counted as they are carried out, whether their result is used or not: that is what an instruction set
+//! spends its time on. Not counted is what is written for single numbers: effects, stopping fast discs, observing.
+
+use std::cell::Cell;
+
+use super::simd::Register;
+
+/// Operations on single lanes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Operations {
+    /// Sums, differences and products.
+    pub simple: u64,
+    /// Quotients and square roots.
+    pub slow: u64,
+    /// Greater and lesser of two, comparisons, choices.
+    pub choices: u64,
+    /// Numbers read from and written to memory.
+    pub moves: u64,
+}
+
+thread_local! {
+    static COUNTED: Cell<Operations> = const { Cell::new(Operations { simple: 0, slow: 0, choices: 0, moves: 0 }) };
+}
+
+/// What rayon's threads have counted since they were last asked.
+pub fn operations() -> Operations {
+    let counted = rayon::broadcast(|_| COUNTED.take());
+    counted.into_iter().fold(Operations::default(), |a, b| Operations {
+        simple: a.simple + b.simple,
+        slow: a.slow + b.slow,
+        choices: a.choices + b.choices,
+        moves: a.moves + b.moves,
+    })
+}
+
+/// An f64 whose operations are counted.
+#[derive(Clone, Copy)]
+pub struct Counted(f64);
+
+#[inline(always)]
+fn count(what: impl Fn(&mut Operations)) {
+    let mut counted = COUNTED.get();
+    what(&mut counted);
+    COUNTED.set(counted);
+}
+
+macro_rules! counted {
+    ($field:ident: $($name:ident)*) => {$(
+        #[inline(always)]
+        unsafe fn $name(self, other: Self) -> Self {
+            count(|c| c.$field += 1);
+            // SAFETY: f64 needs no special instructions.
+            Counted(unsafe { Register::$name(self.0, other.0) })
+        }
+    )*};
+}
+
+// SAFETY: as for f64, whose methods do the work.
+unsafe impl Register for Counted {
+    const WIDTH: usize = 1;
+    type Mask = bool;
+
+    #[inline(always)]
+    unsafe fn load(from: *const f64) -> Self {
+        count(|c| c.moves += 1);
+        Counted(unsafe { f64::load(from) })
+    }
+    #[inline(always)]
+    unsafe fn store(self, to: *mut f64) {
+        count(|c| c.moves += 1);
+        unsafe { self.0.store(to) }
+    }
+    #[inline(always)]
+    unsafe fn splat(value: f64) -> Self {
+        Counted(value)
+    }
+    counted!(simple: add sub mul);
+    counted!(slow: div);
+    counted!(choices: above below);
+    #[inline(always)]
+    unsafe fn sqrt(self) -> Self {
+        count(|c| c.slow += 1);
+        Counted(self.0.sqrt())
+    }
+    #[inline(always)]
+    unsafe fn less(self, other: Self) -> bool {
+        count(|c| c.choices += 1);
+        self.0 < other.0
+    }
+    #[inline(always)]
+    unsafe fn at_most(self, other: Self) -> bool {
+        count(|c| c.choices += 1);
+        self.0 <= other.0
+    }
+    #[inline(always)]
+    unsafe fn select(mask: bool, yes: Self, no: Self) -> Self {
+        count(|c| c.choices += 1);
+        if mask { yes } else { no }
+    }
+    #[inline(always)]
+    unsafe fn and(a: bool, b: bool) -> bool {
+        a & b
+    }
+    #[inline(always)]
+    unsafe fn or(a: bool, b: bool) -> bool {
+        a | b
+    }
+    #[inline(always)]
+    unsafe fn any(mask: bool) -> bool {
+        mask
+    }
+}
