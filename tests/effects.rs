@@ -5,7 +5,7 @@ use iplw::reality::{HiddenConfig, HiddenWorld, Reality, standard};
 use iplw::task::scene::{Body, EffectTerm, Goal, Shape, Static};
 use iplw::task::{Placement, Scene, family};
 use iplw::trajectory::{Track, Trajectory};
-use iplw::world::{Engine, Latents, Rollout, effect, observe, simulate};
+use iplw::world::{Engine, Latents, Level, Rollout, Settings, effect, observe, simulate, simulate_map_set};
 use proptest::prelude::*;
 
 const ENGINES: [Engine; 2] = [Engine::Lanes, Engine::Rapier];
@@ -177,7 +177,8 @@ fn sticky_patch_slows_inside_only() {
 #[test]
 fn motion_agrees_with_an_independent_integrator() {
     type Law = fn(f64, [f64; 4]) -> [f64; 2];
-    let cases: [(&str, &[(&str, f64)], Law); 8] = [
+    type Case = (&'static str, &'static [(&'static str, f64)], Law);
+    let cases: [Case; 8] = [
         ("linear_drag", &[("c", 0.7)], |_, [_, _, vx, vy]| [-0.7 * vx, -0.7 * vy]),
         ("quadratic_drag", &[("k", 0.3)], |_, [_, _, vx, vy]| {
             let v = vx.hypot(vy);
@@ -596,6 +597,42 @@ fn both_engines_feel_every_effect() {
             let scene = lively();
             let strong = Scene { effects: vec![term(e.name, &telling(e))], ..scene.clone() };
             assert_ne!(bits(&roll(&strong, engine)), bits(&roll(&scene, engine)), "{engine:?} {}", e.name);
+        }
+    }
+}
+
+/// Effects act on each lane alone, whatever the instructions and whoever shares the batch, and coming to rest is told
+/// from standing still under a push.
+#[test]
+fn lanes_with_effects_keep_to_themselves() {
+    let mut scenes = Vec::new();
+    for e in effect::REGISTRY {
+        for k in 0..5 {
+            let mut scene = lively();
+            scene.bodies[0].position = Some([-2.0 - 0.1 * f64::from(k), 2.0 + 0.2 * f64::from(k)]);
+            scene.steps = 600 + 400 * k;
+            let share = 0.2 * f64::from(k);
+            let values = telling(e).into_iter().zip(e.parameters);
+            let values = values.map(|((n, v), p)| (n, p.neutral + share * (v - p.neutral)));
+            scene.effects =
+                vec![term(e.name, &values.collect::<Vec<_>>()), term("linear_drag", &[("c", 2.0)])];
+            scenes.push(scene);
+        }
+    }
+    let rollouts: Vec<Rollout> = scenes.iter().map(rollout).collect();
+    let alone: Vec<Trajectory> =
+        rollouts.iter().map(|r| simulate(&[*r], Engine::Lanes).unwrap().remove(0)).collect();
+    let same = |ours: Vec<Trajectory>, what: &str| {
+        for ((ours, alone), scene) in ours.iter().zip(&alone).zip(&scenes) {
+            assert_eq!(bits(ours), bits(alone), "{what}: {:?}", scene.effects);
+            assert_eq!(ours, alone, "{what}: {:?}", scene.effects);
+        }
+    };
+    for level in Level::ALL.into_iter().filter(|l| l.available()) {
+        for end_at_rest in [true, false] {
+            let settings = Settings { level, end_at_rest };
+            let ours = simulate_map_set(settings, &rollouts, Engine::Lanes, |_, t| t).unwrap();
+            same(ours, &format!("{settings:?}"));
         }
     }
 }

@@ -340,7 +340,11 @@ fn worlds_take_every_effect() {
         let world = server.post("/v1/worlds", &body, 201);
         assert_eq!(world["effects"], effects);
         let id = world["id"].as_str().unwrap();
-        let rolled = server.post(&format!("/v1/worlds/{id}/rollout"), &json!({"actions": [[0.5]]}), 200);
+        let rolled = server.post(
+            &format!("/v1/worlds/{id}/rollout"),
+            &json!({"actions": [[0.5]], "trajectories": true}),
+            200,
+        );
         server.send(Method::DELETE, &format!("/v1/worlds/{id}"), "");
         rolled["results"][0].clone()
     };

@@ -48,9 +48,10 @@ impl Motion for GravityError {
     }
 
     fn kick_lanes(&self, constants: &[[f64; LANES]; MOST_PARAMETERS], bodies: &mut MovingLanes, _dt: f64) {
+        let [x, y, ..] = constants;
         for lane in 0..LANES {
-            bodies.vx[lane] += constants[0][lane];
-            bodies.vy[lane] += constants[1][lane];
+            bodies.vx[lane] += x[lane];
+            bodies.vy[lane] += y[lane];
         }
     }
 }

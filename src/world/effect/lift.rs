@@ -44,9 +44,10 @@ impl Motion for Lift {
     }
 
     fn kick_lanes(&self, constants: &[[f64; LANES]; MOST_PARAMETERS], bodies: &mut MovingLanes, _dt: f64) {
+        let [cos, sin, ..] = constants;
         for lane in 0..LANES {
             let (vx, vy) = (bodies.vx[lane], bodies.vy[lane]);
-            let (cos, sin) = (constants[0][lane], constants[1][lane]);
+            let (cos, sin) = (cos[lane], sin[lane]);
             bodies.vx[lane] = vx * cos - vy * sin;
             bodies.vy[lane] = vy * cos + vx * sin;
         }

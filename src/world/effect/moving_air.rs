@@ -47,10 +47,11 @@ impl Motion for MovingAir {
     }
 
     fn kick_lanes(&self, constants: &[[f64; LANES]; MOST_PARAMETERS], bodies: &mut MovingLanes, _dt: f64) {
+        let [ux, uy, k_dt, ..] = constants;
         for lane in 0..LANES {
             let (vx, vy) = (bodies.vx[lane], bodies.vy[lane]);
-            let (wx, wy) = (vx - constants[0][lane], vy - constants[1][lane]);
-            let push = constants[2][lane] * (wx * wx + wy * wy).sqrt();
+            let (wx, wy) = (vx - ux[lane], vy - uy[lane]);
+            let push = k_dt[lane] * (wx * wx + wy * wy).sqrt();
             let lost = push / (1.0 + push);
             bodies.vx[lane] = vx - lost * wx;
             bodies.vy[lane] = vy - lost * wy;

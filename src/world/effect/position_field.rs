@@ -50,9 +50,10 @@ impl Motion for PositionField {
     }
 
     fn kick_lanes(&self, constants: &[[f64; LANES]; MOST_PARAMETERS], bodies: &mut MovingLanes, _dt: f64) {
+        let [kx, ky, x0, y0, ..] = constants;
         for lane in 0..LANES {
-            bodies.vx[lane] += constants[0][lane] * (constants[2][lane] - bodies.x[lane]);
-            bodies.vy[lane] += constants[1][lane] * (constants[3][lane] - bodies.y[lane]);
+            bodies.vx[lane] += kx[lane] * (x0[lane] - bodies.x[lane]);
+            bodies.vy[lane] += ky[lane] * (y0[lane] - bodies.y[lane]);
         }
     }
 }
