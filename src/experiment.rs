@@ -9,6 +9,7 @@
 //! (default) or only its own; the loop also ends when the estimate has settled or the budget is spent.
 
 mod config;
+mod fit;
 pub mod quickstart;
 mod report;
 pub mod statistics;
@@ -28,7 +29,8 @@ use crate::progress::Progress;
 use crate::reality::{Reality, Trial};
 use crate::rng;
 use crate::task::{Task, ValidAction};
-use workflow::{Found, Staged, fit_round, report_on};
+use fit::{Found, fit_round, report_on};
+use workflow::Staged;
 
 /// Estimates the latents of `reality` over `tasks`; returns the report and the trials it was made from.
 pub fn estimate(
@@ -68,17 +70,20 @@ pub fn refit(trials: &[Trial], config: &EstimateConfig, progress: &dyn Progress)
     config.validate()?;
     let mut cem = Cem::new(config.cem.clone())?;
     let (mut residuals, mut estimates, mut rollouts) = (Vec::new(), Vec::new(), 0);
+    let mut before = None;
     for round in 0..config.rounds {
         let staged = Staged { inner: progress, round, rounds: config.rounds };
-        let (best, cost) = fit_round(&mut cem, trials, config, round, &staged)?;
-        residuals.push(best);
-        rollouts += cost;
-        estimates.push(cem.estimate());
+        let fitted = fit_round(&mut cem, before, trials, config, round, &staged)?;
+        residuals.push(fitted.residual);
+        rollouts += fitted.rollouts;
+        before = fitted.refined;
+        estimates.push(before.unwrap_or_else(|| cem.estimate()));
     }
+    let estimate = before.unwrap_or_else(|| cem.estimate());
     let choices = Vec::new();
     let found =
         Found { residuals, estimates, choices, rollouts, real_interactions: 0, stopped: Stopped::Rounds };
-    report_on(&cem, trials, config, found, progress)
+    report_on(estimate, cem.deviations(), trials, config, found, progress)
 }
 
 /// `count` trials of random placeable actions over `tasks`, in a seed's order.

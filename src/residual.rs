@@ -18,25 +18,42 @@ pub fn summed_squares(observed: &Trajectory, simulated: &Trajectory) -> f64 {
     if simulated.outcome.end == End::Diverged {
         return DIVERGED;
     }
-    let aligned = observed.times == simulated.times;
     let mut sum = 0.0;
+    compare(observed, simulated, |[dx, dy]| {
+        let square = dx.powi(2) + dy.powi(2);
+        if square.is_finite() {
+            sum += square;
+        }
+    });
+    sum
+}
+
+/// Observed minus simulated positions, m: x and y of every observation time of every observed body in turn.
+/// NaN where either side is missing, and everywhere if the simulation diverged.
+pub fn differences(observed: &Trajectory, simulated: &Trajectory) -> Vec<f64> {
+    let mut all = Vec::with_capacity(2 * observed.times.len() * observed.bodies.len());
+    if simulated.outcome.end == End::Diverged {
+        all.resize(all.capacity(), f64::NAN);
+        return all;
+    }
+    compare(observed, simulated, |d| all.extend(d));
+    all
+}
+
+/// Calls `each` with the difference at every observation time of every observed body.
+fn compare(observed: &Trajectory, simulated: &Trajectory, mut each: impl FnMut([f64; 2])) {
+    let aligned = observed.times == simulated.times;
     for track in &observed.bodies {
-        let Some(other) = simulated.track(&track.name) else { continue };
+        let other = simulated.track(&track.name);
         let mut cursor = 0;
         for (i, t) in observed.times.iter().enumerate() {
-            let position = if aligned {
-                Some([other.x[i], other.y[i]])
-            } else {
-                position_at(&simulated.times, other, *t, &mut cursor)
-            };
-            let Some([x, y]) = position else { continue };
-            let square = (track.x[i] - x).powi(2) + (track.y[i] - y).powi(2);
-            if square.is_finite() {
-                sum += square;
-            }
+            let position = other.and_then(|other| match aligned {
+                true => Some([other.x[i], other.y[i]]),
+                false => position_at(&simulated.times, other, *t, &mut cursor),
+            });
+            each(position.map_or([f64::NAN; 2], |[x, y]| [track.x[i] - x, track.y[i] - y]));
         }
     }
-    sum
 }
 
 /// Number of observed position pairs in a trajectory.

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result, within};
 use crate::rng::Stream;
-use crate::world::latent::clamp;
+use crate::world::latent::FACTORS;
 
 /// One point of the search: density (kg/m^2), friction, restitution, and c of `linear_drag` (1/s).
 pub type Sample = [f64; 4];
@@ -74,6 +74,11 @@ impl CemConfig {
     pub fn start(&self) -> [(f64, f64); 4] {
         let [density, friction, restitution] = self.prior;
         [density, friction, restitution, self.drag.unwrap_or((0.0, 0.0))]
+    }
+
+    /// Least and greatest value of every component.
+    pub fn limits(&self) -> [[f64; 2]; 4] {
+        std::array::from_fn(|i| FACTORS.get(i).map_or([0.0, 100.0], |f| f.bounds))
     }
 
     /// Errors name the knob that is out of range.
@@ -170,9 +175,10 @@ impl Cem {
     }
 
     fn bounded(&self, x: Vector4<f64>) -> Sample {
-        let [density, friction, restitution] = clamp([x[0], x[1], x[2]]);
-        let drag = if self.config.drag.is_some() { x[3].clamp(0.0, 100.0) } else { 0.0 };
-        [density, friction, restitution, drag]
+        let limits = self.config.limits();
+        std::array::from_fn(|i| {
+            if i == 3 && self.config.drag.is_none() { 0.0 } else { x[i].clamp(limits[i][0], limits[i][1]) }
+        })
     }
 
     /// A square root of the covariance; the diagonal one if rounding made it indefinite.

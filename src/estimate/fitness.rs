@@ -1,6 +1,6 @@
 //! Losses of latent samples against trials, and the racing that skips what cannot matter.
 //!
-//! The loss of a sample is the mean over trials of [`summed_squares`]. Terms are not negative, so a sample
+//! The loss of a sample is the mean over trials (or pieces of them) of what [`Piece::loss`] says. Terms are not negative, so a sample
 //! whose partial sum already exceeds the worst total among as many completed samples as there are elites can
 //! never become an elite: [`Racing::On`] drops it, exactly. Sums run over trials in a fixed order, so elites,
 //! and everything computed from them, are the same bits with racing on or off.
@@ -8,13 +8,14 @@
 use crate::error::Result;
 use crate::progress::Progress;
 use crate::reality::Trial;
-use crate::residual::summed_squares;
 use crate::task::Scene;
 use crate::task::scene::EffectTerm;
+use crate::trajectory::Trajectory;
 use crate::world::effect::linear_drag;
 use crate::world::{Engine, Latents, Rollout, simulate_map};
 
 use super::cem::Sample;
+use super::piece::Piece;
 
 /// What the simulation that is compared with the trials is like.
 #[derive(Clone, Copy)]
@@ -43,26 +44,27 @@ pub struct Losses {
     pub rollouts: u64,
 }
 
-/// Trials a race completes between two looks at who may be dropped.
+/// Fewest pieces a race completes between two looks at who may be dropped, and most looks.
 const LEG: usize = 3;
+const LEGS: usize = 16;
 /// Rollouts handed to the engine between two reports of progress.
 const CHUNK: usize = 2048;
 
-/// The scenes to simulate for trials: each up to its last observation, goals ignored.
-pub fn replays(trials: &[Trial]) -> Vec<Scene> {
-    trials
-        .iter()
-        .map(|t| {
-            let mut scene = t.scene.clone();
-            let last = t.observed.times.last().copied().unwrap_or(0.0);
-            scene.steps = ((last / scene.time_step - 1e-6).ceil() as u32).clamp(1, 1_000_000);
-            scene.goal = None;
-            scene
-        })
-        .collect()
+/// The scene to simulate for a trial: up to its last observation, goals ignored.
+pub fn replay(trial: &Trial) -> Scene {
+    let mut scene = trial.scene.clone();
+    scene.goal = None;
+    up_to_last(scene, &trial.observed)
 }
 
-/// The loss of every sample.
+/// The scene with as many steps as it takes to reach the last observation.
+pub fn up_to_last(mut scene: Scene, observed: &Trajectory) -> Scene {
+    let last = observed.times.last().copied().unwrap_or(0.0);
+    scene.steps = ((last / scene.time_step - 1e-6).ceil() as u32).clamp(1, 1_000_000);
+    scene
+}
+
+/// The loss of every sample: the mean over whole trials.
 pub fn losses(
     samples: &[Sample],
     trials: &[Trial],
@@ -70,72 +72,84 @@ pub fn losses(
     racing: Racing,
     progress: &dyn Progress,
 ) -> Result<Losses> {
-    let scenes = replays(trials);
+    losses_on(samples, &Piece::whole(trials), simulation, racing, progress)
+}
+
+/// The loss of every sample: the mean over pieces.
+pub fn losses_on(
+    samples: &[Sample],
+    pieces: &[Piece],
+    simulation: Simulation,
+    racing: Racing,
+    progress: &dyn Progress,
+) -> Result<Losses> {
     let effects = effects_of(samples, simulation);
     let all: Vec<usize> = (0..samples.len()).collect();
     let mut sums = vec![0.0; samples.len()];
     let mut rollouts = 0;
-    let total = (samples.len() * trials.len()) as u64;
+    let total = (samples.len() * pieces.len()) as u64;
     let mut advance = |who: &[usize], from: usize, to: usize, sums: &mut [f64]| -> Result<()> {
-        for trial in from..to {
-            for part in who.chunks(CHUNK) {
-                progress.report("simulating samples", rollouts, total)?;
-                let batch: Vec<Rollout> =
-                    part.iter().map(|s| rollout(&scenes[trial], samples[*s], &effects[*s])).collect();
-                let observed = &trials[trial].observed;
-                let residuals = simulate_map(&batch, simulation.engine, |_, t| summed_squares(observed, &t))?;
-                part.iter().zip(residuals).for_each(|(s, r)| sums[*s] += r);
-                rollouts += part.len() as u64;
-            }
+        // Piece by piece, so that every sample's sum grows in the same order.
+        let pairs: Vec<(usize, usize)> =
+            (from..to).flat_map(|piece| who.iter().map(move |sample| (piece, *sample))).collect();
+        for part in pairs.chunks(CHUNK) {
+            progress.report("simulating samples", rollouts, total)?;
+            let batch: Vec<Rollout> =
+                part.iter().map(|(p, s)| rollout(&pieces[*p].scene, samples[*s], &effects[*s])).collect();
+            let residuals = simulate_map(&batch, simulation.engine, |i, t| pieces[part[i].0].loss(&t))?;
+            part.iter().zip(residuals).for_each(|((_, s), r)| sums[*s] += r);
+            rollouts += part.len() as u64;
         }
         Ok(())
     };
+    let leg = LEG.max(pieces.len() / LEGS);
     let mut running = all;
     match racing {
-        Racing::Off => advance(&running, 0, trials.len(), &mut sums)?,
+        Racing::Off => advance(&running, 0, pieces.len(), &mut sums)?,
         Racing::On { elites } => {
-            let mut finished: Vec<usize> = Vec::new();
-            let first = LEG.min(trials.len());
+            let first = leg.min(pieces.len());
             advance(&running, 0, first, &mut sums)?;
             // The likely elites run to the end first: their worst total bounds the true threshold from above.
             running.sort_by(|a, b| sums[*a].total_cmp(&sums[*b]).then(a.cmp(b)));
             let rest = running.split_off(elites.min(running.len()));
-            advance(&running, first, trials.len(), &mut sums)?;
+            advance(&running, first, pieces.len(), &mut sums)?;
             let threshold = running.iter().map(|s| sums[*s]).fold(0.0, f64::max);
-            finished.append(&mut running);
             running = rest;
             let mut at = first;
-            while at < trials.len() && !running.is_empty() {
+            while at < pieces.len() && !running.is_empty() {
                 let (hopeful, lost): (Vec<_>, Vec<_>) =
                     running.into_iter().partition(|s| sums[*s] <= threshold);
                 lost.into_iter().for_each(|s| sums[s] = f64::INFINITY);
                 running = hopeful;
-                let next = (at + LEG).min(trials.len());
+                let next = (at + leg).min(pieces.len());
                 advance(&running, at, next, &mut sums)?;
                 at = next;
             }
         }
     }
-    let n = trials.len().max(1) as f64;
+    let n = pieces.len().max(1) as f64;
     Ok(Losses { values: sums.into_iter().map(|s| s / n).collect(), rollouts })
 }
 
-/// The residual of every sample on every trial: `[sample][trial]`, m^2.
-pub fn matrix(
+/// [`Piece::vector`] of every sample on every piece: `[sample][piece]`.
+pub fn vectors(
     samples: &[Sample],
-    trials: &[Trial],
+    pieces: &[Piece],
     simulation: Simulation,
+    stage: &str,
     progress: &dyn Progress,
-) -> Result<Vec<Vec<f64>>> {
-    let scenes = replays(trials);
+) -> Result<Vec<Vec<Vec<f64>>>> {
     let effects = effects_of(samples, simulation);
-    let mut rows = vec![Vec::with_capacity(trials.len()); samples.len()];
-    for (k, trial) in trials.iter().enumerate() {
-        progress.report("measuring confidence", k as u64, trials.len() as u64)?;
-        let batch: Vec<Rollout> =
-            samples.iter().zip(&effects).map(|(s, e)| rollout(&scenes[k], *s, e)).collect();
-        let residuals = simulate_map(&batch, simulation.engine, |_, t| summed_squares(&trial.observed, &t))?;
-        rows.iter_mut().zip(residuals).for_each(|(row, r)| row.push(r));
+    let mut rows = vec![Vec::with_capacity(pieces.len()); samples.len()];
+    let together = (CHUNK / samples.len().max(1)).max(1);
+    for (k, part) in pieces.chunks(together).enumerate() {
+        progress.report(stage, (k * together) as u64, pieces.len() as u64)?;
+        let batch: Vec<Rollout> = part
+            .iter()
+            .flat_map(|p| samples.iter().zip(&effects).map(|(s, e)| rollout(&p.scene, *s, e)))
+            .collect();
+        let found = simulate_map(&batch, simulation.engine, |i, t| part[i / samples.len()].vector(&t))?;
+        found.into_iter().enumerate().for_each(|(i, v)| rows[i % samples.len()].push(v));
     }
     Ok(rows)
 }

@@ -1,11 +1,16 @@
 //! Trials in, latents out: the cross-entropy method over simulated residuals.
 //!
-//! [`cem`] proposes and learns from losses (ask, tell); [`fitness`] turns samples and trials into losses;
-//! [`interval`] says how well each latent is known, and whether it can be known at all.
+//! [`cem`] proposes and learns from losses (ask, tell); [`piece`] is what is simulated for a trial; [`fitness`] turns
+//! samples and pieces into losses; [`refine`] goes from where the search ends to the optimum; [`interval`] says how
+//! well each latent is known, and whether it can be known at all.
 
 pub mod cem;
 pub mod fitness;
 pub mod interval;
+pub mod piece;
+pub mod refine;
 
 pub use cem::{Cem, CemConfig};
-pub use interval::{LatentEstimate, intervals};
+pub use interval::{LatentEstimate, told};
+pub use piece::Piece;
+pub use refine::{Field, Refined, refine};

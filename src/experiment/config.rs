@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Result, within};
+use crate::error::{Error, Result, within};
 use crate::estimate::CemConfig;
 use crate::explore;
 use crate::world::Engine;
@@ -26,6 +26,10 @@ pub struct EstimateConfig {
     /// How far a sample is from the trials.
     #[serde(default)]
     pub residual: ResidualKind,
+    /// Whether each round's estimate is refined by a local search from where the cross-entropy method stands; else
+    /// it is that method's mean.
+    #[serde(default)]
+    pub refine: bool,
     /// Stop when no latent has moved by more than this share of its prior's deviation for two rounds; 0 never.
     pub settled: f64,
     /// Whether samples that cannot matter are dropped early; the result is the same.
@@ -54,6 +58,29 @@ pub enum ResidualKind {
     /// Simulated from the start to the end (paper, equation 2).
     #[default]
     Trajectory,
+    /// Simulated anew from where things were seen, a stretch at a time, so that what chance makes of a collision
+    /// does not add up: see `estimate::shooting`.
+    Shooting,
+}
+
+impl ResidualKind {
+    /// The name used on the wire and the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            ResidualKind::Trajectory => "trajectory",
+            ResidualKind::Shooting => "shooting",
+        }
+    }
+
+    /// The kind named `name`.
+    pub fn from_name(name: &str) -> Result<ResidualKind> {
+        let all = [ResidualKind::Trajectory, ResidualKind::Shooting];
+        all.into_iter().find(|k| k.name() == name).ok_or_else(|| Error::NotFound {
+            kind: "residual",
+            id: name.to_string(),
+            known: all.map(|k| k.name().to_string()).to_vec(),
+        })
+    }
 }
 
 impl EstimateConfig {
@@ -65,6 +92,7 @@ impl EstimateConfig {
             candidates: 500,
             cem: CemConfig::paper(prior),
             memory: Memory::LastRound,
+            refine: false,
             settled: 0.0,
             ..EstimateConfig::fast(prior)
         }
@@ -80,6 +108,7 @@ impl EstimateConfig {
             cem: CemConfig::fast(prior),
             memory: Memory::All,
             residual: ResidualKind::Trajectory,
+            refine: true,
             settled: 0.02,
             racing: true,
             engine: Engine::Auto,

@@ -11,11 +11,11 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::config::{EstimateConfig, Memory};
+use super::fit::{Found, fit_round, report_on};
 use super::report::{EstimateReport, Stopped};
 use crate::error::{Error, Result};
+use crate::estimate::Cem;
 use crate::estimate::cem::{Sample, State};
-use crate::estimate::fitness::{Racing, Simulation, losses};
-use crate::estimate::{Cem, intervals};
 use crate::explore::{self, Candidate, Importance, Situation};
 use crate::progress::Progress;
 use crate::reality::Trial;
@@ -67,6 +67,9 @@ pub struct Round {
     pub answers: Vec<Answer>,
     pub choice: Choice,
     pub search: State,
+    /// The estimate, if it was refined; else it is the search's mean.
+    #[serde(default)]
+    pub refined: Option<Sample>,
     /// Residual of the best sample, m^2 per trajectory; `None` if nothing was measured.
     pub residual: Option<f64>,
     /// Rollouts simulated.
@@ -166,17 +169,20 @@ impl Workflow {
             Memory::All => self.trials.iter().chain(&fresh).cloned().collect(),
             Memory::LastRound => fresh.clone(),
         };
-        let (mut residual, mut rollouts) = (None, asked.rollouts);
+        let (mut residual, mut refined, mut rollouts) = (None, None, asked.rollouts);
         if !all.is_empty() {
             let staged = self.staged(progress);
-            let (best, cost) = fit_round(&mut cem, &all, &self.config, self.rounds.len(), &staged)?;
-            (residual, rollouts) = (Some(best), rollouts + cost);
+            let before = self.rounds.iter().rev().find_map(|r| r.refined);
+            let fitted = fit_round(&mut cem, before, &all, &self.config, self.rounds.len(), &staged)?;
+            (residual, refined, rollouts) =
+                (Some(fitted.residual), fitted.refined, rollouts + fitted.rollouts);
         }
         let round = Round {
             proposals: asked.proposals,
             answers,
             choice: asked.choice,
             search: cem.state(),
+            refined,
             residual,
             rollouts,
         };
@@ -190,12 +196,12 @@ impl Workflow {
         if self.trials.is_empty() {
             return Err(Error::Refused { reason: "nothing has been measured yet".into() });
         }
-        report_on(&self.cem, &self.trials, &self.config, self.found(), progress)
+        report_on(self.estimate(), self.cem.deviations(), &self.trials, &self.config, self.found(), progress)
     }
 
     /// The current estimate.
     pub fn estimate(&self) -> Sample {
-        self.cem.estimate()
+        self.rounds.last().map_or_else(|| self.cem.estimate(), |r| self.estimate_at(r))
     }
 
     /// The estimate after each round.
@@ -261,7 +267,7 @@ impl Workflow {
         let round = self.rounds.len() as u64;
         let seed = rng::derive(self.config.seed, "explore", round);
         let mut stream = rng::stream(seed, "candidates");
-        let [density, friction, restitution, drag] = self.cem.estimate();
+        let [density, friction, restitution, drag] = self.estimate();
         let world = explore::World {
             latents: Latents::of([density, friction, restitution]),
             effects: if drag > 0.0 { vec![linear_drag(drag)] } else { Vec::new() },
@@ -273,7 +279,7 @@ impl Workflow {
             tasks: &self.tasks,
             candidates: &candidates,
             world: &world,
-            estimate: self.cem.estimate(),
+            estimate: self.estimate(),
             spread: self.cem.deviations(),
             trials: &self.trials,
             importance: self.importance.as_deref(),
@@ -324,7 +330,8 @@ impl Workflow {
     }
 
     fn estimate_at(&self, round: &Round) -> Sample {
-        Cem::at(self.config.cem.clone(), &round.search).map_or(round.search.mean, |cem| cem.estimate())
+        let searched = || Cem::at(self.config.cem.clone(), &round.search).map(|cem| cem.estimate());
+        round.refined.unwrap_or_else(|| searched().unwrap_or(round.search.mean))
     }
 
     fn found(&self) -> Found {
@@ -368,68 +375,6 @@ impl Choice {
             candidate_rolling_steps: mean(&mut candidates.iter().map(|c| c.rolling_steps)),
         }
     }
-}
-
-/// One round's iterations of the search: the least loss seen (m^2 per trajectory) and the rollouts spent.
-pub(super) fn fit_round(
-    cem: &mut Cem,
-    trials: &[Trial],
-    config: &EstimateConfig,
-    round: usize,
-    progress: &dyn Progress,
-) -> Result<(f64, u64)> {
-    let simulation = Simulation { engine: config.engine, effects: &[] };
-    let mut stream = rng::stream(rng::derive(config.seed, "search", round as u64), "cem");
-    let (mut best, mut rollouts) = (f64::INFINITY, 0);
-    for _ in 0..config.cem.iterations {
-        let samples = cem.ask(&mut stream);
-        let racing = if config.racing { Racing::On { elites: cem.elites() } } else { Racing::Off };
-        let scored = losses(&samples, trials, simulation, racing, progress)?;
-        rollouts += scored.rollouts;
-        best = scored.values.iter().copied().fold(best, f64::min);
-        cem.tell(&samples, &scored.values);
-    }
-    Ok((best, rollouts))
-}
-
-/// What a search has gathered when it ends.
-pub(super) struct Found {
-    pub residuals: Vec<f64>,
-    pub estimates: Vec<Sample>,
-    pub choices: Vec<Choice>,
-    pub rollouts: u64,
-    pub real_interactions: u64,
-    pub stopped: Stopped,
-}
-
-/// Adds intervals to what was found.
-pub(super) fn report_on(
-    cem: &Cem,
-    trials: &[Trial],
-    config: &EstimateConfig,
-    found: Found,
-    progress: &dyn Progress,
-) -> Result<EstimateReport> {
-    let simulation = Simulation { engine: config.engine, effects: &[] };
-    let prior = config.cem.start().map(|p| p.1);
-    let mut latents =
-        intervals(cem.estimate(), cem.deviations(), prior, trials, simulation, config.seed, progress)?;
-    let effects = latents.split_off(3);
-    Ok(EstimateReport {
-        latents,
-        effects,
-        residuals: found.residuals,
-        estimates: found.estimates,
-        choices: found.choices,
-        real_interactions: found.real_interactions,
-        rollouts: found.rollouts,
-        stopped: found.stopped,
-        seconds: None,
-        strategy: config.strategy.clone(),
-        seed: config.seed,
-        config: config.clone(),
-        version: env!("CARGO_PKG_VERSION").into(),
-    })
 }
 
 /// Adds the round to the stage's name.
