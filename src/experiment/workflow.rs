@@ -16,7 +16,7 @@ use super::report::{EstimateReport, Stopped};
 use crate::error::{Error, Result};
 use crate::estimate::Cem;
 use crate::estimate::cem::{Sample, State};
-use crate::explore::{self, Candidate, Importance, Situation};
+use crate::explore::{self, Candidate, Chosen, Groups, Importance, Situation};
 use crate::progress::Progress;
 use crate::reality::Trial;
 use crate::rng;
@@ -83,13 +83,19 @@ pub struct Choice {
     pub actions: usize,
     /// Different tasks among them.
     pub tasks: usize,
-    /// Mean contacts between movable bodies of a chosen action, as simulated.
+    /// Mean collisions (`explore::collisions_of`) of a chosen action, as simulated.
     pub collisions: f64,
     /// Mean body time steps on a carrying surface of a chosen action, as simulated.
     pub rolling_steps: f64,
     /// The same over all candidates.
     pub candidate_collisions: f64,
     pub candidate_rolling_steps: f64,
+    /// How many were chosen from which group, where the strategy deals them out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub groups: Option<Groups>,
+    /// Rollouts simulated to choose, beyond one for each candidate; restarted segments count as the part they are.
+    #[serde(default)]
+    pub rollouts: u64,
 }
 
 #[derive(Clone)]
@@ -281,6 +287,7 @@ impl Workflow {
             world: &world,
             estimate: self.estimate(),
             spread: self.cem.deviations(),
+            prior: self.config.cem.start().map(|p| p.1),
             trials: &self.trials,
             importance: self.importance.as_deref(),
             progress,
@@ -294,7 +301,7 @@ impl Workflow {
         });
         Ok(Asked {
             proposals: proposals.collect(),
-            choice: Choice::of(&candidates, &chosen.indices),
+            choice: Choice::of(&candidates, &chosen),
             rollouts: candidates.len() as u64 + chosen.rollouts,
         })
     }
@@ -358,7 +365,8 @@ impl Proposal {
 }
 
 impl Choice {
-    fn of(candidates: &[Candidate], chosen: &[usize]) -> Choice {
+    fn of(candidates: &[Candidate], made: &Chosen) -> Choice {
+        let chosen = &made.indices;
         let mean = |of: &mut dyn Iterator<Item = u32>| {
             let (sum, n) = of.fold((0.0, 0.0), |(sum, n), v| (sum + f64::from(v), n + 1.0));
             if n > 0.0 { sum / n } else { 0.0 }
@@ -373,6 +381,8 @@ impl Choice {
             rolling_steps: mean(&mut chosen.iter().map(|i| candidates[*i].rolling_steps)),
             candidate_collisions: mean(&mut candidates.iter().map(|c| c.collisions)),
             candidate_rolling_steps: mean(&mut candidates.iter().map(|c| c.rolling_steps)),
+            groups: made.groups,
+            rollouts: made.rollouts,
         }
     }
 }

@@ -1,8 +1,9 @@
-//! `collisions`: the actions with the most contacts begun between movable bodies, which tell restitution.
+//! `collisions`: the actions with the most collisions, which tell restitution.
 //!
-//! Source: Semage et al., action grouping. Differences from the source: among equal counts the shorter time on
-//! surfaces goes first, so that the group differs from `rolling` where it can (and in scenes with a single
-//! movable body, where nothing collides, it means the actions that touch surfaces least).
+//! Source: Semage et al., action grouping. Differences from the source: a collision is a contact begun between two
+//! things that both carry the latent factors ([`super::collisions_of`]): between balls in bowling, as in the source,
+//! and of the ball with the plank in basketball, where a single body moves and nothing else could collide. Among
+//! equal counts the shorter time on surfaces goes first, so that the group differs from `rolling` where it can.
 
 use super::{Candidate, Chosen, Situation, Strategy, ranked};
 use crate::error::Result;

@@ -4,11 +4,13 @@
 //! current estimate and ranked by what they would tell. A strategy is one file and one row in [`REGISTRY`].
 
 mod collisions;
+mod gradient;
 mod mixed;
 mod random;
 mod rolling;
 
 use rand::RngExt;
+use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::progress::Progress;
@@ -16,11 +18,12 @@ use crate::reality::Trial;
 use crate::rng::Stream;
 use crate::task::scene::EffectTerm;
 use crate::task::{Placement, Scene, Task, ValidAction};
+use crate::trajectory::{Contact, Trajectory};
 use crate::world::{Engine, Latents, Rollout, simulate_map};
 
 /// Every known strategy.
-pub static REGISTRY: [&dyn Strategy; 4] =
-    [&collisions::Collisions, &rolling::Rolling, &random::Random, &mixed::Mixed];
+pub static REGISTRY: [&dyn Strategy; 5] =
+    [&collisions::Collisions, &rolling::Rolling, &random::Random, &mixed::Mixed, &gradient::Gradient];
 
 /// A way to choose actions from simulated candidates.
 pub trait Strategy: Sync {
@@ -48,9 +51,11 @@ pub struct Situation<'a> {
     pub estimate: [f64; 4],
     /// How far the search still spreads around it, standard deviations.
     pub spread: [f64; 4],
+    /// How far it spread before anything was measured, standard deviations; 0 for what is not searched.
+    pub prior: [f64; 4],
     /// What was measured so far.
     pub trials: &'a [Trial],
-    /// What the task's performance asks of the latents; present where the strategy needs it.
+    /// What the task's performance asks of the latents; there where the strategy needs it, and used where there.
     pub importance: Option<&'a dyn Importance>,
     /// For those that simulate more.
     pub progress: &'a dyn Progress,
@@ -63,11 +68,23 @@ pub struct Chosen {
     pub indices: Vec<usize>,
     /// Rollouts simulated to choose them.
     pub rollouts: u64,
+    /// How many come from which group, where the strategy deals them out.
+    pub groups: Option<Groups>,
+}
+
+/// How many actions are chosen from each group.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Groups {
+    /// For their collisions, which tell restitution.
+    pub collisions: usize,
+    /// For their rolling, which tells friction.
+    pub rolling: usize,
 }
 
 /// How much the performance on a task depends on each latent factor.
 pub trait Importance: Send + Sync {
-    /// Partial derivatives of performance by density (per kg/m^2), friction and restitution at `latents`.
+    /// Partial derivatives of performance by density (per kg/m^2), friction and restitution at `latents`; NaN
+    /// where they are not known.
     fn gradient(&self, latents: [f64; 3]) -> [f64; 3];
 }
 
@@ -78,7 +95,7 @@ pub struct Candidate {
     pub task: usize,
     /// The action.
     pub action: ValidAction,
-    /// Contacts begun between movable bodies.
+    /// Contacts begun between things that both carry the latent factors; see [`collisions_of`].
     pub collisions: u32,
     /// Body time steps on a carrying surface.
     pub rolling_steps: u32,
@@ -127,13 +144,31 @@ pub fn candidates(
                 stop: false,
             })
             .collect();
-        let counts = simulate_map(&rollouts, world.engine, |_, t| (t.collisions, t.rolling_steps))?;
+        let counts = simulate_map(&rollouts, world.engine, |i, t| {
+            (collisions_of(rollouts[i].scene, &t), t.rolling_steps)
+        })?;
         found.extend(chunk.iter().zip(counts).map(|((task, action, _), (collisions, rolling_steps))| {
             Candidate { task: *task, action: action.clone(), collisions, rolling_steps }
         }));
     }
     progress.report("exploring in simulation", drawn.len() as u64, drawn.len() as u64)?;
     Ok(found)
+}
+
+/// The collisions of a trajectory that tell restitution: contacts begun between two things that both carry the
+/// latent factors. Where all movable bodies carry them and nothing else does (bowling, and every scene that does
+/// not say), these are the paper's: contacts between movable bodies. In basketball they are the ball's on the plank;
+/// its contacts with floor, walls and basket, whose known coefficients are small, tell little. A scene with a single
+/// carrier has no such pair: then its contacts with anything count.
+pub fn collisions_of(scene: &Scene, trajectory: &Trajectory) -> u32 {
+    let carries = |name: &str| match &scene.carriers {
+        Some(carriers) => carriers.iter().any(|c| c == name),
+        None => scene.body(name).is_some(),
+    };
+    let carriers = scene.carriers.as_ref().map_or(scene.bodies.len(), Vec::len);
+    let wanted = if carriers > 1 { 2 } else { 1 };
+    let counts = |c: &&Contact| c.between.iter().filter(|name| carries(name)).count() >= wanted;
+    trajectory.events.iter().filter(counts).count() as u32
 }
 
 /// Random (task, discrete action) pairs that can be placed; an error if next to none can.
@@ -169,7 +204,7 @@ impl Chosen {
     /// Chosen without simulating anything.
     fn free(mut indices: Vec<usize>, n: usize) -> Result<Chosen> {
         indices.truncate(n);
-        Ok(Chosen { indices, rollouts: 0 })
+        Ok(Chosen { indices, rollouts: 0, groups: None })
     }
 }
 
@@ -183,10 +218,11 @@ fn ranked(candidates: &[Candidate], score: impl Fn(&Candidate) -> f64) -> Vec<us
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::task::ActionSpace;
+    use crate::progress::Silent;
     use crate::task::action::Discrete;
+    use crate::task::{ActionSpace, family};
 
-    fn some() -> Vec<Candidate> {
+    pub(super) fn some() -> Vec<Candidate> {
         let space =
             ActionSpace { components: vec![], bounds: None, discrete: Discrete::Grid { counts: vec![100] } };
         (0..100)
@@ -199,45 +235,85 @@ mod tests {
             .collect()
     }
 
+    /// The same slope everywhere.
+    pub(super) struct Slope(pub [f64; 3]);
+    impl Importance for Slope {
+        fn gradient(&self, _: [f64; 3]) -> [f64; 3] {
+            self.0
+        }
+    }
+
     /// What a strategy sees that looks at candidates alone.
-    fn seen<'a>(candidates: &'a [Candidate], world: &'a World) -> Situation<'a> {
+    pub(super) fn seen<'a>(
+        candidates: &'a [Candidate],
+        world: &'a World,
+        importance: Option<&'a dyn Importance>,
+    ) -> Situation<'a> {
         Situation {
             tasks: &[],
             candidates,
             world,
             estimate: [1.0, 0.5, 0.5, 0.0],
             spread: [0.5, 0.2, 0.2, 0.0],
+            prior: [0.5, 0.25, 0.25, 0.0],
             trials: &[],
-            importance: None,
-            progress: &crate::progress::Silent,
+            importance,
+            progress: &Silent,
         }
     }
 
-    const WORLD: World = World {
-        latents: Latents { density: None, friction: None, restitution: None },
+    pub(super) static WORLD: World = World {
+        latents: Latents { density: Some(1.0), friction: Some(0.5), restitution: Some(0.5) },
         effects: vec![],
         engine: Engine::Auto,
     };
 
-    fn choose(name: &str, candidates: &[Candidate], n: usize) -> Vec<usize> {
-        strategy(name).unwrap().choose(&seen(candidates, &WORLD), n).unwrap().indices
+    pub(super) fn chosen_with(
+        name: &str,
+        candidates: &[Candidate],
+        n: usize,
+        importance: Option<&dyn Importance>,
+    ) -> Chosen {
+        strategy(name).unwrap().choose(&seen(candidates, &WORLD, importance), n).unwrap()
     }
 
-    /// Contract of every strategy: n distinct indices, fewer only if there are fewer, always the same ones.
+    fn choose(name: &str, candidates: &[Candidate], n: usize) -> Vec<usize> {
+        chosen_with(name, candidates, n, None).indices
+    }
+
+    /// Contract of every strategy, on real candidates: n distinct indices, fewer only if there are fewer, always
+    /// the same ones, with a surface beside it or, where none is needed, without; and as many as the groups say.
     #[test]
     fn every_strategy_keeps_its_contract() {
-        let candidates = some();
+        let tasks = (family("basketball").unwrap().tasks)();
+        let candidates =
+            candidates(&tasks, 40, &WORLD, &mut crate::rng::stream(1, "candidates"), &Silent).unwrap();
+        let slope = Slope([0.0, 0.4, -2.0]);
         for strategy in REGISTRY {
-            for n in [0, 1, 7, 50, 100, 200] {
-                let chosen = choose(strategy.name(), &candidates, n);
-                assert_eq!(chosen, choose(strategy.name(), &candidates, n), "{}", strategy.name());
-                let mut distinct = chosen.clone();
-                distinct.sort_unstable();
-                distinct.dedup();
-                assert_eq!(distinct.len(), n.min(100), "{} for {n}", strategy.name());
-                assert!(distinct.iter().all(|i| *i < 100));
+            let name = strategy.name();
+            for importance in [Some(&slope as &dyn Importance), None] {
+                if strategy.needs_importance() && importance.is_none() {
+                    continue;
+                }
+                for n in [0, 1, 7, 40, 100] {
+                    let situation = Situation { tasks: &tasks, ..seen(&candidates, &WORLD, importance) };
+                    let chosen = strategy.choose(&situation, n).unwrap();
+                    assert_eq!(chosen, strategy.choose(&situation, n).unwrap(), "{name}");
+                    let mut distinct = chosen.indices.clone();
+                    distinct.sort_unstable();
+                    distinct.dedup();
+                    assert_eq!(distinct.len(), n.min(40), "{name} for {n}");
+                    assert!(
+                        chosen.indices.len() == distinct.len() && distinct.iter().all(|i| *i < 40),
+                        "{name}"
+                    );
+                    if let Some(groups) = chosen.groups {
+                        assert_eq!(groups.collisions + groups.rolling, chosen.indices.len(), "{name}");
+                    }
+                }
+                let nothing = seen(&[], &WORLD, importance);
+                assert!(strategy.choose(&nothing, 5).unwrap().indices.is_empty(), "{name}");
             }
-            assert!(choose(strategy.name(), &[], 5).is_empty());
         }
     }
 
@@ -251,5 +327,40 @@ mod tests {
         assert!(mean("collisions", |c| c.collisions) > 11.0 && mean("rolling", |c| c.rolling_steps) > 85.0);
         assert!(mean("mixed", |c| c.collisions) > mean("random", |c| c.collisions));
         assert!(mean("mixed", |c| c.rolling_steps) > mean("random", |c| c.rolling_steps));
+    }
+
+    /// In bowling the paper's count; in basketball, where only one body moves, the ball's contacts with the plank;
+    /// with a single carrier, contacts with anything.
+    #[test]
+    fn collisions_are_contacts_of_what_carries_the_latents() {
+        let simulated = |name: &str, carriers: Option<&[&str]>| {
+            let tasks = (family(name).unwrap().tasks)();
+            let drawn = draw(&tasks[..5], 60, &mut crate::rng::stream(2, "candidates")).unwrap();
+            let mut scenes: Vec<Scene> = drawn.into_iter().map(|(_, _, scene)| *scene).collect();
+            for scene in &mut scenes {
+                let named = |c: &[&str]| c.iter().map(|c| c.to_string()).collect();
+                scene.carriers = carriers.map(named).or(scene.carriers.take());
+            }
+            let rollout = |scene| Rollout { scene, latents: WORLD.latents, effects: &[], stop: false };
+            let rollouts: Vec<Rollout> = scenes.iter().map(rollout).collect();
+            let found = crate::world::simulate(&rollouts, Engine::Auto).unwrap();
+            scenes.into_iter().zip(found).collect::<Vec<_>>()
+        };
+        let total = |found: &[(Scene, Trajectory)]| -> u32 {
+            found.iter().map(|(scene, t)| collisions_of(scene, t)).sum()
+        };
+        let bowling = simulated("bowling", None);
+        assert!(
+            bowling.iter().all(|(scene, t)| collisions_of(scene, t) == t.collisions) && total(&bowling) > 20
+        );
+        let basketball = simulated("basketball", None);
+        for (scene, t) in &basketball {
+            let on_plank = t.events.iter().filter(|e| e.between.iter().any(|name| name == "plank")).count();
+            assert_eq!((collisions_of(scene, t) as usize, t.collisions), (on_plank, 0));
+        }
+        assert!(total(&basketball) > 10);
+        let alone = simulated("basketball", Some(&["ball"]));
+        assert!(alone.iter().all(|(scene, t)| collisions_of(scene, t) as usize == t.events.len()));
+        assert!(total(&alone) > total(&basketball));
     }
 }
