@@ -5,6 +5,7 @@
 
 mod collisions;
 mod gradient;
+mod informative;
 mod mixed;
 mod random;
 mod rolling;
@@ -22,8 +23,14 @@ use crate::trajectory::{Contact, Trajectory};
 use crate::world::{Engine, Latents, Rollout, simulate_map};
 
 /// Every known strategy.
-pub static REGISTRY: [&dyn Strategy; 5] =
-    [&collisions::Collisions, &rolling::Rolling, &random::Random, &mixed::Mixed, &gradient::Gradient];
+pub static REGISTRY: [&dyn Strategy; 6] = [
+    &collisions::Collisions,
+    &rolling::Rolling,
+    &random::Random,
+    &mixed::Mixed,
+    &gradient::Gradient,
+    &informative::Informative,
+];
 
 /// A way to choose actions from simulated candidates.
 pub trait Strategy: Sync {
