@@ -15,6 +15,7 @@ mod report;
 pub mod statistics;
 pub mod strategies;
 pub mod study;
+pub mod surface;
 pub mod transfer;
 mod workflow;
 
@@ -22,9 +23,11 @@ pub use config::{EstimateConfig, Memory, ResidualKind};
 pub use report::{EstimateReport, Stopped};
 pub use workflow::{Answer, Choice, Proposal, Round, Workflow};
 
+use std::sync::Arc;
+
 use crate::error::{Error, Result};
 use crate::estimate::Cem;
-use crate::explore;
+use crate::explore::{self, Importance};
 use crate::progress::Progress;
 use crate::reality::{Reality, Trial};
 use crate::rng;
@@ -39,7 +42,18 @@ pub fn estimate(
     config: &EstimateConfig,
     progress: &dyn Progress,
 ) -> Result<(EstimateReport, Vec<Trial>)> {
-    let mut workflow = Workflow::new(tasks, config, None)?;
+    estimate_with(tasks, reality, config, None, progress)
+}
+
+/// [`estimate`] with a performance surface beside it: `gradient` needs one, `informative` uses one.
+pub fn estimate_with(
+    tasks: &[Task],
+    reality: &mut dyn Reality,
+    config: &EstimateConfig,
+    importance: Option<Arc<dyn Importance>>,
+    progress: &dyn Progress,
+) -> Result<(EstimateReport, Vec<Trial>)> {
+    let mut workflow = Workflow::new(tasks, config, importance)?;
     run(&mut workflow, reality, progress, &mut |_| Ok(()))?;
     Ok((workflow.report(progress)?, workflow.trials().to_vec()))
 }

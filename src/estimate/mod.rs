@@ -2,15 +2,19 @@
 //!
 //! [`cem`] proposes and learns from losses (ask, tell); [`piece`] is what is simulated for a trial; [`fitness`] turns
 //! samples and pieces into losses; [`refine`] goes from where the search ends to the optimum; [`interval`] says how
-//! well each latent is known, and whether it can be known at all.
+//! well each latent is known, and whether it can be known at all. [`surface`] holds what a task asks of the latents,
+//! by way of [`gp`].
 
 pub mod cem;
 pub mod fitness;
+pub mod gp;
 pub mod interval;
 pub mod piece;
 pub mod refine;
+pub mod surface;
 
 pub use cem::{Cem, CemConfig};
 pub use interval::{LatentEstimate, told};
 pub use piece::Piece;
 pub use refine::{Field, Refined, refine};
+pub use surface::Surface;

@@ -268,9 +268,9 @@ impl Stopwatch<'_> {
 }
 
 /// Puts a name before every stage.
-struct Named<'a> {
-    inner: &'a dyn Progress,
-    name: String,
+pub(super) struct Named<'a> {
+    pub inner: &'a dyn Progress,
+    pub name: String,
 }
 
 impl Progress for Named<'_> {

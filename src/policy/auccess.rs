@@ -12,7 +12,11 @@ pub const ATTEMPTS: usize = 100;
 /// AUCCESS of tasks of which the i-th was first solved at attempt `solved_at[i]` (1 = the first), or never.
 /// Without tasks it is 0.
 pub fn auccess(solved_at: &[Option<usize>]) -> f64 {
-    let shares = curve(solved_at);
+    weighted(&curve(solved_at))
+}
+
+/// AUCCESS of a curve: the share of tasks solved within 1, 2, ... attempts, or the chance that one is.
+pub fn weighted(shares: &[f64; ATTEMPTS]) -> f64 {
     let (mut sum, mut weights) = (0.0, 0.0);
     for (i, share) in shares.iter().enumerate() {
         let k = (i + 1) as f64;
