@@ -5,7 +5,7 @@
 //! without fonts.
 //!
 //! [`scene_svg`] draws a scene, [`filmstrip_svg`], [`trails_svg`] and [`animation_svg`] a trajectory in it,
-//! [`plot`] draws numbers, [`svg_to_png`] makes pixels of any of them, and [`Report`] binds them into a page.
+//! [`plot`] draws numbers, [`surface`] what performance asks of the latents, [`svg_to_png`] makes pixels of any of them, and [`Report`] binds them into a page.
 
 mod chances;
 pub mod film;
@@ -13,6 +13,7 @@ pub mod plot;
 pub mod png;
 pub mod report;
 pub mod scene;
+pub mod surface;
 mod svg;
 
 pub use chances::chances_svg;

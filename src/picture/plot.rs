@@ -45,6 +45,8 @@ pub struct Bar {
 /// Values over a plane.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Heatmap {
+    /// Shown above the plot where several stand side by side.
+    pub title: String,
     /// Shown under the plot.
     pub x_label: String,
     /// Shown beside the plot.
@@ -59,6 +61,10 @@ pub struct Heatmap {
     pub values: Vec<Vec<f64>>,
     /// Points to mark, with a name: the truth, the estimate.
     pub marks: Vec<(f64, f64, String)>,
+    /// Places without a name, drawn small: where the values come from.
+    pub dots: Vec<(f64, f64)>,
+    /// Lines of equal value to draw; none if 0.
+    pub contours: usize,
 }
 
 /// Lines through points, each with its band.
@@ -150,80 +156,169 @@ pub fn bars(title: &str, y_label: &str, groups: &[Group]) -> String {
 
 /// Coloured cells with a scale beside them.
 pub fn heatmap(title: &str, map: &Heatmap) -> String {
-    let finite = map.values.iter().flatten().copied().filter(|v| drawable(*v));
-    let well_formed = map.values.len() == map.y.len()
-        && map.values.iter().all(|row| row.len() == map.x.len())
-        && map.x.iter().chain(&map.y).all(|v| drawable(*v));
-    let Some((low, high)) = range(finite).filter(|_| well_formed) else {
+    heatmaps(title, std::slice::from_ref(map))
+}
+
+/// Heat maps side by side, each with a scale of its own; marks of the same place in the list have the same colour,
+/// and their names are those of the first map.
+pub fn heatmaps(title: &str, maps: &[Heatmap]) -> String {
+    if maps.is_empty() || maps.iter().any(|m| !m.is_drawable()) {
         return empty(title);
-    };
+    }
+    let legend: Vec<(String, RGBColor)> =
+        maps[0].marks.iter().enumerate().map(|(i, m)| (m.2.clone(), MARKS[i % MARKS.len()])).collect();
+    let size = if maps.len() > 1 { (maps.len() as u32 * PANEL.0, PANEL.1) } else { SIZE };
+    picture_sized(size, title, &legend, |area| {
+        for (panel, map) in area.split_evenly((1, maps.len())).iter().zip(maps) {
+            let inside = if maps.len() > 1 {
+                let style = text(13).pos(pos(HPos::Left, VPos::Center)).color(&INK);
+                panel.draw_text(&shortened(&map.title, 50), &style, (units(16) as i32, units(10) as i32))?;
+                panel.margin(units(18), 0, 0, 0)
+            } else {
+                panel.clone()
+            };
+            draw_heatmap(&inside, map)?;
+        }
+        Ok(())
+    })
+}
+
+/// Width and height of each of several heat maps, px.
+const PANEL: (u32, u32) = (520, 460);
+
+impl Heatmap {
+    fn range(&self) -> Option<(f64, f64)> {
+        range(self.values.iter().flatten().copied().filter(|v| drawable(*v)))
+    }
+
+    fn is_drawable(&self) -> bool {
+        self.values.len() == self.y.len()
+            && self.values.iter().all(|row| row.len() == self.x.len())
+            && self.x.iter().chain(&self.y).all(|v| drawable(*v))
+            && self.range().is_some()
+    }
+}
+
+/// The cells, lines, dots and marks of one map, and its scale.
+fn draw_heatmap(area: &Area, map: &Heatmap) -> Drawn {
+    let Some((low, high)) = map.range() else { return Ok(()) };
     let (xs, ys) = (cell_edges(&map.x), cell_edges(&map.y));
     let (x, y) = (xs[0]..xs[xs.len() - 1], ys[0]..ys[ys.len() - 1]);
     let colours = widened((low, high), 0.0);
     let share = |v: f64| (v - colours.start) / (colours.end - colours.start);
-    let legend: Vec<(String, RGBColor)> =
-        map.marks.iter().enumerate().map(|(i, m)| (m.2.clone(), MARKS[i % MARKS.len()])).collect();
-    picture(title, &legend, |area| {
-        let (width, _) = area.dim_in_pixel();
-        let (plot, scale) = area.split_horizontally(width - units(104));
-        let mut chart = ChartBuilder::on(&plot)
-            .margin(units(8))
-            .margin_top(units(4))
-            .set_label_area_size(LabelAreaPosition::Left, units(label_room(&y, 6)))
-            .set_label_area_size(LabelAreaPosition::Bottom, units(44))
-            .build_cartesian_2d(x.clone(), y.clone())?;
-        let mut mesh = chart.configure_mesh();
-        mesh.disable_mesh();
-        finish_axes(&mut mesh, &map.x_label, &map.y_label)?;
-        for (row, values) in map.values.iter().enumerate() {
-            for (column, v) in values.iter().enumerate() {
-                let colour = if drawable(*v) { heat(share(*v)) } else { RGBColor(205, 205, 205) };
-                // Each cell reaches under its right and upper neighbours, drawn later: no seams.
-                let far = [
-                    (xs[column + 1] + xs[(column + 2).min(map.x.len())]) / 2.0,
-                    (ys[row + 1] + ys[(row + 2).min(map.y.len())]) / 2.0,
-                ];
-                chart.draw_series([Rectangle::new(
-                    [(xs[column], ys[row]), (far[0], far[1])],
-                    colour.filled(),
-                )])?;
+    let (width, _) = area.dim_in_pixel();
+    let (plot, scale) = area.split_horizontally(width - units(104));
+    let mut chart = ChartBuilder::on(&plot)
+        .margin(units(8))
+        .margin_top(units(4))
+        .set_label_area_size(LabelAreaPosition::Left, units(label_room(&y, 6)))
+        .set_label_area_size(LabelAreaPosition::Bottom, units(44))
+        .build_cartesian_2d(x.clone(), y.clone())?;
+    let mut mesh = chart.configure_mesh();
+    mesh.disable_mesh();
+    finish_axes(&mut mesh, &map.x_label, &map.y_label)?;
+    for (row, values) in map.values.iter().enumerate() {
+        for (column, v) in values.iter().enumerate() {
+            let colour = if drawable(*v) { heat(share(*v)) } else { RGBColor(205, 205, 205) };
+            // Each cell reaches under its right and upper neighbours, drawn later: no seams.
+            let far = [
+                (xs[column + 1] + xs[(column + 2).min(map.x.len())]) / 2.0,
+                (ys[row + 1] + ys[(row + 2).min(map.y.len())]) / 2.0,
+            ];
+            chart
+                .draw_series([Rectangle::new([(xs[column], ys[row]), (far[0], far[1])], colour.filled())])?;
+        }
+    }
+    let ticks = levels(low, high, map.contours);
+    for level in &ticks {
+        for line in contour(map, *level) {
+            let style = WHITE.mix(0.75).stroke_width(units(1));
+            chart.draw_series([PathElement::new(line.to_vec(), style)])?;
+        }
+    }
+    let inside = |p: &&(f64, f64)| x.contains(&p.0) && y.contains(&p.1);
+    for dot in map.dots.iter().filter(inside) {
+        chart.draw_series([
+            Circle::new(*dot, units(3), WHITE.filled()),
+            Circle::new(*dot, units(2), INK.filled()),
+        ])?;
+    }
+    for (i, (mx, my, _)) in map.marks.iter().enumerate() {
+        if x.contains(mx) && y.contains(my) {
+            let colour = MARKS[i % MARKS.len()];
+            chart.draw_series([
+                Circle::new((*mx, *my), units(7), WHITE.filled()),
+                Circle::new((*mx, *my), units(5), colour.filled()),
+            ])?;
+        }
+    }
+    let mut bar = ChartBuilder::on(&scale)
+        .margin(units(8))
+        .margin_top(units(4))
+        .margin_bottom(units(52))
+        .set_label_area_size(LabelAreaPosition::Right, units(66))
+        .build_cartesian_2d(0.0..1.0, colours.clone())?;
+    const STEPS: u32 = 64;
+    for k in 0..STEPS {
+        let from = f64::from(k) / f64::from(STEPS);
+        let bottom = colours.start + from * (colours.end - colours.start);
+        let shade = heat(from + 0.5 / f64::from(STEPS)).filled();
+        bar.draw_series([Rectangle::new([(0.0, bottom), (1.0, colours.end)], shade)])?;
+    }
+    for level in &ticks {
+        let style = WHITE.mix(0.75).stroke_width(units(1));
+        bar.draw_series([PathElement::new(vec![(0.0, *level), (1.0, *level)], style)])?;
+    }
+    bar.configure_mesh()
+        .disable_mesh()
+        .disable_x_axis()
+        .axis_style(ShapeStyle::from(&INK).stroke_width(units(1)))
+        .set_all_tick_mark_size(units(4))
+        .y_labels(6)
+        .y_label_formatter(&|v: &f64| tick(*v))
+        .label_style(text(12))
+        .y_desc(shortened(&map.value_label, 60))
+        .axis_desc_style(text(13))
+        .draw()?;
+    Ok(())
+}
+
+/// About `count` round values between `low` and `high`.
+fn levels(low: f64, high: f64, count: usize) -> Vec<f64> {
+    if count == 0 || high <= low {
+        return Vec::new();
+    }
+    let raw = (high - low) / count as f64;
+    let ten = 10f64.powf(raw.log10().floor());
+    let step = [1.0, 2.0, 5.0, 10.0].into_iter().map(|m| m * ten).find(|s| *s >= raw).unwrap_or(raw);
+    let first = (low / step).floor() as i64 + 1;
+    (first..).map(|k| k as f64 * step).take_while(|v| *v < high).take(50).collect()
+}
+
+/// Pieces of the line where the map has a value: marching squares between the cells' centres, saddles cut one way.
+fn contour(map: &Heatmap, level: f64) -> Vec<[(f64, f64); 2]> {
+    let mut pieces = Vec::new();
+    for r in 0..map.y.len().saturating_sub(1) {
+        for c in 0..map.x.len().saturating_sub(1) {
+            let corners = [(r, c), (r, c + 1), (r + 1, c + 1), (r + 1, c)];
+            let values = corners.map(|(r, c)| map.values[r][c]);
+            if values.iter().any(|v| !drawable(*v)) {
+                continue;
             }
-        }
-        for (i, (mx, my, _)) in map.marks.iter().enumerate() {
-            if x.contains(mx) && y.contains(my) {
-                let colour = MARKS[i % MARKS.len()];
-                chart.draw_series([
-                    Circle::new((*mx, *my), units(6), WHITE.filled()),
-                    Circle::new((*mx, *my), units(4), colour.filled()),
-                ])?;
+            let mut crossed = Vec::with_capacity(4);
+            for k in 0..4 {
+                let (a, b) = (values[k], values[(k + 1) % 4]);
+                if (a < level) != (b < level) {
+                    let share = (level - a) / (b - a);
+                    let at = |k: usize| (map.x[corners[k].1], map.y[corners[k].0]);
+                    let (p, q) = (at(k), at((k + 1) % 4));
+                    crossed.push((p.0 + share * (q.0 - p.0), p.1 + share * (q.1 - p.1)));
+                }
             }
+            pieces.extend(crossed.chunks_exact(2).map(|pair| [pair[0], pair[1]]));
         }
-        let mut bar = ChartBuilder::on(&scale)
-            .margin(units(8))
-            .margin_top(units(4))
-            .margin_bottom(units(52))
-            .set_label_area_size(LabelAreaPosition::Right, units(66))
-            .build_cartesian_2d(0.0..1.0, colours.clone())?;
-        const STEPS: u32 = 64;
-        for k in 0..STEPS {
-            let from = f64::from(k) / f64::from(STEPS);
-            let bottom = colours.start + from * (colours.end - colours.start);
-            let shade = heat(from + 0.5 / f64::from(STEPS)).filled();
-            bar.draw_series([Rectangle::new([(0.0, bottom), (1.0, colours.end)], shade)])?;
-        }
-        bar.configure_mesh()
-            .disable_mesh()
-            .disable_x_axis()
-            .axis_style(ShapeStyle::from(&INK).stroke_width(units(1)))
-            .set_all_tick_mark_size(units(4))
-            .y_labels(6)
-            .y_label_formatter(&|v: &f64| tick(*v))
-            .label_style(text(12))
-            .y_desc(shortened(&map.value_label, 60))
-            .axis_desc_style(text(13))
-            .draw()?;
-        Ok(())
-    })
+    }
+    pieces
 }
 
 /// Size of a plot, px.
@@ -335,20 +430,34 @@ fn finish_axes(
 
 /// Title, legend, and what `draw` puts under them.
 fn picture(title: &str, legend: &[(String, RGBColor)], draw: impl FnOnce(&Area) -> Drawn) -> String {
+    picture_sized(SIZE, title, legend, draw)
+}
+
+/// [`picture`] of a size in px.
+fn picture_sized(
+    size: (u32, u32),
+    title: &str,
+    legend: &[(String, RGBColor)],
+    draw: impl FnOnce(&Area) -> Drawn,
+) -> String {
     let mut svg = String::new();
     let drawn = (|| -> Drawn {
-        let root = SVGBackend::with_string(&mut svg, (SIZE.0 * FINE, SIZE.1 * FINE)).into_drawing_area();
+        let root = SVGBackend::with_string(&mut svg, (size.0 * FINE, size.1 * FINE)).into_drawing_area();
         root.fill(&WHITE)?;
         let heading = text(16).pos(pos(HPos::Left, VPos::Center)).color(&INK);
-        root.draw_text(&shortened(title, 84), &heading, (units(14) as i32, units(18) as i32))?;
-        let bottom = draw_legend(&root, legend, 32)?;
+        root.draw_text(
+            &shortened(title, (size.0 * 84 / SIZE.0) as usize),
+            &heading,
+            (units(14) as i32, units(18) as i32),
+        )?;
+        let bottom = draw_legend(&root, legend, 32, size.0)?;
         let (_, under) = root.split_vertically(units(bottom));
         draw(&under)?;
         root.present()?;
         Ok(())
     })();
     match drawn {
-        Ok(()) => shown_at_size(&svg, title),
+        Ok(()) => shown_at_size(&svg, size, title),
         // A range that plotters cannot divide; said rather than hidden.
         Err(e) => notice(title, &format!("this plot could not be drawn: {e}")),
     }
@@ -359,13 +468,14 @@ fn draw_legend(
     root: &Area,
     legend: &[(String, RGBColor)],
     top: u32,
+    width: u32,
 ) -> Result<u32, Box<dyn std::error::Error>> {
     let named: Vec<(String, RGBColor)> =
         legend.iter().filter(|(n, _)| !n.is_empty()).map(|(n, c)| (shortened(n, 60), *c)).collect();
     let (mut x, mut y) = (16, top);
     for (name, colour) in &named {
         let wide = 22 + (name.chars().count() as f64 * 12.0 * 0.54) as u32 + 16;
-        if x > 16 && x + wide > SIZE.0 {
+        if x > 16 && x + wide > width {
             (x, y) = (16, y + 18);
         }
         let (left, middle) = (units(x) as i32, units(y + 8) as i32);
@@ -382,16 +492,16 @@ fn draw_legend(
 }
 
 /// The drawing at a quarter of its coordinates, scaling down on narrow screens.
-fn shown_at_size(svg: &str, title: &str) -> String {
+fn shown_at_size(svg: &str, size: (u32, u32), title: &str) -> String {
     let inside = svg.split_once('>').map_or("", |(_, rest)| rest).trim_start();
     let inside = inside.trim_end().strip_suffix("</svg>").unwrap_or(inside);
     format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{}\" height=\"{}\" viewBox=\"0 0 {} {}\" \
          role=\"img\">\n<title>{}</title>\n{inside}</svg>\n",
-        SIZE.0,
-        SIZE.1,
-        SIZE.0 * FINE,
-        SIZE.1 * FINE,
+        size.0,
+        size.1,
+        size.0 * FINE,
+        size.1 * FINE,
         escape(title)
     )
 }
