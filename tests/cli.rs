@@ -273,3 +273,37 @@ fn help_and_unknown_words() {
 fn files(dir: &Path) -> Vec<String> {
     std::fs::read_dir(dir).unwrap().map(|e| e.unwrap().file_name().to_string_lossy().into_owned()).collect()
 }
+
+/// A surface is found, drawn, read again, and spends actions; one of another family is refused.
+#[test]
+fn a_surface_goes_from_its_command_to_the_estimation() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_string_lossy().into_owned();
+    let (json, svg) = (at("surface.json"), at("surface.svg"));
+    let find = ["surface", "--task", "basketball", "--points", "6", "--actions", "200", "--out", &json];
+    let out = good(&[&find[..], &["--svg", &svg, "--mark", "here:friction=0.4"]].concat(), "");
+    assert!(out.contains("restitution over friction") && out.contains("at here: AUCCESS"), "{out}");
+    let found: Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
+    assert_eq!(found["format"], "iplw.surface/1");
+    assert_eq!((found["points"].as_array().unwrap().len(), found["related"].as_array().unwrap().len()), (6, 2));
+    let drawn = std::fs::read_to_string(&svg).unwrap();
+    assert!(drawn.contains("friction, 1") && drawn.contains("standard deviation") && drawn.contains("here"));
+    // Found again, it is the same to the bit.
+    let again = at("again.json");
+    good(&[&find[..9], &[&again]].concat(), "");
+    assert_eq!(std::fs::read(&json).unwrap(), std::fs::read(&again).unwrap());
+    let small = ["--rounds", "1", "--actions", "4", "--samples", "16", "--json"];
+    for strategy in ["gradient", "informative"] {
+        let args = ["estimate", "--task", "basketball", "--strategy", strategy, "--surface", &json];
+        let report: Value = serde_json::from_str(&good(&[&args[..], &small].concat(), "")).unwrap();
+        let choice = &report["choices"][0];
+        assert_eq!(choice["actions"], 4, "{strategy}");
+        assert_eq!(choice["groups"].is_null(), strategy != "gradient");
+        assert_eq!(choice["rollouts"].as_u64().unwrap() > 0, strategy == "informative");
+    }
+    let other = ["estimate", "--task", "bowling", "--strategy", "gradient", "--surface", &json];
+    refused(&other, "", "family");
+    refused(&["surface", "--route", "magic"], "", "ideal, dqn");
+    refused(&["surface", "--related", "noise=0.1"], "", "--related");
+    refused(&["surface", "--from", &json, "--points", "5"], "", "--from");
+}

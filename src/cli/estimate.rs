@@ -1,12 +1,17 @@
 //! `iplw estimate`: the latent factors of a hidden world.
 
+use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Instant;
 
 use iplw::error::{Error, Result};
+use iplw::estimate::surface::Route;
 use iplw::experiment::quickstart::DRAG_PRIOR;
-use iplw::experiment::{EstimateConfig, EstimateReport, Memory, estimate};
+use iplw::experiment::surface::{SurfaceConfig, surface};
+use iplw::experiment::{EstimateConfig, EstimateReport, Memory, estimate_with};
+use iplw::explore::{Importance, strategy};
 use iplw::reality::{HiddenWorld, standard};
-use iplw::task::{Split, split};
+use iplw::task::{Family, Split, split};
 use iplw::world::Engine;
 
 use super::{output, parse, tasks_named};
@@ -21,9 +26,13 @@ pub struct Args {
     /// The hidden world, over the family's own: `damping=0.8,density=..,friction=..,restitution=..,noise=..`.
     #[arg(long, default_value = "")]
     real: String,
-    /// collisions, rolling, random or mixed.
+    /// collisions, rolling, random, mixed, gradient or informative.
     #[arg(long, default_value = "mixed")]
     strategy: String,
+    /// A performance surface that `iplw surface` wrote: `gradient` takes its shares from it (and finds one itself if
+    /// none is given), `informative` weighs the latents by it.
+    #[arg(long)]
+    surface: Option<PathBuf>,
     /// `fast`: small smoothed iterations on all trials; `paper`: 1000 samples, 200 elites, once a round.
     #[arg(long, default_value = "fast")]
     preset: String,
@@ -92,7 +101,8 @@ pub fn run(args: &Args) -> Result<()> {
     let training = if tasks.len() > 1 { split(&tasks, Split::Train) } else { tasks };
     let bar = output::Bar::new();
     let started = Instant::now();
-    let (mut report, _) = estimate(&training, &mut world, &config, &bar)?;
+    let importance = importance(args, family, &bar)?;
+    let (mut report, _) = estimate_with(&training, &mut world, &config, importance, &bar)?;
     report.seconds = Some(started.elapsed().as_secs_f64());
     bar.clear();
     if args.json {
@@ -101,6 +111,21 @@ pub fn run(args: &Args) -> Result<()> {
     }
     output::print(&table(&report))
 }
+
+/// The surface beside the estimation: the file's, or the cheap one where the strategy cannot do without.
+fn importance(args: &Args, family: &Family, bar: &output::Bar) -> Result<Option<Arc<dyn Importance>>> {
+    if let Some(path) = &args.surface {
+        return Ok(Some(Arc::new(super::surface::read(path, family)?)));
+    }
+    if !strategy(&args.strategy)?.needs_importance() {
+        return Ok(None);
+    }
+    let config = SurfaceConfig { points: QUICK_POINTS, ..SurfaceConfig::new(family, Route::Ideal)? };
+    Ok(Some(Arc::new(surface(family, &config, bar)?)))
+}
+
+/// Design points of a surface found on the spot.
+const QUICK_POINTS: usize = 24;
 
 /// The report for people.
 fn table(report: &EstimateReport) -> String {
@@ -111,6 +136,12 @@ fn table(report: &EstimateReport) -> String {
             _ => "cannot be identified from such trials".to_string(),
         };
         text += &format!("{:<13} {:>9.3}   {interval}\n", l.name, l.value);
+    }
+    let groups: Vec<_> = report.choices.iter().filter_map(|c| c.groups).collect();
+    if !groups.is_empty() {
+        let shares = groups.iter().map(|g| format!("{}:{}", g.collisions, g.rolling));
+        let shares = shares.collect::<Vec<_>>().join(", ");
+        text += &format!("actions for collisions : rolling, round by round: {shares}\n");
     }
     text += &format!(
         "{} real interactions, {} simulated rollouts, {:.1} s; ended: {:?}\n",

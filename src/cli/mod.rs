@@ -8,6 +8,7 @@ mod output;
 mod parse;
 mod rollout;
 mod serve;
+mod surface;
 mod tasks;
 mod train;
 
@@ -45,6 +46,8 @@ enum Command {
     Measure(measure::Args),
     /// Estimate the latent factors of a hidden real world.
     Estimate(estimate::Args),
+    /// Find which latents a task's performance depends on, in a related, known environment.
+    Surface(surface::Args),
     /// Train a policy in simulation; writes its weights.
     Train(train::TrainArgs),
     /// Try a policy in a hidden world.
@@ -66,6 +69,7 @@ pub fn main() -> ExitCode {
         Command::Effects(args) => effects::run(&args),
         Command::Measure(args) => measure::run(&args),
         Command::Estimate(args) => estimate::run(&args),
+        Command::Surface(args) => surface::run(&args),
         Command::Train(args) => train::train_policy(&args),
         Command::Evaluate(args) => train::evaluate_policy(&args),
     };

@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 
 use iplw::error::{Error, Result};
+use iplw::estimate::surface::Related;
+use iplw::reality::HiddenConfig;
 use iplw::task::scene::EffectTerm;
 use iplw::world::{Engine, Latents, effect};
 
@@ -19,10 +21,34 @@ pub fn effect(text: &str) -> Result<EffectTerm> {
 }
 
 /// What `--real` says of a hidden world, laid over a base.
-pub fn real(text: &str, base: iplw::reality::HiddenConfig) -> Result<iplw::reality::HiddenConfig> {
+pub fn real(text: &str, base: HiddenConfig) -> Result<HiddenConfig> {
+    world("--real", text, base)
+}
+
+/// What one `--related` says of a known environment that has `base` latents and no effects.
+pub fn related(text: &str, base: [f64; 3]) -> Result<Related> {
+    let plain = HiddenConfig {
+        latents: Latents::of(base),
+        effects: Vec::new(),
+        engine: Engine::Auto,
+        noise: 0.0,
+        budget: None,
+        seed: 0,
+    };
+    let found = world("--related", text, plain.clone())?;
+    if (found.noise, found.engine) != (plain.noise, plain.engine) {
+        let allowed = "damping, density, friction, restitution";
+        return Err(Error::input("--related", format!("{text:?}"), allowed));
+    }
+    let values = found.latents.values();
+    let latents = std::array::from_fn(|i| values[i].unwrap_or(base[i]));
+    Ok(Related { latents, effects: found.effects })
+}
+
+fn world(option: &str, text: &str, base: HiddenConfig) -> Result<HiddenConfig> {
     let mut config = base;
-    for (key, value) in pairs("--real", text)? {
-        let field = format!("--real {key}");
+    for (key, value) in pairs(option, text)? {
+        let field = format!("{option} {key}");
         match key.as_str() {
             "damping" => {
                 let kept = number(&field, &value)?;
@@ -38,7 +64,7 @@ pub fn real(text: &str, base: iplw::reality::HiddenConfig) -> Result<iplw::reali
             "engine" => config.engine = Engine::from_name(&value)?,
             _ => {
                 let allowed = "damping, density, friction, restitution, noise, engine";
-                return Err(Error::input("--real", format!("{key:?}"), allowed));
+                return Err(Error::input(option, format!("{key:?}"), allowed));
             }
         }
     }
