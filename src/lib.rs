@@ -10,7 +10,7 @@
 //! | `residual` | two trajectories -> how far apart |
 //! | `reality/` | where measured trials come from; sole keeper of hidden latents |
 //! | `explore/` | which actions to spend on the real world |
-//! | `estimate/` | trials -> latents, by the cross-entropy method |
+//! | `estimate/` | trials -> latents, by the cross-entropy method; what performance asks of them |
 //! | `discover/` | measured minus simulated -> what the simulation lacks |
 //! | `policy/` | scoring actions; sole home of dfdx |
 //! | `picture/` | scenes, films and plots as SVG and PNG |

@@ -285,7 +285,10 @@ fn a_surface_goes_from_its_command_to_the_estimation() {
     assert!(out.contains("restitution over friction") && out.contains("at here: AUCCESS"), "{out}");
     let found: Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
     assert_eq!(found["format"], "iplw.surface/1");
-    assert_eq!((found["points"].as_array().unwrap().len(), found["related"].as_array().unwrap().len()), (6, 2));
+    assert_eq!(
+        (found["points"].as_array().unwrap().len(), found["related"].as_array().unwrap().len()),
+        (6, 2)
+    );
     let drawn = std::fs::read_to_string(&svg).unwrap();
     assert!(drawn.contains("friction, 1") && drawn.contains("standard deviation") && drawn.contains("here"));
     // Found again, it is the same to the bit.

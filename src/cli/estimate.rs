@@ -5,9 +5,8 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use iplw::error::{Error, Result};
-use iplw::estimate::surface::Route;
 use iplw::experiment::quickstart::DRAG_PRIOR;
-use iplw::experiment::surface::{SurfaceConfig, surface};
+use iplw::experiment::surface;
 use iplw::experiment::{EstimateConfig, EstimateReport, Memory, estimate_with};
 use iplw::explore::{Importance, strategy};
 use iplw::reality::{HiddenWorld, standard};
@@ -120,12 +119,8 @@ fn importance(args: &Args, family: &Family, bar: &output::Bar) -> Result<Option<
     if !strategy(&args.strategy)?.needs_importance() {
         return Ok(None);
     }
-    let config = SurfaceConfig { points: QUICK_POINTS, ..SurfaceConfig::new(family, Route::Ideal)? };
-    Ok(Some(Arc::new(surface(family, &config, bar)?)))
+    Ok(Some(Arc::new(surface::quick(family, bar)?)))
 }
-
-/// Design points of a surface found on the spot.
-const QUICK_POINTS: usize = 24;
 
 /// The report for people.
 fn table(report: &EstimateReport) -> String {

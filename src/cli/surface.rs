@@ -140,10 +140,10 @@ fn table(found: &Surface, family: &Family, marks: &[Mark]) -> Result<String> {
         found.tasks,
         found.surrogate.noise
     );
-    text += "over what the prior holds likely:\nfactor         mean |dP/d factor|   its sd   times the prior's deviation\n";
+    text += "over what the prior holds likely:\nfactor         mean |dP/d factor|   sd at a place   times the prior's deviation\n";
     let felt = found.sensitivities(family.prior)?;
     for s in &felt {
-        text += &format!("{:<14} {:>18.3}   {:>6.3}   {:>10.3}\n", s.factor, s.slope, s.sd, s.stake);
+        text += &format!("{:<14} {:>18.3}   {:>13.3}   {:>10.3}\n", s.factor, s.slope, s.sd, s.stake);
     }
     let of = |name: &str| felt.iter().find(|s| s.factor == name);
     if let (Some(friction), Some(restitution)) = (of("friction"), of("restitution")) {

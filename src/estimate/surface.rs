@@ -104,7 +104,8 @@ pub struct Sensitivity {
     pub factor: String,
     /// Mean magnitude of the partial derivative, AUCCESS per unit of the factor.
     pub slope: f64,
-    /// Mean standard deviation of the partial derivative: a slope below it is not known to be one.
+    /// Mean standard deviation of the partial derivative at a place: there, a slope below it is not known to be one.
+    /// The mean over places is known better.
     pub sd: f64,
     /// The slope times the prior's standard deviation: AUCCESS at stake in not knowing the latent.
     pub stake: f64,

@@ -6,8 +6,14 @@ mod strategies;
 mod study;
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use iplw::error::{Error, Result};
+use iplw::experiment::surface;
+use iplw::explore::Importance;
+use iplw::task::Family;
+
+use super::output;
 
 /// The story: a hidden world, its latents estimated, a policy trained in the grounded simulation and tried on
 /// unseen tasks of the hidden world, beside its baselines. Writes report.html, data as CSV and JSON, plots.
@@ -73,4 +79,16 @@ pub fn experiment(args: &ExperimentArgs) -> Result<()> {
                 .to_vec(),
         }),
     }
+}
+
+/// The performance surface that strategies need or use: one for all arms and seeds, found in related environments
+/// before anything real is spent.
+fn importance(family: &Family, needed: bool) -> Result<Option<Arc<dyn Importance>>> {
+    if !needed {
+        return Ok(None);
+    }
+    let bar = output::Bar::new();
+    let found = surface::quick(family, &bar)?;
+    bar.clear();
+    Ok(Some(Arc::new(found)))
 }

@@ -1,20 +1,18 @@
 //! `iplw experiment strategies`: error of each latent against real interactions, by strategy.
 
 use std::path::Path;
-use std::sync::Arc;
 
 use iplw::error::{Error, Result};
 use iplw::experiment::statistics::Claim;
 use iplw::experiment::strategies::{Cell, ErrorRow, Nature, StrategiesConfig, cell, claims, errors};
-use iplw::explore::Importance;
 use iplw::picture::plot::{self, Series};
 use iplw::picture::{Block, Report, Section};
 use iplw::task::{Family, family};
 use iplw::world::latent::FACTORS;
 use serde_json::json;
 
-use super::ExperimentArgs;
 use super::cells::Cells;
+use super::{ExperimentArgs, importance};
 use crate::cli::output;
 
 pub fn run(args: &ExperimentArgs) -> Result<()> {
@@ -28,7 +26,7 @@ pub fn run(args: &ExperimentArgs) -> Result<()> {
     config.validate()?;
     let all = config.cells();
     let mut cells = Cells::new(&args.out, all.len())?;
-    let importance: Option<Arc<dyn Importance>> = None;
+    let importance = importance(family, config.needs_importance())?;
     let mut found: Vec<Cell> = Vec::with_capacity(all.len());
     let mut seconds = Vec::with_capacity(all.len());
     for (arm, nature, seed) in all {

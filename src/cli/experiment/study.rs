@@ -1,13 +1,11 @@
 //! `iplw experiment latents | bowling | basketball`: the paper's transfer figures with their baselines.
 
 use std::path::Path;
-use std::sync::Arc;
 
 use iplw::error::{Error, Result};
 use iplw::experiment::statistics::{Claim, Summary};
 use iplw::experiment::study::{Cell, Estimated, Row, Study, estimated, tried};
 use iplw::experiment::transfer::Transfer;
-use iplw::explore::Importance;
 use iplw::picture::plot::{self, Series};
 use iplw::picture::{Block, Report, Section, Style, chances_svg, svg_to_png};
 use iplw::policy::{CHUNK, Dqn, Policy, rank};
@@ -16,8 +14,8 @@ use iplw::task::action::Quantity;
 use iplw::task::{Family, Split, Task, ValidAction, family, split};
 use serde_json::json;
 
-use super::ExperimentArgs;
 use super::cells::Cells;
+use super::{ExperimentArgs, importance};
 use crate::cli::output;
 
 pub fn run(args: &ExperimentArgs) -> Result<()> {
@@ -41,7 +39,7 @@ fn carry_out(args: &ExperimentArgs, family: &Family, mut study: Study, out: &Pat
         study.seeds = (0..seeds as usize).map(|i| own.get(i).copied().unwrap_or(2000 + i as u64)).collect();
     }
     study.validate()?;
-    let importance: Option<Arc<dyn Importance>> = None;
+    let importance = importance(family, study.needs_importance())?;
     let estimates = study.arms.len() * study.seeds.len();
     let policies = study.seeds.len()
         * study.trials as usize
