@@ -10,6 +10,7 @@ mod fuzz_one;
 use fuzz_one::{Fate, fuzz_one};
 use iplw::rng::{Stream, stream};
 use iplw::task::{Placement, Scene, family};
+use iplw::world::effect;
 use rand::RngExt;
 use rayon::iter::Either;
 use rayon::prelude::*;
@@ -75,7 +76,7 @@ fn vanishing_and_crossed_shapes_are_refused() {
     }
 }
 
-/// Legal scenes that between them use every field and every shape.
+/// Legal scenes that between them use every field, every shape and every effect.
 fn seeds() -> Vec<Value> {
     let mut seeds = Vec::new();
     for name in ["bowling", "basketball"] {
@@ -134,6 +135,15 @@ fn seeds() -> Vec<Value> {
         "time_step": 0.01, "steps": 60, "observe_every": 1, "stop": false,
         "goal": {"type": "contact", "bodies": ["a", "table"], "hold_s": 0.1, "tolerance": 0.01}
     }));
+    // Every effect, at a tenth of the way from where it vanishes to its greatest.
+    for effect in effect::REGISTRY {
+        let mut scene = seeds.last().expect("there are seeds").clone();
+        let value = |p: &effect::Parameter| json!(p.neutral + 0.1 * (p.bounds[1] - p.neutral));
+        let parameters: Map<String, Value> =
+            effect.parameters.iter().map(|p| (p.name.to_string(), value(p))).collect();
+        scene["effects"] = json!([{"name": effect.name, "parameters": parameters}]);
+        seeds.push(scene);
+    }
     seeds
 }
 
