@@ -335,14 +335,17 @@ fn custom_scenes_are_worlds() {
 #[test]
 fn worlds_take_every_effect() {
     let server = Running::start();
+    // Long and slow enough for the ball to come to roll.
+    let mut scene = scene();
+    scene["steps"] = json!(960);
     let attempt = |kind: &str, effects: Value| {
-        let body = json!({"scene": scene(), "kind": kind, "effects": effects, "sealed": false});
+        let body = json!({"scene": scene, "kind": kind, "effects": effects, "sealed": false});
         let world = server.post("/v1/worlds", &body, 201);
         assert_eq!(world["effects"], effects);
         let id = world["id"].as_str().unwrap();
         let rolled = server.post(
             &format!("/v1/worlds/{id}/rollout"),
-            &json!({"actions": [[0.5]], "trajectories": true}),
+            &json!({"actions": [[0.1]], "trajectories": true}),
             200,
         );
         server.send(Method::DELETE, &format!("/v1/worlds/{id}"), "");
