@@ -98,8 +98,8 @@ mod gaps {
     }
 }
 
-/// A position `share` (0 to 1) of the way through an interval of `span` seconds, by the cubic polynomial that has the
-/// positions and velocities of both ends (Hermite): exact for motion under constant force.
+/// A position `share` (0 to 1) of the way through an interval of `span` seconds, by the cubic polynomial that
+/// has the positions and velocities of both ends (Hermite): exact for motion under constant force.
 pub fn hermite(positions: [f64; 2], velocities: [f64; 2], span: f64, share: f64) -> f64 {
     let s = share;
     let (s2, s3) = (s * s, s * s * s);

@@ -6,8 +6,8 @@ use serde_json::{Value, json};
 
 use super::output;
 
-/// What scenes take in `effects` and `iplw measure` in `--effect`: each effect's equation, and its parameters with
-/// units, bounds and the value at which it vanishes.
+/// What scenes take in `effects` and `iplw measure` in `--effect`: each effect's equation, and its parameters
+/// with units, bounds and the value at which it vanishes.
 #[derive(clap::Args)]
 pub struct Args {
     /// One effect; all if absent.

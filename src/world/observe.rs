@@ -1,13 +1,18 @@
-//! What a rollout's sensors show of it: the truth goes in, what is seen comes out; one place for both engines.
+//! What a rollout's sensors show of it: the truth goes in, what is seen comes out; one place for both
+//! engines.
 //!
-//! Engines simulate the truth. Where effects of the form `Act::Sensor` are at work, what [`super::simulate`] returns as
-//! samples is what the sensors show; contact events, counts, goals and the outcome stay the truth's, in true time.
+//! Engines simulate the truth. Where effects of the form `Act::Sensor` are at work, what [`super::simulate`]
+//! returns as samples is what the sensors show; contact events, counts, goals and the outcome stay the
+//! truth's, in true time.
 //!
-//! Clocks: sensors may show the state of another time than they stamp. Stamps are the scene's usual ones (0, and every
-//! `observe_every` steps) from 0 until the end of the rollout has been seen, and that end. The engine then observes the
-//! two steps about each true time instead of its usual ones, and the state between them is interpolated: positions and
-//! angles by cubic Hermite polynomials, which are exact in free flight, speeds linearly. Before the start, bodies are
-//! seen waiting at it.
+//! Clocks: sensors may show the state of another time than they stamp. Stamps are the scene's usual ones (0,
+//! and every `observe_every` steps) from 0 until the end of the rollout has been seen, and that end. The
+//! engine then observes the two steps about each true time instead of its usual ones, and the state between
+//! them is interpolated: positions and angles by cubic Hermite polynomials, which are exact in free flight,
+//! speeds linearly. Before the start, bodies are seen waiting at it.
+//!
+//! What starts at its first observation (a measured trial) starts where the sensors saw it and not where it
+//! was: whoever fits a sensor's parameters has to set the start back.
 //!
 //! The first effect of several is the nearest to the world: the second shows what the first does.
 
@@ -16,10 +21,11 @@ use crate::error::{Error, Result};
 use crate::task::scene::EffectTerm;
 use crate::trajectory::{Track, Trajectory, hermite};
 
-/// What the sensors among `effects` show of a trajectory, stamped at its own times as far as its span covers them.
+/// What the sensors among `effects` show of a trajectory, stamped at its own times as far as its span covers
+/// them.
 ///
-/// Between samples the truth is interpolated: where clocks are off, a trajectory sampled coarser than its bounces gives
-/// a poor picture, and [`super::simulate`] with the same effects a good one.
+/// Between samples the truth is interpolated: where clocks are off, a trajectory sampled coarser than its
+/// bounces gives a poor picture, and [`super::simulate`] with the same effects a good one.
 pub fn observe(truth: Trajectory, effects: &[EffectTerm]) -> Result<Trajectory> {
     let around = Surroundings { time_step: 0.0, gravity: [0.0; 2] };
     let mut view = View::default();
@@ -54,8 +60,8 @@ pub enum Schedule {
 
 /// Times no further apart than this are the same, s: more than rounds off, less than can be seen.
 const HAIR: f64 = 1e-9;
-/// Most stamps of a rollout whose clocks are off, or this many times the usual ones if that is more. No clock of a real
-/// sensor is off that far.
+/// Most stamps of a rollout whose clocks are off, or this many times the usual ones if that is more. No clock
+/// of a real sensor is off that far.
 const MOST_STAMPS: f64 = 1000.0;
 const MOST_TIMES_USUAL: f64 = 4.0;
 
@@ -73,8 +79,8 @@ impl View {
             let stamps: Vec<[f64; 2]> = truth.times.iter().map(|t| [*t, *t]).collect();
             return self.see(truth, &stamps);
         }
-        // The last stamp shows the end, and one of the grid that is all but there gives way to it; a sensor that
-        // wakes after the end shows nothing else.
+        // The last stamp shows the end, and one of the grid that is all but there gives way to it; a sensor
+        // that wakes after the end shows nothing else.
         let end = ((last - offset) / rate).max(0.0);
         let grid = (0..).map(|k| f64::from(k) * self.every).take_while(|t| *t < end - HAIR);
         let stamps = grid.chain([end]).map(|stamp| [stamp, (rate * stamp + offset).min(last)]);
@@ -82,8 +88,8 @@ impl View {
         self.see(truth, &stamps)
     }
 
-    /// The steps that the engine must observe to show what there is to see; an error if that is more than a clock can be
-    /// off.
+    /// The steps that the engine must observe to show what there is to see; an error if that is more than a
+    /// clock can be off.
     pub fn schedule(&self, time_step: f64, steps: u32, observe_every: u32) -> Result<Schedule> {
         if !self.warps() {
             return Ok(Schedule::Every(observe_every));
@@ -112,8 +118,8 @@ impl View {
         Ok(Schedule::At(at))
     }
 
-    /// The states of the truth at `stamps` (stamp, true time), as the sensors show them; those of times beyond the
-    /// truth are left out.
+    /// The states of the truth at `stamps` (stamp, true time), as the sensors show them; those of times
+    /// beyond the truth are left out.
     fn see(&self, truth: Trajectory, stamps: &[[f64; 2]]) -> Trajectory {
         let warps = self.warps();
         let mut bodies: Vec<Track> =

@@ -1,11 +1,12 @@
 //! The general engine: rapier2d, any scene.
 //!
-//! Source: rapier2d 0.36.1 (TGS-soft with sub-steps, f32). Semantics as in [`super`]: products of coefficients,
-//! effects before gravity once per step.
+//! Source: rapier2d 0.36.1 (TGS-soft with sub-steps, f32). Semantics as in [`super`]: products of
+//! coefficients, effects before gravity once per step.
 //!
-//! Laws of contact (effects of the form `Act::Contact`) act through rapier's hook on solver contacts, which sets a
-//! contact's restitution and the slip its friction drives at from the velocities at the beginning of the step; what rolls
-//! is slowed after the step, by the impulses that rapier reports. Without such laws neither is called.
+//! Laws of contact (effects of the form `Act::Contact`) act through rapier's hook on solver contacts, which
+//! sets a contact's restitution and the slip its friction drives at from the velocities at the beginning of
+//! the step; what rolls is slowed after the step, by the impulses that rapier reports. Without such laws
+//! neither is called.
 //!
 //! Differences from rapier's defaults, each of which changes results: coefficients combine by `Multiply`
 //! (default: average); bodies never sleep; contact recycling is off (stale contacts of up to 5 cm of drift);
@@ -74,8 +75,8 @@ struct World {
     /// Body angle, unwrapped by following small turns.
     angles: Vec<f64>,
     time_step: f64,
-    /// Whether a body and a static bore a load on each other in the last step: `body * statics + static`. Kept only where
-    /// laws of contact are at work.
+    /// Whether a body and a static bore a load on each other in the last step: `body * statics + static`.
+    /// Kept only where laws of contact are at work.
     loaded: Vec<bool>,
 }
 

@@ -1,12 +1,14 @@
 //! A tilted camera: everything is seen turned by `angle` about the origin, counter-clockwise.
 //!
-//! Source: the roll of a pinhole camera (Hartley and Zisserman, Multiple View Geometry, section 6.1). A camera rolled
-//! clockwise sees the world turned counter-clockwise: angle > 0. Valid for a camera that looks square on.
+//! Source: the roll of a pinhole camera (Hartley and Zisserman, Multiple View Geometry, section 6.1). A
+//! camera rolled clockwise sees the world turned counter-clockwise: angle > 0. Valid for a camera that looks
+//! square on.
 //!
-//! Signature: gravity seems to pull aslant, as wind across it would, but floors and walls, and the line between things at rest,
-//! are turned as well, and bodies seem to rise or sink along a level floor.
+//! Signature: gravity seems to pull aslant, as wind across it would, but floors and walls, and the line
+//! between things at rest, are turned as well, and bodies seem to rise or sink along a level floor.
 //!
-//! Differences from the source: about the scene's origin, not the picture's middle; what differs is a shift of everything.
+//! Differences from the source: about the scene's origin, not the picture's middle; what differs is a shift
+//! of everything.
 
 use super::{Act, Constants, Effect, Parameter, Sensor, Shown, Surroundings, constants};
 

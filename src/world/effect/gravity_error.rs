@@ -1,10 +1,11 @@
 //! Gravity is not what the scene says: dv/dt = dg along gravity.
 //!
-//! Source: plain: the scene's g is one place's, local g differs by 0.5 % over the Earth, and a tilted table or an
-//! immersed body (buoyancy: dg = -g rho_fluid / rho_body) by any amount. Valid where the error is uniform.
+//! Source: plain: the scene's g is one place's, local g differs by 0.5 % over the Earth, and a tilted table
+//! or an immersed body (buoyancy: dg = -g rho_fluid / rho_body) by any amount. Valid where the error is
+//! uniform.
 //!
-//! Signature: free flight stays a parabola along gravity of another curvature; fall times scale as
-//! sqrt(g / (g + dg)) at any height, and weight on the floor changes too (friction stops sliding things sooner). An
+//! Signature: free flight stays a parabola along gravity of another curvature; fall times scale as sqrt(g /
+//! (g + dg)) at any height, and weight on the floor changes too (friction stops sliding things sooner). An
 //! error of the length scale also changes the curvature, but sideways motion as well.
 //!
 //! Integrator: exact, v + dg dt.

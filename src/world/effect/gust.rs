@@ -1,11 +1,11 @@
 //! Gusts: a uniform push that swings with the clock, dv/dt = (ax, ay) sin(2 pi t / period + phase).
 //!
-//! Source: the first harmonic of any periodic disturbance (a fan, a shaken table seen from its own frame). The clock
-//! is the rollout's: t = 0 at its start. Valid where the push is uniform in space.
+//! Source: the first harmonic of any periodic disturbance (a fan, a shaken table seen from its own frame).
+//! The clock is the rollout's: t = 0 at its start. Valid where the push is uniform in space.
 //!
-//! Signature: bodies in the same place at the same velocity are pushed differently at different times; residuals of
-//! all bodies and all trials line up over the clock and over nothing else. A period much longer than the trials is
-//! wind.
+//! Signature: bodies in the same place at the same velocity are pushed differently at different times;
+//! residuals of all bodies and all trials line up over the clock and over nothing else. A period much longer
+//! than the trials is wind.
 //!
 //! Integrator: exact, the integral of the push over the step.
 //!

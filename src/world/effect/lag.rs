@@ -1,10 +1,11 @@
 //! A late sensor: what is stamped t is what was true at t - dt.
 //!
-//! Source: exposure, transfer and queueing between a camera and the clock that stamps its frames; dt < 0 is a clock that
-//! was started late. Valid for a steady delay.
+//! Source: exposure, transfer and queueing between a camera and the clock that stamps its frames; dt < 0 is a
+//! clock that was started late. Valid for a steady delay.
 //!
-//! Signature: everything is shifted along the clock and nothing else is: the error is the velocity times dt, largest where
-//! bodies are fast, and jumps at bounces. With dt > 0 nothing moves at first: before its start a body is seen waiting.
+//! Signature: everything is shifted along the clock and nothing else is: the error is the velocity times dt,
+//! largest where bodies are fast, and jumps at bounces. With dt > 0 nothing moves at first: before its start
+//! a body is seen waiting.
 //!
 //! Differences from the source: none. The record ends when the end of the rollout is seen.
 

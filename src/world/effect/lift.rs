@@ -1,12 +1,12 @@
 //! Lift of a spinning body (Magnus effect): dv/dt = s v turned by +90 degrees, that is s (-vy, vx).
 //!
-//! Source: Rubinow and Keller, J. Fluid Mech. 11 (1961) 447, equation 1: F = pi R^3 rho (omega x v) on a slowly spinning
-//! sphere, so s = pi R^3 rho omega / m; for balls in sports s is about C_L k omega R with C_L near 1. Positive for
-//! counter-clockwise spin. Valid while the spin hardly changes during a flight.
+//! Source: Rubinow and Keller, J. Fluid Mech. 11 (1961) 447, equation 1: F = pi R^3 rho (omega x v) on a
+//! slowly spinning sphere, so s = pi R^3 rho omega / m; for balls in sports s is about C_L k omega R with C_L
+//! near 1. Positive for counter-clockwise spin. Valid while the spin hardly changes during a flight.
 //!
-//! Signature: the path bends without any change of speed, to a circle of radius |v| / s without gravity; opposite
-//! directions bend the same way round, which no force field does. Changes sign with the spin, so it may differ
-//! between trials or settings where physics shared by all may not.
+//! Signature: the path bends without any change of speed, to a circle of radius |v| / s without gravity;
+//! opposite directions bend the same way round, which no force field does. Changes sign with the spin, so it
+//! may differ between trials or settings where physics shared by all may not.
 //!
 //! Integrator: exact, a rotation of v by s dt.
 //!

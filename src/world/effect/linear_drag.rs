@@ -1,11 +1,11 @@
 //! Linear drag: dv/dt = -c v, and the same for spin.
 //!
-//! Source: the damping of Pymunk (Chipmunk2D manual, `cpSpaceSetDamping`), which keeps the share d of velocity
-//! per second, so c = -ln d; the paper's real world has d = 0.8. Valid for creeping motion in a viscous medium;
-//! here simply what the paper's simulation lacks.
+//! Source: the damping of Pymunk (Chipmunk2D manual, `cpSpaceSetDamping`), which keeps the share d of
+//! velocity per second, so c = -ln d; the paper's real world has d = 0.8. Valid for creeping motion in a
+//! viscous medium; here simply what the paper's simulation lacks.
 //!
-//! Signature: speed decays exponentially, at the same rate whatever the speed; only a second speed tells it from
-//! quadratic drag. Spin decays along with it. Each bounce and roll is slowed in flight as on the ground.
+//! Signature: speed decays exponentially, at the same rate whatever the speed; only a second speed tells it
+//! from quadratic drag. Spin decays along with it. Flight is slowed as rolling is.
 //!
 //! Integrator: exact, v exp(-c dt) = v d^dt, which is what Pymunk uses.
 //!

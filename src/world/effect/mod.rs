@@ -98,8 +98,8 @@ pub struct Surroundings {
 
 /// A law of motion, written for one body; engines that advance many at once use [`Motion::kick_lanes`].
 pub trait Motion: Sync {
-    /// What is worth computing once per rollout; by default the parameters as they are. Constants that are all 0
-    /// stand for an empty lane, and must give finite kicks.
+    /// What is worth computing once per rollout; by default the parameters as they are. Constants that are
+    /// all 0 stand for an empty lane, and must give finite kicks.
     fn constants(&self, parameters: &[f64], _around: &Surroundings) -> Constants {
         constants(parameters)
     }
@@ -113,7 +113,8 @@ pub trait Motion: Sync {
         false
     }
 
-    /// [`Motion::kick`] for every lane of a batch: `constants[c][lane]`. An override must return the same bits.
+    /// [`Motion::kick`] for every lane of a batch: `constants[c][lane]`. An override must return the same
+    /// bits.
     fn kick_lanes(&self, constants: &[[f64; LANES]; MOST_PARAMETERS], bodies: &mut MovingLanes, dt: f64) {
         #[expect(clippy::needless_range_loop, reason = "a lane is a column of every array")]
         for lane in 0..LANES {
@@ -132,8 +133,8 @@ pub trait Motion: Sync {
     }
 }
 
-/// A law of contact. Engines ask [`Touch::meet`] at the beginning of a step, about every contact that pushes, and
-/// [`Touch::roll`] when its contacts are resolved.
+/// A law of contact. Engines ask [`Touch::meet`] at the beginning of a step, about every contact that pushes,
+/// and [`Touch::roll`] when its contacts are resolved.
 pub trait Touch: Sync {
     /// As [`Motion::constants`].
     fn constants(&self, parameters: &[f64], _around: &Surroundings) -> Constants {
@@ -145,7 +146,8 @@ pub trait Touch: Sync {
         answer
     }
 
-    /// m/s to be taken off a disc's rolling speed, given the normal impulse of a step over the disc's mass, m/s.
+    /// m/s to be taken off a disc's rolling speed, given the normal impulse of a step over the disc's mass,
+    /// m/s.
     fn roll(&self, _constants: &Constants, _load: f64) -> f64 {
         0.0
     }
@@ -167,12 +169,13 @@ pub struct Meeting {
 pub struct Answer {
     /// Share of the speed of approach, in [0, 1].
     pub restitution: f64,
-    /// Tangential speed of one surface along the other that friction drives at, m/s, in the sense of [`Meeting::slip`].
+    /// Tangential speed of one surface along the other that friction drives at, m/s, in the sense of
+    /// [`Meeting::slip`].
     pub slip: f64,
 }
 
-/// What a disc of `radius` (m) with a centre speed `along` a static (m/s) and spin `omega` (rad/s) loses of each when
-/// `off` (m/s) is taken off its rolling: the speed that centre and rim have in common.
+/// What a disc of `radius` (m) with a centre speed `along` a static (m/s) and spin `omega` (rad/s) loses of
+/// each when `off` (m/s) is taken off its rolling: the speed that centre and rim have in common.
 pub fn rolled_off(along: f64, omega: f64, radius: f64, off: f64) -> [f64; 2] {
     let rim = radius * omega;
     if along * rim <= 0.0 {
@@ -330,7 +333,8 @@ mod tests {
         })
     }
 
-    /// The value `share` of the way from the lower to the upper bound; dense near the neutral value for small shares.
+    /// The value `share` of the way from the lower to the upper bound; dense near the neutral value for small
+    /// shares.
     fn value(p: &Parameter, share: f64) -> f64 {
         let [low, high] = p.bounds;
         if share < 0.5 {
@@ -369,13 +373,15 @@ mod tests {
             let around = Surroundings { time_step: dt, gravity: [0.3, -9.8] };
             for (effect, law) in motions() {
                 let own: Vec<Constants> = shares.iter().map(|s| {
-                    let values: Vec<f64> = effect.parameters.iter().zip(s).map(|(p, s)| value(p, *s)).collect();
+                    let values = effect.parameters.iter().zip(s).map(|(p, s)| value(p, *s));
+                    let values: Vec<f64> = values.collect();
                     law.constants(&values, &around)
                 }).collect();
                 let lanes = std::array::from_fn(|c| std::array::from_fn(|l| own[l][c]));
                 let of = |k: usize| std::array::from_fn(|l| states[l][k]);
+                let time = of(0).map(f64::abs);
                 let mut batch =
-                    MovingLanes { time: of(0).map(f64::abs), x: of(1), y: of(2), vx: of(3), vy: of(4), omega: of(5) };
+                    MovingLanes { time, x: of(1), y: of(2), vx: of(3), vy: of(4), omega: of(5) };
                 law.kick_lanes(&lanes, &mut batch, dt);
                 for l in 0..LANES {
                     let one = law.kick(&own[l], moving(states[l]), dt);

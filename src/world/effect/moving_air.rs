@@ -2,9 +2,9 @@
 //!
 //! Source: as `quadratic_drag` (Batchelor, section 5.11), in the frame of the air.
 //!
-//! Signature: a body let go is blown along and ends at the air's own velocity (with gravity: at sqrt(g / k) relative
-//! to it). Unlike wind the push fades as the body takes up speed, and unlike still-air drag it moves what rests
-//! and treats opposite directions unequally.
+//! Signature: a body let go is blown along and ends at the air's own velocity (with gravity: at sqrt(g / k)
+//! relative to it). Unlike wind the push fades as the body takes up speed, and unlike still-air drag it moves
+//! what rests and treats opposite directions unequally.
 //!
 //! Integrator: exact for the drag alone, (v - u) / (1 + k |v - u| dt) + u, and so stable for any step.
 //!

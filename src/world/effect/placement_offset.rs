@@ -1,13 +1,15 @@
 //! A placement that is off: what an action places ends up shifted by (dx, dy).
 //!
-//! Source: the calibration error of a robot's hand against the world's frame (hand-eye calibration), steady over trials.
-//! Valid for small offsets: an action is judged as it was asked for, so one may end up in a wall.
+//! Source: the calibration error of a robot's hand against the world's frame (hand-eye calibration), steady
+//! over trials. Valid for small offsets: an action is judged as it was asked for, so one may end up in a
+//! wall.
 //!
-//! Signature: only what the action places starts off, always by the same vector, and is *seen* where it really is from the
-//! first observation on; unlike a sensor's shift, what stands in the scene is seen where it should be.
+//! Signature: only what the action places starts off, always by the same vector, and is *seen* where it
+//! really is from the first observation on; unlike a sensor's shift, what stands in the scene is seen where
+//! it should be.
 //!
-//! Differences from the source: no rotation. Shifted are the bodies and statics whose x or y the scene's action sets; in
-//! a scene whose actions set no place, every movable body.
+//! Differences from the source: no rotation. Shifted are the bodies and statics whose x or y the scene's
+//! action sets; in a scene whose actions set no place, every movable body.
 
 use super::{Act, Constants, Effect, Parameter, Placing};
 

@@ -1,15 +1,16 @@
 //! A force field that grows with distance: dv/dt = (kx (x0 - x), ky (y0 - y)).
 //!
-//! Source: Hooke's law; the first order of any smooth field about a place where it vanishes (a magnet under the
-//! table, a bowl-shaped floor seen from above). **Sign: k > 0 attracts to (x0, y0)**, k < 0 repels; an axis with
-//! k = 0 is left alone. Valid near that place.
+//! Source: Hooke's law; the first order of any smooth field about a place where it vanishes (a magnet under
+//! the table, a bowl-shaped floor seen from above). **Sign: k > 0 attracts to (x0, y0)**, k < 0 repels; an
+//! axis with k = 0 is left alone. Valid near that place.
 //!
 //! Signature: the push depends on where the body is and on nothing else; attraction swings with period
 //! 2 pi / sqrt(k) whatever the amplitude. With (x0, y0) far off it is wind.
 //!
-//! Integrator: engines move a body by its new velocity (symplectic Euler), whose swing under a kick K dt (x0 - x) obeys
-//! cos(theta) = 1 - K dt^2 / 2. K = (2 sin(w dt / 2) / dt)^2, w = sqrt(k), makes theta = w dt: swings have exactly the
-//! right period, and are stable for any step (w dt beyond pi is taken for pi). Likewise sinh for repulsion.
+//! Integrator: engines move a body by its new velocity (symplectic Euler), whose swing under a kick
+//! K dt (x0 - x) obeys cos(theta) = 1 - K dt^2 / 2. With K = (2 sin(w dt / 2) / dt)^2 and w = sqrt(k), theta is
+//! w dt: swings have exactly the right period, and are stable for any step (w dt beyond 3 is taken for 3).
+//! Likewise sinh for repulsion.
 //!
 //! Differences from the source: axes along x and y only. Its parameters x0 and y0 are in m.
 
@@ -58,9 +59,12 @@ impl Motion for PositionField {
     }
 }
 
+/// Largest w dt that is taken for itself: at pi a swing would grow.
+const STABLE: f64 = 3.0;
+
 /// K dt, 1/s: see the integrator above.
 fn stiffness(k: f64, dt: f64) -> f64 {
     let half = k.abs().sqrt() * dt / 2.0;
-    let swing = if k > 0.0 { libm::sin(half.min(std::f64::consts::FRAC_PI_2)) } else { libm::sinh(half) };
+    let swing = if k > 0.0 { libm::sin(half.min(STABLE / 2.0)) } else { libm::sinh(half) };
     k.signum() * 4.0 * swing * swing / dt
 }

@@ -1,12 +1,15 @@
 //! A wrong length scale: positions are seen as s times the true ones, about the origin.
 //!
-//! Source: the pinhole camera (Hartley and Zisserman, Multiple View Geometry, section 6.1): an error of the assumed distance
-//! or focal length scales all lengths alike. Valid for a camera that looks square on and for motion in its plane.
+//! Source: the pinhole camera (Hartley and Zisserman, Multiple View Geometry, section 6.1): an error of the
+//! assumed distance or focal length scales all lengths alike. Valid for a camera that looks square on and for
+//! motion in its plane.
 //!
-//! Signature: every length is off by the same share, in flight as at rest: balls seem too near or too far from each other when
-//! they touch. Gravity alone cannot tell it from an error of gravity; sideways motion and known sizes can.
+//! Signature: every length is off by the same share, in flight as at rest: balls seem too near or too far
+//! from each other when they touch. Gravity alone cannot tell it from an error of gravity; sideways motion
+//! and known sizes can.
 //!
-//! Differences from the source: about the scene's origin, not the picture's middle; what differs is a shift of everything.
+//! Differences from the source: about the scene's origin, not the picture's middle; what differs is a shift
+//! of everything.
 
 use super::{Act, Constants, Effect, Parameter, Sensor, Shown};
 

@@ -1,12 +1,12 @@
 //! Quadratic drag: dv/dt = -k |v| v.
 //!
-//! Source: Newton's law of resistance (Batchelor, An Introduction to Fluid Dynamics, section 5.11): the drag on a
-//! body of cross-section A is rho C_D A v^2 / 2, so k = rho C_D A / (2 m): 0.13 / m for a table-tennis ball, 0.006
-//! for a baseball. Valid while C_D is constant: for spheres at Reynolds numbers of 1e3 to 2e5.
+//! Source: Newton's law of resistance (Batchelor, An Introduction to Fluid Dynamics, section 5.11): the drag
+//! on a body of cross-section A is rho C_D A v^2 / 2, so k = rho C_D A / (2 m): 0.13 / m for a table-tennis
+//! ball, 0.006 for a baseball. Valid while C_D is constant: for spheres at Reynolds numbers of 1e3 to 2e5.
 //!
-//! Signature: the share of speed lost grows with the speed, so speeds fall as 1/t and not exponentially, and there
-//! is a terminal speed sqrt(g / k). Against linear drag only trials of unlike speeds tell; against wind, trials in
-//! opposite directions.
+//! Signature: the share of speed lost grows with the speed, so speeds fall as 1/t and not exponentially, and
+//! there is a terminal speed sqrt(g / k). Against linear drag only trials of unlike speeds tell; against
+//! wind, trials in opposite directions.
 //!
 //! Integrator: exact for the drag alone, v / (1 + k |v| dt), and so stable for any step.
 //!

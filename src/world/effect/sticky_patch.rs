@@ -1,15 +1,16 @@
 //! A sticky patch: linear drag for bodies whose centre is within a rectangle.
 //!
-//! Source: linear drag as in `linear_drag`, where the ground is carpet, sand or spilt honey. Valid for patches larger
-//! than a step's way: a body that jumps over the patch within one step is not slowed.
+//! Source: linear drag as in `linear_drag`, where the ground is carpet, sand or spilt honey. Valid for
+//! patches larger than a step's way: a body that jumps over the patch within one step is not slowed.
 //!
-//! Signature: residuals begin at the same *place* in every trial, whatever the time and speed, and speed decays
-//! exponentially there only.
+//! Signature: residuals begin at the same *place* in every trial, whatever the time and speed, and speed
+//! decays exponentially there only.
 //!
 //! Integrator: exact within the patch, v exp(-c dt); edges are crossed at the end of a step.
 //!
-//! Differences from the source: the rectangle is bounded by its two corners in either order, edges included. A body in
-//! flight over the patch is slowed as one on the ground: in the plane of the scene there is no telling them apart.
+//! Differences from the source: the rectangle is bounded by its two corners in either order, edges included.
+//! A body in flight over the patch is slowed as one on the ground: in the plane of the scene there is no
+//! telling them apart.
 
 use super::{
     Act, Constants, Effect, LANES, MOST_PARAMETERS, Motion, Moving, MovingLanes, Parameter, Surroundings,

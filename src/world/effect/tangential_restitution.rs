@@ -1,19 +1,21 @@
-//! Tangential restitution: an impact turns the surfaces' sliding speed round by the share et, as far as friction can.
+//! Tangential restitution: an impact turns the surfaces' sliding speed round by the share et, as far as
+//! friction can.
 //!
-//! Source: Garwin, Am. J. Phys. 37 (1969) 88 (the ultra-elastic rough ball, et = 1); Walton and Braun, J. Rheol. 30 (1986)
-//! 949: slip after = -et slip before in sticking impacts, Coulomb friction in sliding ones. et is 0.4 to 0.8 for
-//! rubber, 0 for surfaces that grip without spring, -1 for surfaces that do not grip at all. Valid for impacts, not for
-//! lasting contacts.
+//! Source: Garwin, Am. J. Phys. 37 (1969) 88 (the ultra-elastic rough ball, et = 1); Walton and Braun, J.
+//! Rheol. 30 (1986) 949: slip after = -et slip before in sticking impacts, Coulomb friction in sliding ones.
+//! et is 0.4 to 0.8 for rubber, 0 for surfaces that grip without spring, -1 for surfaces that do not grip at
+//! all. Valid for impacts, not for lasting contacts.
 //!
-//! Signature: shows only in the change of spin and sideways speed at impacts, and most in steep ones with spin; a ball with
-//! et > 0 thrown without spin bounces back from floor and ceiling. Friction changes only grazing impacts, where
-//! it is the limit; flights are left alone, unlike by lift.
+//! Signature: shows only in the change of spin and sideways speed at impacts, and most in steep ones with
+//! spin; a ball with et > 0 thrown without spin bounces back from floor and ceiling. Friction changes only
+//! grazing impacts, where it is the limit; flights are left alone, unlike by lift.
 //!
-//! Where: the step in which a contact that bore no load in the step before is met in approach. Slip is the tangential speed
-//! of the surfaces at the contact at the beginning of the step.
+//! Where: the step in which a contact that bore no load in the step before is met in approach. Slip is the
+//! tangential speed of the surfaces at the contact at the beginning of the step.
 //!
-//! Differences from the source: the engines' own friction is the limit: in `lanes` friction times the normal impulse, in
-//! `rapier` the smaller share of it that its solver lets friction have in an impact (under a half, in a test of ours).
+//! Differences from the source: the engines' own friction is the limit: in `lanes` friction times the normal
+//! impulse, in `rapier` the smaller share of it that its solver lets friction have in an impact (under a
+//! half, in a test of ours).
 
 use super::{Act, Answer, Constants, Effect, Meeting, Parameter, Touch};
 

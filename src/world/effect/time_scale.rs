@@ -1,10 +1,11 @@
 //! A wrong clock: it runs s times as fast as time, so that what is stamped t is what was true at t / s.
 //!
-//! Source: a camera whose frame rate is not what its file says, s = assumed time between frames / true time: a common fault of
-//! high-speed recordings. Valid for a steady rate.
+//! Source: a camera whose frame rate is not what its file says, s = assumed time between frames / true time:
+//! a common fault of high-speed recordings. Valid for a steady rate.
 //!
-//! Signature: paths are right and speeds are not: all velocities by 1/s, all accelerations by 1/s^2, exponential decays by 1/s.
-//! An error of gravity changes free flights likewise, but not the speed that an action sets or that rolling keeps.
+//! Signature: paths are right and speeds are not: all velocities by 1/s, all accelerations by 1/s^2,
+//! exponential decays by 1/s. An error of gravity changes free flights likewise, but not the speed that an
+//! action sets or that rolling keeps.
 //!
 //! Differences from the source: none. The record ends when the end of the rollout is seen.
 

@@ -1,11 +1,11 @@
 //! Wind: a uniform push, dv/dt = (ax, ay).
 //!
-//! Source: the limit of moving air that is much faster than the body, where drag no longer depends on the body's
-//! own velocity; also what a charged body feels between plates. Valid for bodies slow beside the air.
+//! Source: the limit of moving air that is much faster than the body, where drag no longer depends on the
+//! body's own velocity; also what a charged body feels between plates. Valid for bodies slow beside the air.
 //!
-//! Signature: free flight stays a parabola, tilted: the same acceleration for every trial, place and speed. Along
-//! gravity it cannot be told from an error of gravity; across it, a tilted camera turns *what is at rest* too
-//! (floors, and the line between two balls), which wind leaves alone.
+//! Signature: free flight stays a parabola, tilted: the same acceleration for every trial, place and speed.
+//! Along gravity it cannot be told from an error of gravity; across it, a tilted camera turns *what is at
+//! rest* too (floors, and the line between two balls), which wind leaves alone.
 //!
 //! Integrator: exact, v + a dt.
 //!

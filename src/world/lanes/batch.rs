@@ -129,8 +129,8 @@ pub struct Pair {
     /// Target speeds, m/s.
     pub bounce: V,
     pub bias: V,
-    /// Slip that friction drives at, m/s, and whether the pair bore no load in the step before (0 or 1); kept only
-    /// where laws of contact are at work.
+    /// Slip that friction drives at, m/s, and whether the pair bore no load in the step before (0 or 1); kept
+    /// only where laws of contact are at work.
     pub slip: V,
     pub unloaded: V,
     /// Effective masses, kg: 0 in lanes where the pair does not push.

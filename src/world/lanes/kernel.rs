@@ -261,8 +261,8 @@ fn warm_start<R: Register, const N: usize>(batch: &mut Batch) {
     }
 }
 
-/// Sequential impulses; without `BIAS` no pair is deeper than the slop and the bias part is left out, without `SLIP`
-/// friction drives at rest.
+/// Sequential impulses; without `BIAS` no pair is deeper than the slop and the bias part is left out, without
+/// `SLIP` friction drives at rest.
 #[inline(always)]
 fn sweep<const BIAS: bool, const SLIP: bool, R: Register, const N: usize>(batch: &mut Batch) {
     let count = batch.bodies.len();

@@ -1,11 +1,11 @@
-//! Laws of contact (effects of the form `Act::Contact`) in a batch, one lane at a time: scenes with such laws are few
-//! beside those without, and a scene without never comes here.
+//! Laws of contact (effects of the form `Act::Contact`) in a batch, one lane at a time: scenes with such laws
+//! are few beside those without, and a scene without never comes here.
 
 use super::batch::{Batch, BodyLanes, Pair, TermLanes};
 use crate::world::effect::{Answer, LANES, Meeting, Touch, rolled_off};
 
-/// Asks the laws what every contact that pushes is to give back; called when contacts are found, and before effects and
-/// gravity act, as Chipmunk's bounce speed is taken.
+/// Asks the laws what every contact that pushes is to give back; called when contacts are found, and before
+/// effects and gravity act, as Chipmunk's bounce speed is taken.
 #[cold]
 pub fn meet(batch: &mut Batch) {
     let count = batch.bodies.len();
