@@ -702,6 +702,47 @@ mod tests {
     }
 
     #[test]
+    fn lines_of_equal_value_lie_where_the_value_is() {
+        let axis: Vec<f64> = (0..9).map(|i| f64::from(i) / 8.0).collect();
+        let plane = |x: f64, y: f64| 0.3 * x + 0.8 * y;
+        let map = Heatmap {
+            values: axis.iter().map(|y| axis.iter().map(|x| plane(*x, *y)).collect()).collect(),
+            x: axis.clone(),
+            y: axis,
+            ..Heatmap::default()
+        };
+        let levels = levels(0.0, 1.1, 5);
+        assert!(levels.iter().zip([0.5, 1.0]).all(|(a, b)| (a - b).abs() < 1e-12) && levels.len() == 2);
+        let pieces = contour(&map, 0.5);
+        assert!(pieces.len() >= 8, "{}", pieces.len());
+        for (x, y) in pieces.into_iter().flatten() {
+            assert!((plane(x, y) - 0.5).abs() < 1e-9);
+        }
+        assert!(contour(&map, 2.0).is_empty());
+    }
+
+    #[test]
+    fn maps_side_by_side_have_titles_dots_and_a_scale_each() {
+        let map = |title: &str| Heatmap {
+            title: title.into(),
+            x: vec![0.0, 1.0],
+            y: vec![0.0, 1.0],
+            values: vec![vec![0.0, 1.0], vec![2.0, 3.0]],
+            dots: vec![(0.25, 0.5), (7.0, 7.0)],
+            value_label: "height, m".into(),
+            ..Heatmap::default()
+        };
+        let drawn = heatmaps("two", &[map("left"), map("right")]);
+        assert!(drawn.contains("left") && drawn.contains("right"));
+        assert_eq!(drawn.matches("height, m").count(), 2);
+        // One dot each, of two circles; what lies outside is left out.
+        assert_eq!(drawn.matches("<circle").count(), 4);
+        let broken = Heatmap { values: vec![], ..map("broken") };
+        assert!(heatmaps("none", &[map("left"), broken]).contains("no data to plot"));
+        assert!(heatmaps("none", &[]).contains("no data to plot"));
+    }
+
+    #[test]
     fn plots_of_nothing_say_so() {
         let nan = f64::NAN;
         let none = [

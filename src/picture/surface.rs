@@ -59,7 +59,7 @@ pub fn surface_svg(surface: &Surface, marks: &[Mark]) -> Result<String> {
     Ok(heatmaps(
         &title,
         &[
-            panel("mean", "AUCCESS, 1", &|a, b| at(a, b).mean),
+            panel("mean", "AUCCESS, 1", &|a, b| at(a, b).mean.clamp(0.0, 1.0)),
             panel("standard deviation", "AUCCESS, 1", &|a, b| at(a, b).sd),
         ],
     ))
