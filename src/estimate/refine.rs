@@ -12,7 +12,7 @@
 //! each other, so phi is how much harder the trials pull at the latents (squared, mean over trials and latents, the
 //! pull of each trial at the estimate itself allowed for) than independent differences of that size would, and at
 //! least 1. One phi for all, as a sandwich or a jackknife by latent, tried first, rests on the one or two trials that
-//! tell a latent most and is erratic: intervals came out several times too wide. Intervals are Student's with as many degrees of freedom as there are trials beyond latents.
+//! tell a latent most and is erratic: intervals came out several times too wide. Intervals are Student's with the degrees of freedom of phi.
 //!
 //! Range of validity: the interval covers what noise and the choice of trials do to the estimate. It does not
 //! cover what the simulation leaves out: an estimate that makes up for a missing effect is tightly known and still
@@ -62,6 +62,8 @@ pub const RESOLUTION: f64 = 2e-4;
 const STRAIGHT: f64 = 0.3;
 /// Crooked coordinates of a body after which its later ones are not believed to be straight, even if they look so.
 const CROOKED: usize = 4;
+/// Misfits that differ by less, a tenth of a standard error's worth, are as good as each other.
+const SAME: f64 = 0.01;
 /// Differences beyond this many scales count less and less.
 const FAR: f64 = 4.0;
 /// Least scale of differences, m.
@@ -118,13 +120,13 @@ pub fn refine(
     }
     let scale = visited.iter().map(|v| v.scale).fold(f64::INFINITY, f64::min);
     let rollouts = visited.iter().map(|v| v.rollouts).sum();
-    let mut best = 0;
-    for (i, visit) in visited.iter().enumerate() {
-        // Of equals the later: its reach, and so what it says of the error, is the better one.
-        if misfit(&visit.differences, scale) <= misfit(&visited[best].differences, scale) {
-            best = i;
-        }
-    }
+    // Compared by what is straight at the end, since the rest is chance; of equals the later, whose reach, and so what
+    // it says of the error, is the better one.
+    let straight = visited.last().map(|v| v.straight.clone()).unwrap_or_default();
+    let among = |v: &Visit| misfit(v.differences.iter().zip(&straight).filter(|d| *d.1).map(|d| d.0), scale);
+    let off: Vec<f64> = visited.iter().map(among).collect();
+    let least = off.iter().copied().fold(f64::INFINITY, f64::min);
+    let best = off.iter().rposition(|o| *o <= least + SAME).unwrap_or(0);
     let best = visited.swap_remove(best);
     let (error, freedom) = best.error(&active, field);
     Ok(Refined {
@@ -154,9 +156,9 @@ impl Refined {
 
 /// Negative log-likelihood of heavy-tailed differences (Cauchy's), up to constants: most differences small beats few
 /// differences large, so a chaotic minority decides nothing.
-fn misfit(differences: &[f64], scale: f64) -> f64 {
+fn misfit<'a>(differences: impl IntoIterator<Item = &'a f64>, scale: f64) -> f64 {
     let s = scale.max(1e-5);
-    differences.iter().filter(|r| r.is_finite()).map(|r| libm::log(1.0 + (r / s).powi(2))).sum()
+    differences.into_iter().filter(|r| r.is_finite()).map(|r| libm::log(1.0 + (r / s).powi(2))).sum()
 }
 
 /// One coordinate at one time.
@@ -171,8 +173,9 @@ struct Visit {
     at: Sample,
     terms: Vec<Term>,
     differences: Vec<f64>,
+    /// Which of them are linear in the latents over the reach.
+    straight: Vec<bool>,
     scale: f64,
-    trials: usize,
     rollouts: u64,
 }
 
@@ -195,7 +198,7 @@ impl Visit {
             }
         }
         let rows = vectors(&samples, pieces, simulation, "refining", progress)?;
-        let mut terms = Vec::new();
+        let (mut terms, mut all_straight) = (Vec::new(), Vec::new());
         for (p, piece) in pieces.iter().enumerate() {
             let times = piece.observed.times.len();
             let mut crooked = 0;
@@ -223,7 +226,9 @@ impl Visit {
                         pair.push(Term { trial: piece.trial, r, j: slope });
                     }
                 }
-                if straight && crooked < CROOKED {
+                let believed = straight && crooked < CROOKED;
+                all_straight.extend([believed; 2]);
+                if believed {
                     terms.append(&mut pair);
                 } else if !straight && piece.weighing.is_none() {
                     crooked += 1;
@@ -233,10 +238,7 @@ impl Visit {
         let differences: Vec<f64> = rows[0].iter().flatten().copied().collect();
         let scale = (1.4826 * median(terms.iter().map(|t| t.r.abs()).collect())).max(LEAST);
         let rollouts = (samples.len() * pieces.len()) as u64;
-        let mut trials: Vec<usize> = terms.iter().map(|t| t.trial).collect();
-        trials.sort_unstable();
-        trials.dedup();
-        Ok(Visit { at, terms, differences, scale, trials: trials.len(), rollouts })
+        Ok(Visit { at, terms, differences, straight: all_straight, scale, rollouts })
     }
 
     /// Weight of a term, and the share of it by which its influence still grows.
@@ -270,9 +272,8 @@ impl Visit {
             influence += (w * t.r).powi(2);
         }
         let a: Matrix4<f64> = parts.iter().map(|p| p.0).sum();
-        let freedom = (self.trials as f64 - active.len() as f64).max(1.0);
         let unknown = std::array::from_fn(|j| if active.contains(&j) { f64::INFINITY } else { 0.0 });
-        let Some(inverse_a) = inverse(a, active, field) else { return (unknown, freedom) };
+        let Some(inverse_a) = inverse(a, active, field) else { return (unknown, 1.0) };
         let variance = influence / (self.terms.len() as f64 - active.len() as f64).max(1.0);
         // How much more the trials pull than independent differences would, seen over all trials and latents.
         let (mut excess, mut seen) = (0.0, 0.0);
@@ -290,7 +291,7 @@ impl Visit {
         let error = std::array::from_fn(|j| {
             (inflation * variance * inverse_a[(j, j)]).sqrt().hypot(RESOLUTION * field.prior[j])
         });
-        (error, freedom)
+        (error, (seen - active.len() as f64).max(1.0))
     }
 }
 
