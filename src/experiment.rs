@@ -12,6 +12,7 @@ mod config;
 mod fit;
 pub mod quickstart;
 mod report;
+pub mod sense;
 pub mod statistics;
 pub mod strategies;
 pub mod study;
@@ -21,6 +22,7 @@ mod workflow;
 
 pub use config::{EstimateConfig, Memory, ResidualKind};
 pub use report::{EstimateReport, Stopped};
+pub use sense::Sense;
 pub use workflow::{Answer, Choice, Proposal, Round, Workflow};
 
 use std::sync::Arc;
@@ -81,7 +83,10 @@ pub fn run(
 
 /// Fits given trials without measuring anything: as many iterations as an estimation of all rounds makes.
 pub fn refit(trials: &[Trial], config: &EstimateConfig, progress: &dyn Progress) -> Result<EstimateReport> {
+    let mut config = config.clone();
+    config.cem = sense::apply(&config.senses, config.cem, trials.iter().map(|t| &t.scene))?;
     config.validate()?;
+    let config = &config;
     let mut cem = Cem::new(config.cem.clone())?;
     let (mut residuals, mut estimates, mut rollouts) = (Vec::new(), Vec::new(), 0);
     let mut before = None;

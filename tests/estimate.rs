@@ -4,11 +4,11 @@
 use iplw::error::{Error, Result};
 use iplw::estimate::fitness::{Racing, Simulation, losses};
 use iplw::experiment::{
-    Answer, EstimateConfig, EstimateReport, Memory, Round, Stopped, Workflow, estimate, random_trials,
-    run as run_workflow,
+    Answer, EstimateConfig, EstimateReport, Memory, ResidualKind, Round, Sense, Stopped, Workflow, estimate,
+    random_trials, refit, run as run_workflow,
 };
 use iplw::progress::{Progress, Silent};
-use iplw::reality::{HiddenConfig, HiddenWorld, Reality, standard};
+use iplw::reality::{HiddenConfig, HiddenWorld, Reality, standard, trials_from_csv, trials_to_csv};
 use iplw::task::{Split, Task, family, split};
 use iplw::world::{Engine, Latents, latent::FACTORS};
 
@@ -255,5 +255,95 @@ fn configurations_are_checked_by_name() {
     assert!(with(|c| c.candidates = 1).contains("candidates"));
     assert!(with(|c| c.cem.elites = 1).contains("elites"));
     assert!(with(|c| c.cem.smoothing = f64::NAN).contains("smoothing"));
+    assert!(with(|c| c.cem.limits = Some([[0.0, 1.0]; 3])).contains("limits[0][0]"));
     assert!(with(|c| c.cem.prior[1].1 = 0.0).contains("prior[1][1]"));
+}
+
+/// Every stretch starts from what was seen, so chance in collisions does not add up: ten trials of bowling are enough.
+#[test]
+fn shooting_recovers_bowling_from_ten_trials() {
+    let truth = [0.25, 0.5, 0.6];
+    let config = EstimateConfig { rounds: 1, residual: ResidualKind::Shooting, seed: 4, ..fast("bowling") };
+    let report = run("bowling", hidden("bowling", truth, false), config);
+    assert_eq!(report.real_interactions, 10);
+    for i in 1..3 {
+        let found = &report.latents[i];
+        assert!(found.identifiable && (found.value - truth[i]).abs() < 0.005, "{found:?} for {}", truth[i]);
+    }
+    assert!(!report.latents[0].identifiable);
+}
+
+/// A camera's file: noisy positions, no angles to speak of, no velocities at all. Starts are fitted along.
+#[test]
+fn shooting_needs_no_velocities() {
+    let mut tasks = training("basketball");
+    tasks.truncate(1);
+    let truth = [1.0, 0.2, 0.7];
+    let world = HiddenConfig { noise: 0.01, ..hidden("basketball", truth, false) };
+    let measured = random_trials(&tasks, &mut HiddenWorld::new(world).unwrap(), 25, 3, &Silent).unwrap();
+    assert!(measured[0].observed.bodies[0].vx[1].is_nan(), "with noise, velocities are not seen");
+    let read: Vec<_> = measured
+        .iter()
+        .map(|t| {
+            let mut blind = t.clone();
+            blind.observed.bodies[0].angle.iter_mut().for_each(|a| *a = f64::NAN);
+            let csv = trials_to_csv(&[blind]);
+            trials_from_csv(&csv, &t.scene).unwrap().remove(0)
+        })
+        .collect();
+    assert!(read.iter().all(|t| t.observed.bodies[0].vx.iter().all(|v| v.is_nan())));
+    let config =
+        EstimateConfig { rounds: 1, residual: ResidualKind::Shooting, seed: 1, ..fast("basketball") };
+    let report = refit(&read, &config, &Silent).unwrap();
+    let found = &report.latents[2];
+    assert!(found.identifiable && (found.value - truth[2]).abs() < 0.01, "{found:?}");
+}
+
+/// Racing over stretches is as exact as over trials, and nothing depends on the number of threads.
+#[test]
+fn shooting_races_exactly_and_repeats() {
+    let world = || HiddenConfig { noise: 0.01, ..hidden("basketball", [1.0, 0.2, 0.7], false) };
+    let small = EstimateConfig {
+        rounds: 2,
+        actions: 5,
+        candidates: 50,
+        residual: ResidualKind::Shooting,
+        ..fast("basketball")
+    };
+    let slow = run("basketball", world(), EstimateConfig { racing: false, ..small.clone() });
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| run("basketball", world(), small.clone()))
+    };
+    let raced = on(1);
+    assert_eq!((&raced.latents, &raced.estimates), (&slow.latents, &slow.estimates));
+    assert!(raced.rollouts < slow.rollouts);
+    assert_eq!(raced, on(3));
+}
+
+/// A ball that grips throughout says no more than that friction is high. What is sensed beforehand narrows that, and
+/// is never overruled.
+#[test]
+fn what_is_sensed_narrows_what_the_data_leave_open() {
+    let truth = [1.0, 0.9, 0.6];
+    let with = |senses: &[&str], seed| {
+        let senses = senses.iter().map(|s| Sense::parse(s).unwrap()).collect();
+        let config = EstimateConfig { rounds: 2, seed, senses, ..fast("basketball") };
+        run("basketball", hidden("basketball", truth, false), config)
+    };
+    let mut closer = 0;
+    for seed in 0..4 {
+        let (open, sensed) = (with(&[], seed), with(&["friction>0.8", "friction<1.0"], seed));
+        for estimate in &sensed.estimates {
+            assert!((0.8..=1.0).contains(&estimate[1]), "left the allowed side: {estimate:?}");
+        }
+        let off = |r: &EstimateReport| (r.latents[1].value - truth[1]).abs();
+        closer += usize::from(off(&sensed) <= off(&open) + 1e-3);
+    }
+    assert_eq!(closer, 4);
+    // Even a wrong one.
+    let wrong = with(&["restitution>0.7"], 1);
+    assert!(wrong.estimates.iter().all(|e| e[2] >= 0.7) && wrong.latents[2].value < 0.75, "{wrong:?}");
+    let open = wrong.latents[2].ci95[0];
+    assert!(open.is_none_or(|low| low >= 0.7), "the interval left the allowed side");
 }

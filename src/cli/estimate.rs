@@ -7,7 +7,7 @@ use std::time::Instant;
 use iplw::error::{Error, Result};
 use iplw::experiment::quickstart::DRAG_PRIOR;
 use iplw::experiment::surface;
-use iplw::experiment::{EstimateConfig, EstimateReport, Memory, estimate_with};
+use iplw::experiment::{EstimateConfig, EstimateReport, Memory, ResidualKind, Sense, estimate_with};
 use iplw::explore::{Importance, strategy};
 use iplw::reality::{HiddenWorld, standard};
 use iplw::task::{Family, Split, split};
@@ -50,6 +50,13 @@ pub struct Args {
     /// Which trials a round is fitted to: all or last_round; the preset's if not given.
     #[arg(long)]
     memory: Option<String>,
+    /// trajectory: every sample is simulated from start to end; shooting: anew from what was observed, a stretch at
+    /// a time.
+    #[arg(long, default_value = "trajectory")]
+    residual: String,
+    /// What is known of a latent beforehand, `restitution>0.5` or `friction<floor`; may be given several times.
+    #[arg(long)]
+    sense: Vec<String>,
     /// Give the simulation linear drag and fit its coefficient along.
     #[arg(long)]
     fit_drag: bool,
@@ -90,6 +97,8 @@ pub fn run(args: &Args) -> Result<()> {
     if args.fit_drag {
         config.cem.drag = Some(DRAG_PRIOR);
     }
+    config.residual = ResidualKind::from_name(&args.residual)?;
+    config.senses = args.sense.iter().map(|s| Sense::parse(s)).collect::<Result<_>>()?;
     config.racing = !args.no_racing;
     config.engine = Engine::from_name(&args.engine)?;
     config.seed = args.seed;

@@ -4,7 +4,7 @@
 //! Rubinstein and Kroese 2004.
 //!
 //! Differences from the source:
-//! - Samples outside a factor's bounds are moved to the bound.
+//! - Samples outside a factor's bounds are moved to the bound; outside narrower limits they are drawn again.
 //! - The preset `fast` smooths mean and covariance (keeps part of the old), because the plain method collapses
 //!   too soon when parameters trade off, and takes several iterations for each round of measurements.
 //! - The covariance keeps a floor, so that a later round with other trials can still move the estimate.
@@ -40,7 +40,14 @@ pub struct CemConfig {
     pub drag: Option<(f64, f64)>,
     /// Standard deviations never shrink below this share of the prior's.
     pub floor: f64,
+    /// Least and greatest density, friction and restitution to be considered; `None` leaves the factors' bounds.
+    /// Samples beyond are drawn again, up to [`REDRAWN`] times, then moved to the limit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub limits: Option<[[f64; 2]; 3]>,
 }
+
+/// Most times a sample beyond a limit is drawn again. With half of the distribution beyond, all but one in 10^9 get in.
+const REDRAWN: usize = 30;
 
 /// Where a search stands, as plain data: [`Cem::at`] takes it up again to the bit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -62,12 +69,30 @@ pub struct Cem {
 impl CemConfig {
     /// As in the paper: one iteration of 1000 samples and 200 elites a round, no smoothing.
     pub fn paper(prior: [(f64, f64); 3]) -> CemConfig {
-        CemConfig { samples: 1000, elites: 200, iterations: 1, smoothing: 0.0, prior, drag: None, floor: 0.0 }
+        CemConfig {
+            samples: 1000,
+            elites: 200,
+            iterations: 1,
+            smoothing: 0.0,
+            prior,
+            drag: None,
+            floor: 0.0,
+            limits: None,
+        }
     }
 
     /// Fewer simulations for the same accuracy: small smoothed iterations, several a round.
     pub fn fast(prior: [(f64, f64); 3]) -> CemConfig {
-        CemConfig { samples: 160, elites: 24, iterations: 4, smoothing: 0.3, prior, drag: None, floor: 0.02 }
+        CemConfig {
+            samples: 160,
+            elites: 24,
+            iterations: 4,
+            smoothing: 0.3,
+            prior,
+            drag: None,
+            floor: 0.02,
+            limits: None,
+        }
     }
 
     /// Where the search starts: mean and standard deviation of every component; (0, 0) for one left out.
@@ -78,7 +103,8 @@ impl CemConfig {
 
     /// Least and greatest value of every component.
     pub fn limits(&self) -> [[f64; 2]; 4] {
-        std::array::from_fn(|i| FACTORS.get(i).map_or([0.0, 100.0], |f| f.bounds))
+        let factors = self.limits.unwrap_or(FACTORS.map(|f| f.bounds));
+        std::array::from_fn(|i| factors.get(i).copied().unwrap_or([0.0, 100.0]))
     }
 
     /// Errors name the knob that is out of range.
@@ -94,6 +120,11 @@ impl CemConfig {
         within("iterations", self.iterations as f64, 1.0, 1000.0)?;
         within("smoothing", self.smoothing, 0.0, 0.99)?;
         within("floor", self.floor, 0.0, 1.0)?;
+        for (i, limits) in self.limits.iter().flatten().enumerate() {
+            let [low, high] = FACTORS[i].bounds;
+            within(&format!("limits[{i}][0]"), limits[0], low, high)?;
+            within(&format!("limits[{i}][1]"), limits[1], limits[0], high)?;
+        }
         if let Some((mean, sd)) = self.drag {
             within("drag[0]", mean, 0.0, 100.0)?;
             within("drag[1]", sd, 1e-9, 100.0)?;
@@ -110,7 +141,11 @@ impl Cem {
     /// A search that starts from the configured prior.
     pub fn new(config: CemConfig) -> Result<Cem> {
         config.validate()?;
-        let mean = Vector4::from_fn(|i, _| config.start()[i].0);
+        let [start, limits] = [config.start().map(|p| [p.0, p.1]), config.limits()];
+        let mean = Vector4::from_fn(|i, _| match config.limits {
+            Some(_) => start[i][0].clamp(limits[i][0], limits[i][1]),
+            None => start[i][0],
+        });
         let covariance = Matrix4::from_diagonal(&Vector4::from_fn(|i, _| config.start()[i].1.powi(2)));
         Ok(Cem { config, mean, covariance })
     }
@@ -133,8 +168,17 @@ impl Cem {
         let root = self.root();
         (0..self.config.samples)
             .map(|_| {
-                let z = Vector4::from_fn(|_, _| StandardNormal.sample(stream));
-                let x: Vector4<f64> = self.mean + root * z;
+                let mut draw = || -> Vector4<f64> {
+                    let z = Vector4::from_fn(|_, _| StandardNormal.sample(stream));
+                    self.mean + root * z
+                };
+                let mut x = draw();
+                for _ in 0..REDRAWN {
+                    if self.allowed(x) {
+                        break;
+                    }
+                    x = draw();
+                }
                 self.bounded(x)
             })
             .collect()
@@ -172,6 +216,12 @@ impl Cem {
     /// Number of elites.
     pub fn elites(&self) -> usize {
         self.config.elites
+    }
+
+    /// Whether a sample keeps within the limits that were asked for.
+    fn allowed(&self, x: Vector4<f64>) -> bool {
+        let limits = self.config.limits.iter().flatten().enumerate();
+        limits.into_iter().all(|(i, [low, high])| (*low..=*high).contains(&x[i]))
     }
 
     fn bounded(&self, x: Vector4<f64>) -> Sample {

@@ -1,9 +1,9 @@
 //! Trials in, latents out: the cross-entropy method over simulated residuals.
 //!
 //! [`cem`] proposes and learns from losses (ask, tell); [`piece`] is what is simulated for a trial; [`fitness`] turns
-//! samples and pieces into losses; [`refine`] goes from where the search ends to the optimum; [`interval`] says how
-//! well each latent is known, and whether it can be known at all. [`surface`] holds what a task asks of the latents,
-//! by way of [`gp`].
+//! samples and pieces into losses; [`shooting`] cuts trials into pieces; [`refine`] goes from where the search ends to
+//! the optimum; [`interval`] says how well each latent is known, and whether it can be known at all. [`surface`] holds
+//! what a task asks of the latents, by way of [`gp`].
 
 pub mod cem;
 pub mod fitness;
@@ -11,6 +11,7 @@ pub mod gp;
 pub mod interval;
 pub mod piece;
 pub mod refine;
+pub mod shooting;
 pub mod surface;
 
 pub use cem::{Cem, CemConfig};

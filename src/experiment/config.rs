@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::sense::Sense;
 use crate::error::{Error, Result, within};
 use crate::estimate::CemConfig;
 use crate::explore;
@@ -26,6 +27,9 @@ pub struct EstimateConfig {
     /// How far a sample is from the trials.
     #[serde(default)]
     pub residual: ResidualKind,
+    /// What is sensed of the latents before anything is measured.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub senses: Vec<Sense>,
     /// Whether each round's estimate is refined by a local search from where the cross-entropy method stands; else
     /// it is that method's mean.
     #[serde(default)]
@@ -108,6 +112,7 @@ impl EstimateConfig {
             cem: CemConfig::fast(prior),
             memory: Memory::All,
             residual: ResidualKind::Trajectory,
+            senses: Vec::new(),
             refine: true,
             settled: 0.02,
             racing: true,

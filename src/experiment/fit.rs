@@ -1,12 +1,13 @@
 //! A round's fit, and the report's last word on it.
 
-use super::config::EstimateConfig;
+use super::config::{EstimateConfig, ResidualKind};
 use super::report::{EstimateReport, Stopped};
 use super::workflow::Choice;
 use crate::error::Result;
 use crate::estimate::cem::Sample;
 use crate::estimate::fitness::{Racing, Simulation, losses_on};
 use crate::estimate::interval::intervals;
+use crate::estimate::shooting::stretches;
 use crate::estimate::{Cem, Field, Piece, Refined, refine, told};
 use crate::progress::Progress;
 use crate::reality::Trial;
@@ -24,6 +25,8 @@ pub(super) struct Fitted {
 
 /// Steps of refining after a round, and for the report, which starts where the last round ended.
 const STEPS: [usize; 2] = [10, 5];
+/// Times that trials are cut and refined on in a round, for the residual `shooting`.
+const LOOKS: usize = 3;
 /// Reach, as a share of the prior's deviation, with which a refined estimate is refined again.
 const AGAIN: f64 = 0.02;
 
@@ -37,9 +40,10 @@ pub(super) fn fit_round(
     progress: &dyn Progress,
 ) -> Result<Fitted> {
     let simulation = Simulation { engine: config.engine, effects: &[] };
-    let pieces = Piece::whole(trials);
+    let (mut pieces, mut rollouts) =
+        cut(before.unwrap_or_else(|| cem.estimate()), trials, config, simulation, progress)?;
     let mut stream = rng::stream(rng::derive(config.seed, "search", round as u64), "cem");
-    let (mut residual, mut rollouts, mut best) = (f64::INFINITY, 0, cem.estimate());
+    let (mut residual, mut best) = (f64::INFINITY, cem.estimate());
     for _ in 0..config.cem.iterations {
         let samples = cem.ask(&mut stream);
         let racing = if config.racing { Racing::On { elites: cem.elites() } } else { Racing::Off };
@@ -55,21 +59,37 @@ pub(super) fn fit_round(
     if !config.refine {
         return Ok(Fitted { residual, refined: None, rollouts });
     }
-    let (field, cost) = field(cem.estimate(), config, &pieces, simulation, progress)?;
-    rollouts += cost;
-    let near = field.prior.map(|sd| AGAIN * sd);
-    let starts = [Some((cem.estimate(), cem.deviations())), Some((best, near)), before.map(|b| (b, near))];
-    let mut found: Option<Refined> = None;
-    for (start, reach) in starts.into_iter().flatten() {
-        let refined = refine(start, reach, &field, &pieces, simulation, STEPS[0], progress)?;
-        rollouts += refined.rollouts;
-        if found.as_ref().is_none_or(|f| refined.beats(f)) {
-            found = Some(refined);
+    let near = config.cem.start().map(|p| AGAIN * p.1);
+    let mut starts = vec![(cem.estimate(), cem.deviations()), (best, near)];
+    starts.extend(before.map(|b| (b, near)));
+    let (mut told, mut found): (_, Option<Refined>) = ([false; 4], None);
+    // Stretches are cut as seen from an estimate, so a better one is worth another look.
+    let looks = if config.residual == ResidualKind::Shooting { LOOKS } else { 1 };
+    for look in 0..looks {
+        let from = found.as_ref().map_or_else(|| cem.estimate(), |f| f.estimate);
+        if config.residual == ResidualKind::Shooting {
+            let (again, cost) = cut(from, trials, config, simulation, progress)?;
+            pieces = again;
+            rollouts += cost;
+        }
+        let (field, cost) = field(from, config, &pieces, simulation, progress)?;
+        rollouts += cost;
+        told = field.told;
+        if look > 0 {
+            starts = vec![(from, near)];
+            found = None;
+        }
+        for (start, reach) in &starts {
+            let refined = refine(*start, *reach, &field, &pieces, simulation, STEPS[0], progress)?;
+            rollouts += refined.rollouts;
+            if found.as_ref().is_none_or(|f| refined.beats(f)) {
+                found = Some(refined);
+            }
         }
     }
     // What the trials do not tell stays where the search has it.
-    let refined =
-        found.map(|f| std::array::from_fn(|j| if field.told[j] { f.estimate[j] } else { cem.estimate()[j] }));
+    let searched = cem.estimate();
+    let refined = found.map(|f| std::array::from_fn(|j| if told[j] { f.estimate[j] } else { searched[j] }));
     Ok(Fitted { residual, refined, rollouts })
 }
 
@@ -93,7 +113,7 @@ pub(super) fn report_on(
     progress: &dyn Progress,
 ) -> Result<EstimateReport> {
     let simulation = Simulation { engine: config.engine, effects: &[] };
-    let pieces = Piece::whole(trials);
+    let (pieces, cut_cost) = cut(estimate, trials, config, simulation, progress)?;
     let (field, cost) = field(estimate, config, &pieces, simulation, progress)?;
     let reach = if config.refine { field.prior.map(|sd| AGAIN * sd) } else { spread };
     let refined = refine(estimate, reach, &field, &pieces, simulation, STEPS[1], progress)?;
@@ -106,7 +126,7 @@ pub(super) fn report_on(
         estimates: found.estimates,
         choices: found.choices,
         real_interactions: found.real_interactions,
-        rollouts: found.rollouts + cost + refined.rollouts,
+        rollouts: found.rollouts + cut_cost + cost + refined.rollouts,
         stopped: found.stopped,
         seconds: None,
         strategy: config.strategy.clone(),
@@ -114,6 +134,24 @@ pub(super) fn report_on(
         config: config.clone(),
         version: env!("CARGO_PKG_VERSION").into(),
     })
+}
+
+/// What the trials are compared with the simulation by, seen from `reference`; and the rollouts it took.
+fn cut(
+    reference: Sample,
+    trials: &[Trial],
+    config: &EstimateConfig,
+    simulation: Simulation,
+    progress: &dyn Progress,
+) -> Result<(Vec<Piece>, u64)> {
+    match config.residual {
+        ResidualKind::Trajectory => Ok((Piece::whole(trials), 0)),
+        ResidualKind::Shooting => {
+            let prior = config.cem.start().map(|p| p.1);
+            let field = Field { prior, limits: config.cem.limits(), told: [true; 4] };
+            stretches(trials, reference, &field, simulation, progress)
+        }
+    }
 }
 
 /// Where the latents may lie, and which of them the pieces tell; and the rollouts it took.

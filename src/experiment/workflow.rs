@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 use super::config::{EstimateConfig, Memory};
 use super::fit::{Found, fit_round, report_on};
 use super::report::{EstimateReport, Stopped};
+use super::sense;
 use crate::error::{Error, Result};
 use crate::estimate::Cem;
 use crate::estimate::cem::{Sample, State};
@@ -120,6 +121,8 @@ impl Workflow {
             let allowed = "a strategy that needs no performance surface, or a surface beside it";
             return Err(Error::input("strategy", format!("{:?}", config.strategy), allowed));
         }
+        let mut config = config.clone();
+        config.cem = sense::apply(&config.senses, config.cem, tasks.iter().map(|t| &t.scene))?;
         Ok(Workflow {
             tasks: tasks.to_vec(),
             config: config.clone(),

@@ -7,7 +7,7 @@ use super::{Attempt, Reality};
 use crate::error::{Error, Result, within};
 use crate::rng;
 use crate::task::scene::EffectTerm;
-use crate::task::{Family, Placement, Task, ValidAction};
+use crate::task::{Family, Placement, Scene, Task, ValidAction};
 use crate::trajectory::Trajectory;
 use crate::world::{Engine, Latents, Rollout, effect, simulate};
 
@@ -24,7 +24,9 @@ pub struct HiddenConfig {
     /// Engine that plays nature.
     #[serde(default)]
     pub engine: Engine,
-    /// Standard deviation of independent normal noise on observed positions after the start, m.
+    /// Standard deviation of independent normal noise on observed positions after the start, m. With noise, nature
+    /// is seen as by a camera: angles are those of a mark on the rim, seen with the same noise; velocities and spins
+    /// after the start are not seen at all.
     #[serde(default)]
     pub noise: f64,
     /// Most valid attempts allowed; unlimited if absent.
@@ -87,17 +89,22 @@ impl HiddenWorld {
 
     /// Adds the observation noise of interaction number `interaction`; the start is set by the experimenter
     /// and known exactly.
-    fn observe(&self, trajectory: &mut Trajectory, interaction: u64) {
+    fn observe(&self, trajectory: &mut Trajectory, scene: &Scene, interaction: u64) {
         if self.config.noise == 0.0 {
             return;
         }
-        let mut stream = rng::stream(rng::derive(self.config.seed, "observation", interaction), "noise");
+        let own = rng::derive(self.config.seed, "observation", interaction);
+        let (mut stream, mut turns) = (rng::stream(own, "noise"), rng::stream(own, "angle noise"));
         let normal =
             Normal::new(0.0, self.config.noise).expect("noise is validated to be finite and not negative");
         for track in &mut trajectory.bodies {
+            let shape = scene.body(&track.name).and_then(|b| b.shape.convex()).map(|s| s.bounds());
+            let rim = shape.map_or(1.0, |b| (b[2] - b[0]).min(b[3] - b[1]) / 2.0);
             for i in 1..track.len() {
                 track.x[i] += normal.sample(&mut stream);
                 track.y[i] += normal.sample(&mut stream);
+                track.angle[i] += normal.sample(&mut turns) / rim;
+                (track.vx[i], track.vy[i], track.omega[i]) = (f64::NAN, f64::NAN, f64::NAN);
             }
         }
     }
@@ -125,8 +132,8 @@ impl Reality for HiddenWorld {
             return Err(Error::Budget { limit, spent: self.interactions, asked });
         }
         let mut observed = simulate(&rollouts, self.config.engine)?;
-        for (i, trajectory) in observed.iter_mut().enumerate() {
-            self.observe(trajectory, self.interactions + i as u64);
+        for (i, (trajectory, rollout)) in observed.iter_mut().zip(&rollouts).enumerate() {
+            self.observe(trajectory, rollout.scene, self.interactions + i as u64);
         }
         self.interactions += asked;
         let mut observed = observed.into_iter();
