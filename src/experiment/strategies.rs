@@ -11,11 +11,12 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use super::quickstart::DRAG_PRIOR;
 use super::statistics::{Claim, Summary, Verdict};
-use super::{Choice, EstimateConfig, Memory, Workflow, run};
+use super::{Choice, EstimateConfig, Memory, ResidualKind, Workflow, run};
 use crate::error::{Error, Result};
-use crate::estimate::LatentEstimate;
 use crate::estimate::cem::Sample;
+use crate::estimate::{CemConfig, LatentEstimate};
 use crate::explore::{Importance, REGISTRY};
 use crate::progress::Progress;
 use crate::reality::{HiddenConfig, HiddenWorld, standard};
@@ -182,11 +183,21 @@ fn few(family: &Family) -> Vec<Arm> {
         settled: 0.0,
         ..EstimateConfig::fast(family.prior)
     };
-    let arm = |name: &str, strategy: &str| Arm {
+    let arm = |name: &str, strategy: &str, residual, drag| Arm {
         name: name.to_string(),
-        estimate: EstimateConfig { strategy: strategy.into(), ..base.clone() },
+        estimate: EstimateConfig {
+            strategy: strategy.into(),
+            residual,
+            cem: CemConfig { drag, ..base.cem.clone() },
+            ..base.clone()
+        },
     };
-    vec![arm("mixed, 5 a round", "mixed"), arm("random, 5 a round", "random")]
+    let (whole, shot) = (ResidualKind::Trajectory, ResidualKind::Shooting);
+    vec![
+        arm("mixed, 5 a round", "mixed", whole, None),
+        arm(OURS, "informative", shot, None),
+        arm("informative, shooting, drag fitted, 5 a round", "informative", shot, Some(DRAG_PRIOR)),
+    ]
 }
 
 /// Runs one cell. `importance` is what the strategy `gradient` needs.
