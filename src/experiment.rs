@@ -23,7 +23,7 @@ mod workflow;
 pub use config::{EstimateConfig, Memory, ResidualKind};
 pub use report::{EstimateReport, Stopped};
 pub use sense::Sense;
-pub use workflow::{Answer, Choice, Proposal, Round, Workflow};
+pub use workflow::{Answer, Asked, Choice, Proposal, Round, Workflow};
 
 use std::sync::Arc;
 

@@ -1,10 +1,9 @@
 //! `iplw measure`: trials from a hidden world, as files.
 
-use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use iplw::error::Result;
-use iplw::reality::{HiddenWorld, Reality, standard, trials_to_csv};
+use iplw::reality::{HiddenWorld, Reality, settled, standard, trials_to_csv};
 use iplw::task::{Split, split};
 
 use super::{output, parse, tasks_named};
@@ -52,14 +51,7 @@ pub fn run(args: &Args) -> Result<()> {
     let bar = output::Bar::new();
     let trials = iplw::experiment::random_trials(&training, &mut world, args.trials, args.seed, &bar)?;
     bar.clear();
-    let mut scene = training[0].scene.clone();
-    scene.settings = BTreeMap::new();
-    let mut named = Vec::new();
-    for trial in trials {
-        scene.settings.insert(trial.name.clone(), iplw::reality::setting_between(&scene, &trial.scene));
-        named.push(iplw::reality::Trial { setting: Some(trial.name.clone()), ..trial });
-    }
-    scene.validate()?;
+    let (scene, named) = settled(&training[0].scene, trials)?;
     output::write_whole(&args.out.join("trials.csv"), trials_to_csv(&named).as_bytes())?;
     output::write_whole(&args.out.join("scene.json"), (scene.to_json() + "\n").as_bytes())?;
     eprintln!(

@@ -99,11 +99,13 @@ pub struct Choice {
     pub rollouts: u64,
 }
 
-#[derive(Clone)]
-struct Asked {
-    proposals: Vec<Proposal>,
-    choice: Choice,
-    rollouts: u64,
+/// A round that is proposed and not yet answered.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Asked {
+    pub proposals: Vec<Proposal>,
+    pub choice: Choice,
+    /// Rollouts simulated to choose them.
+    pub rollouts: u64,
 }
 
 impl Workflow {
@@ -143,6 +145,17 @@ impl Workflow {
             self.finish(round, fresh);
         }
         Ok(self)
+    }
+
+    /// The workflow with this round proposed: what [`Workflow::asked`] gave where it stood here before.
+    pub fn reopen(mut self, asked: Asked) -> Workflow {
+        self.open = Some(asked);
+        self
+    }
+
+    /// The round that is proposed and not yet answered.
+    pub fn asked(&self) -> Option<&Asked> {
+        self.open.as_ref()
     }
 
     /// What is to be measured next, at most `room` actions; `None` when the estimation has ended. Asking twice

@@ -1,11 +1,20 @@
 //! Work that takes long: a bounded queue, threads of its own, progress to watch, and a way to stop it.
 //!
-//! States: queued -> running -> succeeded | failed | cancelled; queued -> cancelled. A job's events are
-//! numbered from 1 and kept (the last [`KEPT_EVENTS`]), so that a watcher who lost its connection goes on where
-//! it was. Ended jobs live in the store; a job that had not ended when the server stopped has failed.
+//! States: queued -> running -> succeeded | failed | cancelled. A running job may instead wait for answers from
+//! outside (running -> waiting -> queued); no worker is occupied meanwhile. Every state but the ended ones can
+//! be cancelled. A job's events are numbered from 1 and the last [`KEPT_EVENTS`] kept, so that a watcher who lost
+//! its connection goes on where it was.
+//!
+//! Jobs outlive the process. What a job does is made from its stored plan by the recipe of its kind, so whatever
+//! had not ended when a server stopped or was killed is queued again at the next start; how much of it is done
+//! again is up to the work, which keeps what it has finished in the store. A job that was begun [`MOST_STARTS`]
+//! times without getting anywhere fails: it may be what ends the server.
 //!
 //! Every worker runs its job in a rayon pool of its own: a job that waits in parallel code can then never be
 //! handed another job, and single requests are not queued behind a job's thousands of rollouts.
+
+mod pace;
+mod watch;
 
 use std::collections::{BTreeMap, VecDeque};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -15,26 +24,54 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
-use tokio::sync::watch;
+use tokio::sync::watch as channel;
 
 use crate::error::{Error, Result};
 use crate::progress::Progress;
-use crate::store::{JobRow, JobState, Store};
+use crate::store::{Answered, JobRow, JobState, Store};
+use pace::Pace;
+use watch::Event;
+pub use watch::{KEPT_EVENTS, Watcher};
 
-/// What a job does: reports progress, returns its result. Sees its own id.
-pub type Work = Box<dyn FnOnce(&str, &dyn Progress) -> Result<Value> + Send>;
+/// What a job does.
+pub type Work = Box<dyn FnOnce(&Context) -> Result<Outcome> + Send>;
+
+/// Makes a job's work from its plan; holds on to what the work needs.
+pub type Recipe = Box<dyn Fn(&Value) -> Result<Work> + Send + Sync>;
+
+/// Recipes by kind of job.
+pub type Recipes = BTreeMap<&'static str, Recipe>;
+
+/// How work ends.
+pub enum Outcome {
+    /// With a result.
+    Done(Value),
+    /// Not yet: it waits for [`Runner::answered`].
+    Waiting,
+}
 
 /// Limits of a runner, and how it words failures.
 #[derive(Clone, Copy)]
 pub struct RunnerConfig {
     /// Jobs running at a time.
     pub workers: usize,
-    /// Most jobs waiting.
+    /// Most jobs queued.
     pub queue: usize,
     /// Threads a running job computes with; 0 for all cores.
     pub threads: usize,
     /// What a job's owner is told about an error.
     pub explain: fn(&Error) -> Value,
+}
+
+/// A job to run.
+pub struct New<'a> {
+    /// One of the recipes'.
+    pub kind: &'a str,
+    /// Kept and shown.
+    pub config: &'a Value,
+    /// Kept and given to the recipe.
+    pub plan: &'a Value,
+    pub seed: u64,
 }
 
 /// Runs jobs. Dropping it stops them.
@@ -50,6 +87,8 @@ pub struct Job {
     pub id: String,
     /// What is known of it.
     pub row: JobRow,
+    /// How long it will still take, s, as far as that can be told.
+    pub left: Option<f64>,
 }
 
 /// What deleting a job did.
@@ -61,26 +100,29 @@ pub enum Deleted {
     Forgotten,
 }
 
-/// Events of a job from some point on.
-pub struct Watcher {
-    shared: Arc<Shared>,
-    number: i64,
-    seen: u64,
-    changed: watch::Receiver<u64>,
-    /// An ended job of which nothing but the end is known.
-    ended: Option<Job>,
+/// What work sees of its job, and reports to.
+pub struct Context<'a> {
+    /// The job's id.
+    pub id: &'a str,
+    /// Its number in the store.
+    pub number: i64,
+    shared: &'a Shared,
+    cancel: Arc<AtomicBool>,
 }
 
-/// Events kept of a running job; a watcher further behind misses the oldest.
-pub const KEPT_EVENTS: usize = 1024;
+/// Starts without progress after which a job fails.
+pub const MOST_STARTS: u32 = 5;
 
 struct Shared {
     store: Arc<Store>,
+    recipes: Recipes,
     config: RunnerConfig,
     state: Mutex<State>,
     /// Told when there is work or the runner stops.
     wake: Condvar,
     stopping: AtomicBool,
+    /// Time is counted from here.
+    origin: Instant,
 }
 
 #[derive(Default)]
@@ -93,30 +135,30 @@ struct State {
 struct Live {
     row: JobRow,
     work: Option<Work>,
+    /// Set by its owner.
     cancel: Arc<AtomicBool>,
+    /// Answers came while it ran: should it wait, it need not.
+    again: bool,
+    pace: Pace,
     events: VecDeque<Event>,
-    changed: watch::Sender<u64>,
-}
-
-struct Event {
-    id: u64,
-    state: JobState,
-    stage: String,
-    done: u64,
-    total: u64,
+    changed: channel::Sender<u64>,
 }
 
 impl Runner {
-    /// Starts the workers; jobs left unfinished by an earlier server fail with the reason.
-    pub fn start(store: Arc<Store>, config: RunnerConfig) -> Result<Runner> {
-        store.fail_unfinished(&(config.explain)(&stopped()))?;
+    /// Starts the workers and queues what an earlier server left unfinished.
+    pub fn start(store: Arc<Store>, recipes: Recipes, config: RunnerConfig) -> Result<Runner> {
         let shared = Arc::new(Shared {
             store,
+            recipes,
             config,
             state: Mutex::default(),
             wake: Condvar::new(),
             stopping: AtomicBool::new(false),
+            origin: Instant::now(),
         });
+        for row in shared.store.unfinished()? {
+            shared.take_up(row)?;
+        }
         let workers = (0..config.workers)
             .map(|i| {
                 let shared = shared.clone();
@@ -134,8 +176,9 @@ impl Runner {
         Ok(Runner { shared, workers: Mutex::new(workers) })
     }
 
-    /// Queues a job. `config` is kept with it and shown.
-    pub fn submit(&self, kind: &str, config: &Value, seed: u64, work: Work) -> Result<Job> {
+    /// Queues a job. What `answered` makes of it is kept in the same transaction: the answer to the request.
+    pub fn submit(&self, new: New, answered: &dyn Fn(Job) -> Option<Answered>) -> Result<Job> {
+        let work = self.shared.make(new.kind, new.plan)?;
         let mut state = self.shared.state();
         if self.shared.stopping.load(Ordering::SeqCst) {
             return Err(Error::Interrupted {
@@ -146,17 +189,10 @@ impl Runner {
             let advice = "wait for one to end, or cancel one you no longer need";
             return Err(Error::Capacity { what: "waiting jobs", limit: self.shared.config.queue, advice });
         }
-        let mut row = self.shared.store.add_job(kind, config, seed)?;
-        row.events = 1;
-        let live = Live {
-            events: VecDeque::from([Event::of(&row)]),
-            changed: watch::Sender::new(row.events),
-            cancel: Arc::new(AtomicBool::new(false)),
-            work: Some(work),
-            row: row.clone(),
-        };
+        let of = |row: &JobRow| answered(Job::of(row.clone()));
+        let row = self.shared.store.add_job(new.kind, new.config, new.plan, new.seed, &of)?;
         state.queue.push_back(row.number);
-        state.live.insert(row.number, live);
+        state.live.insert(row.number, Live::new(row.clone(), Some(work)));
         drop(state);
         self.shared.wake.notify_one();
         Ok(Job::of(row))
@@ -166,21 +202,47 @@ impl Runner {
     pub fn get(&self, id: &str) -> Result<Job> {
         let number = number(id)?;
         if let Some(live) = self.shared.state().live.get(&number) {
-            return Ok(Job::of(live.row.clone()));
+            return Ok(live.job(self.shared.now()));
         }
         self.shared.store.job(number)?.map(Job::of).ok_or_else(|| unknown(id))
     }
 
-    /// All jobs, oldest first.
-    pub fn list(&self) -> Result<Vec<Job>> {
-        let mut rows = self.shared.store.jobs()?;
-        let state = self.shared.state();
-        for row in &mut rows {
-            if let Some(live) = state.live.get(&row.number) {
-                *row = live.row.clone();
+    /// At most `limit` jobs, oldest first, those after number `after`.
+    pub fn list(&self, after: i64, limit: usize) -> Result<Vec<Job>> {
+        let rows = self.shared.store.jobs(after, limit)?;
+        let (state, now) = (self.shared.state(), self.shared.now());
+        let live = |row: JobRow| state.live.get(&row.number).map_or_else(|| Job::of(row), |l| l.job(now));
+        Ok(rows.into_iter().map(live).collect())
+    }
+
+    /// Tells a job that waits for `asked` answers that it has `answered` of them; with all of them it goes on.
+    pub fn answered(&self, id: &str, answered: u64, asked: u64) -> Result<Job> {
+        let number = number(id)?;
+        let mut state = self.shared.state();
+        let now = self.shared.now();
+        let live = state.live.get_mut(&number).ok_or_else(|| unknown(id))?;
+        match live.row.state {
+            JobState::Waiting if answered >= asked => {
+                live.work = Some(self.shared.make(&live.row.kind, &live.row.plan)?);
+                (live.row.state, live.row.done) = (JobState::Queued, answered);
+                live.emit(None);
+                self.shared.store.update_job(&live.row)?;
+                let job = live.job(now);
+                state.queue.push_back(number);
+                self.shared.wake.notify_one();
+                Ok(job)
             }
+            JobState::Waiting => {
+                (live.row.done, live.row.total) = (answered, asked);
+                live.emit(None);
+                Ok(live.job(now))
+            }
+            JobState::Running => {
+                live.again |= answered >= asked;
+                Ok(live.job(now))
+            }
+            _ => Ok(live.job(now)),
         }
-        Ok(rows.into_iter().map(Job::of).collect())
     }
 
     /// Stops a job that has not ended; forgets one that has.
@@ -190,8 +252,9 @@ impl Runner {
         if let Some(live) = state.live.get_mut(&number)
             && !live.row.state.ended()
         {
+            self.shared.store.cancel_job(number)?;
             live.cancel.store(true, Ordering::SeqCst);
-            if live.row.state == JobState::Queued {
+            if live.row.state != JobState::Running {
                 self.shared.end(&mut state, number, Err(Error::Cancelled));
             }
             let row = state.live.get(&number).map(|l| l.row.clone());
@@ -203,30 +266,21 @@ impl Runner {
 
     /// Events of a job after event number `after` (0 for all there are).
     pub fn watch(&self, id: &str, after: u64) -> Result<Watcher> {
-        let number = number(id)?;
-        let shared = self.shared.clone();
-        if let Some(live) = self.shared.state().live.get(&number) {
-            let changed = live.changed.subscribe();
-            return Ok(Watcher { shared, number, seen: after, changed, ended: None });
-        }
-        let row = self.shared.store.job(number)?.ok_or_else(|| unknown(id))?;
-        let changed = watch::Sender::new(row.events).subscribe();
-        let ended = Some(Job::of(row));
-        Ok(Watcher { shared, number, seen: after, changed, ended })
+        Watcher::new(self.shared.clone(), id, after)
     }
 
-    /// Stops all jobs; what has not ended has failed with the reason. Waits for the workers, but no longer than
-    /// `patience`: a job that has not noticed by then goes with the process, and fails at the next start.
+    /// Stops working; what has not ended is queued in the store for the next runner. Waits for the workers, but
+    /// no longer than `patience`: work that has not noticed by then goes with the process.
     pub fn stop(&self, patience: Duration) {
-        self.shared.stopping.store(true, Ordering::SeqCst);
-        {
+        if !self.shared.stopping.swap(true, Ordering::SeqCst) {
             let mut state = self.shared.state();
-            let waiting: Vec<i64> = state.queue.drain(..).collect();
-            for number in waiting {
-                self.shared.end(&mut state, number, Err(stopped()));
-            }
-            for live in state.live.values() {
-                live.cancel.store(true, Ordering::SeqCst);
+            state.queue.clear();
+            for (number, live) in &state.live {
+                if live.row.state == JobState::Running
+                    && let Err(e) = self.shared.store.put_back_job(*number)
+                {
+                    tracing::error!("job {number} could not be put back: {e}");
+                }
             }
         }
         self.shared.wake.notify_all();
@@ -244,56 +298,79 @@ impl Drop for Runner {
     }
 }
 
-impl Watcher {
-    /// Waits for the next event: its id and the job as it was then. `None` after the last.
-    pub async fn next(&mut self) -> Option<(u64, Job)> {
-        loop {
-            if let Some(job) = self.ended.take() {
-                return (job.row.events > self.seen).then_some((job.row.events, job));
-            }
-            self.changed.borrow_and_update();
-            {
-                let state = self.shared.state();
-                let live = state.live.get(&self.number)?;
-                if let Some(event) = live.events.iter().find(|e| e.id > self.seen) {
-                    self.seen = event.id;
-                    return Some((event.id, Job::of(event.job(&live.row))));
-                }
-                if live.row.state.ended() {
-                    return None;
-                }
-            }
-            self.changed.changed().await.ok()?;
-        }
-    }
-
-    /// Whether every event the job will ever have was seen before.
-    pub fn exhausted(&self) -> bool {
-        let seen = |row: &JobRow| row.state.ended() && row.events <= self.seen;
-        match &self.ended {
-            Some(job) => seen(&job.row),
-            None => self.shared.state().live.get(&self.number).is_none_or(|live| seen(&live.row)),
-        }
-    }
-}
-
 impl Shared {
     fn state(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn now(&self) -> Duration {
+        self.origin.elapsed()
+    }
+
+    fn make(&self, kind: &str, plan: &Value) -> Result<Work> {
+        match self.recipes.get(kind) {
+            Some(recipe) if !plan.is_null() => recipe(plan),
+            _ => Err(Error::Interrupted {
+                reason:
+                    "the server stopped while it ran, and this version cannot go on with it; start it again"
+                        .into(),
+            }),
+        }
+    }
+
+    /// Goes on with what an earlier server left.
+    fn take_up(&self, mut row: JobRow) -> Result<()> {
+        let mut state = self.state();
+        let (number, waiting) = (row.number, row.state == JobState::Waiting);
+        let work = if row.starts >= MOST_STARTS {
+            let times = row.starts;
+            let reason =
+                format!("the server ended {times} times while this job ran, which got nowhere in between");
+            Err(Error::Failed(format!(
+                "{reason}; ask for less, or look at the server's log before you try again"
+            )))
+        } else {
+            self.make(&row.kind, &row.plan)
+        };
+        if !waiting {
+            row.state = JobState::Queued;
+        }
+        row.events += 1;
+        self.store.update_job(&row)?;
+        state.live.insert(number, Live::new(row, None));
+        match work {
+            Err(e) => self.end(&mut state, number, Err(e)),
+            Ok(_) if waiting => {}
+            Ok(work) => {
+                state.queue.push_back(number);
+                state.live.entry(number).and_modify(|live| live.work = Some(work));
+            }
+        }
+        Ok(())
     }
 
     /// A worker's life.
     fn work(&self, pool: &rayon::ThreadPool) {
         while let Some((number, work, cancel)) = self.take() {
             let id = id(number);
-            let reporter = Reporter { shared: self, number, cancel };
-            let result = catch_unwind(AssertUnwindSafe(|| pool.install(|| work(&id, &reporter))))
+            let context = Context { id: &id, number, shared: self, cancel: cancel.clone() };
+            let result = catch_unwind(AssertUnwindSafe(|| pool.install(|| work(&context))))
                 .unwrap_or_else(|_| Err(Error::Failed("the program has a defect: the work panicked".into())));
-            let result = match result {
-                Err(Error::Cancelled) if self.stopping.load(Ordering::SeqCst) => Err(stopped()),
-                other => other,
-            };
-            self.end(&mut self.state(), number, result);
+            let mut state = self.state();
+            match result {
+                Ok(Outcome::Waiting) => self.wait(&mut state, number),
+                Ok(Outcome::Done(value)) => self.end(&mut state, number, Ok(value)),
+                Err(Error::Cancelled)
+                    if self.stopping.load(Ordering::SeqCst) && !cancel.load(Ordering::SeqCst) =>
+                {
+                    // The store has it queued; its watchers learn that it will go on.
+                    if let Some(live) = state.live.get_mut(&number) {
+                        live.row.state = JobState::Queued;
+                        live.emit(None);
+                    }
+                }
+                Err(e) => self.end(&mut state, number, Err(e)),
+            }
         }
     }
 
@@ -306,11 +383,16 @@ impl Shared {
             }
             if let Some(number) = state.queue.pop_front() {
                 let taken = state.live.get_mut(&number).and_then(|live| {
+                    let work = live.work.take()?;
                     live.row.state = JobState::Running;
-                    live.emit();
-                    // If this fails the job still runs; only a restart would take it for queued, which it fails too.
-                    let _ = self.store.update_job(&live.row);
-                    Some((number, live.work.take()?, live.cancel.clone()))
+                    live.again = false;
+                    live.pace = Pace::default();
+                    live.emit(None);
+                    if let Err(e) = self.store.begin_job(number) {
+                        // The job still runs; only a start that ends the server would not be counted.
+                        tracing::error!("the start of job {number} could not be stored: {e}");
+                    }
+                    Some((number, work, live.cancel.clone()))
                 });
                 if taken.is_some() {
                     return taken;
@@ -318,6 +400,30 @@ impl Shared {
                 continue;
             }
             state = self.wake.wait(state).unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+
+    /// Lets a job wait for answers, unless they have come.
+    fn wait(&self, state: &mut State, number: i64) {
+        let Some(live) = state.live.get_mut(&number) else { return };
+        if live.cancel.load(Ordering::SeqCst) {
+            return self.end(state, number, Err(Error::Cancelled));
+        }
+        let go_on = live.again.then(|| self.make(&live.row.kind, &live.row.plan)).transpose();
+        live.row.state = if live.again { JobState::Queued } else { JobState::Waiting };
+        live.emit(None);
+        if let Err(e) = self.store.update_job(&live.row) {
+            // At the worst a restart finds it running, and has it wait again.
+            tracing::error!("job {number} could not be stored: {e}");
+        }
+        match go_on {
+            Ok(Some(work)) => {
+                live.work = Some(work);
+                state.queue.push_back(number);
+                self.wake.notify_one();
+            }
+            Ok(None) => {}
+            Err(e) => self.end(state, number, Err(e)),
         }
     }
 
@@ -338,7 +444,7 @@ impl Shared {
             // Not lasting is better said than hidden; in memory the result stays available.
             tracing::error!("job {number} could not be stored: {e}");
         }
-        live.emit();
+        live.emit(None);
         // Once stored, an ended job is kept here only for its events; forget the oldest.
         let ended: Vec<i64> =
             state.live.iter().filter(|(_, l)| l.row.state.ended()).map(|(n, _)| *n).collect();
@@ -352,75 +458,77 @@ impl Shared {
 const KEPT_JOBS: usize = 64;
 
 impl Live {
-    fn emit(&mut self) {
+    fn new(row: JobRow, work: Option<Work>) -> Live {
+        Live {
+            events: VecDeque::from([Event::of(&row, None)]),
+            changed: channel::Sender::new(row.events),
+            cancel: Arc::default(),
+            again: false,
+            pace: Pace::default(),
+            work,
+            row,
+        }
+    }
+
+    fn emit(&mut self, left: Option<f64>) {
         self.row.events += 1;
         if self.events.len() == KEPT_EVENTS {
             self.events.pop_front();
         }
-        self.events.push_back(Event::of(&self.row));
+        self.events.push_back(Event::of(&self.row, left));
         self.changed.send_replace(self.row.events);
     }
-}
 
-impl Event {
-    fn of(row: &JobRow) -> Event {
-        let (stage, done, total) = (row.stage.clone(), row.done, row.total);
-        Event { id: row.events, state: row.state, stage, done, total }
-    }
-
-    /// The job as it was at this event.
-    fn job(&self, now: &JobRow) -> JobRow {
-        let ended = self.state.ended();
-        JobRow {
-            state: self.state,
-            stage: self.stage.clone(),
-            done: self.done,
-            total: self.total,
-            events: self.id,
-            result: now.result.clone().filter(|_| ended),
-            error: now.error.clone().filter(|_| ended),
-            ..now.clone()
-        }
+    fn job(&self, now: Duration) -> Job {
+        let running = self.row.state == JobState::Running;
+        let left = self.pace.left(now, self.row.done, self.row.total).filter(|_| running);
+        Job { left, ..Job::of(self.row.clone()) }
     }
 }
 
-/// What a job reports to.
-struct Reporter<'a> {
-    shared: &'a Shared,
-    number: i64,
-    cancel: Arc<AtomicBool>,
-}
-
-impl Progress for Reporter<'_> {
+impl Progress for Context<'_> {
     fn report(&self, stage: &str, done: u64, total: u64) -> Result<()> {
-        if self.cancel.load(Ordering::SeqCst) {
+        if self.cancel.load(Ordering::SeqCst) || self.shared.stopping.load(Ordering::SeqCst) {
             return Err(Error::Cancelled);
         }
         let mut state = self.shared.state();
         if let Some(live) = state.live.get_mut(&self.number) {
             // A percent at a time is all an eye can follow; every event is sent to every watcher.
             let percent = |done: u64, total: u64| (done * 100).checked_div(total).unwrap_or(0);
-            let row = &mut live.row;
+            let (row, now) = (&mut live.row, self.shared.now());
             let news = row.stage != stage || percent(row.done, row.total) != percent(done, total);
+            if row.stage != stage || done < row.done {
+                live.pace.begin(now, done);
+            }
             (row.done, row.total) = (done, total);
             if row.stage != stage {
                 row.stage = stage.to_string();
             }
             if news {
-                live.emit();
+                live.emit(live.pace.left(now, done, total));
             }
         }
         Ok(())
     }
 }
 
-impl Job {
-    fn of(row: JobRow) -> Job {
-        Job { id: id(row.number), row }
+impl Context<'_> {
+    /// For work that goes in rounds of about the same cost: `done` of `total` are finished.
+    pub fn round(&self, done: u64, total: u64) {
+        if let Some(live) = self.shared.state().live.get_mut(&self.number) {
+            live.pace.round(self.shared.now(), done, total);
+        }
     }
 }
 
-fn id(number: i64) -> String {
+impl Job {
+    fn of(row: JobRow) -> Job {
+        Job { id: id(row.number), row, left: None }
+    }
+}
+
+/// The id of the job with this number.
+pub fn id(number: i64) -> String {
     format!("job-{number}")
 }
 
@@ -433,20 +541,78 @@ fn unknown(id: &str) -> Error {
     Error::NotFound { kind: "job", id: id.to_string(), known: Vec::new() }
 }
 
-fn stopped() -> Error {
-    Error::Interrupted { reason: "server stopped while it ran; start it again".into() }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use serde_json::json;
-    use std::sync::mpsc;
+    use std::sync::{LazyLock, mpsc};
 
-    fn runner(queue: usize) -> Runner {
+    /// What the test's jobs do, by the plan of a job.
+    type Acts = BTreeMap<&'static str, fn(&Context) -> Result<Outcome>>;
+
+    /// A runner of one worker; every plan is the name of an act. Acts say on the channel that they have begun.
+    fn on(store: &Arc<Store>, queue: usize) -> (Runner, mpsc::Receiver<()>) {
+        let (begun, wait) = mpsc::channel();
+        let recipe: Recipe = Box::new(move |plan| {
+            let (act, begun) = (ACTS[plan.as_str().unwrap()], begun.clone());
+            Ok(Box::new(move |context| {
+                let _ = begun.send(());
+                act(context)
+            }))
+        });
         let explain = |e: &Error| json!({"detail": e.to_string()});
         let config = RunnerConfig { workers: 1, queue, threads: 1, explain };
-        Runner::start(Arc::new(Store::in_memory().unwrap()), config).unwrap()
+        (Runner::start(store.clone(), Recipes::from([("act", recipe)]), config).unwrap(), wait)
+    }
+
+    fn runner(queue: usize) -> (Runner, mpsc::Receiver<()>) {
+        on(&Arc::new(Store::in_memory().unwrap()), queue)
+    }
+
+    static ACTS: LazyLock<Acts> = LazyLock::new(|| {
+        Acts::from([
+            (
+                "count",
+                (|c| {
+                    for i in 0..=4 {
+                        c.report("counting", i, 4)?;
+                    }
+                    Ok(Outcome::Done(json!({ "id": c.id })))
+                }) as fn(&Context) -> Result<Outcome>,
+            ),
+            ("endless", |c| {
+                loop {
+                    c.report("waiting", 0, 1)?;
+                    std::thread::yield_now();
+                }
+            }),
+            ("one", |_| Ok(Outcome::Done(json!(1)))),
+            ("panics", |_| panic!("defect")),
+            ("fails", |_| Err(Error::Failed("no".into()))),
+            ("asks", |c| {
+                // Waits for answers twice, then has them.
+                let store = &c.shared.store;
+                let before = store.rounds(c.number)?.len() as u64;
+                store.open_round(c.number, before, "")?;
+                Ok(if before < 2 { Outcome::Waiting } else { Outcome::Done(json!(before)) })
+            }),
+        ])
+    });
+
+    fn submit(runner: &Runner, act: &str) -> Result<Job> {
+        runner.submit(New { kind: "act", config: &json!({}), plan: &json!(act), seed: 0 }, &|_| None)
+    }
+
+    /// The job once it is in this state.
+    fn reach(runner: &Runner, id: &str, state: JobState) -> Job {
+        loop {
+            let job = runner.get(id).unwrap();
+            if job.row.state == state {
+                return job;
+            }
+            assert!(!job.row.state.ended(), "{job:?}");
+            std::thread::yield_now();
+        }
     }
 
     /// All events from `after` on, to the end.
@@ -464,14 +630,8 @@ mod tests {
 
     #[test]
     fn progress_is_replayed_from_where_a_watcher_was() {
-        let runner = runner(4);
-        let work: Work = Box::new(|id, progress| {
-            for i in 0..=4 {
-                progress.report("counting", i, 4)?;
-            }
-            Ok(json!({ "id": id }))
-        });
-        let job = runner.submit("count", &json!({}), 0, work).unwrap();
+        let (runner, _) = runner(4);
+        let job = submit(&runner, "count").unwrap();
         let all = events(&runner, &job.id, 0);
         let states: Vec<&str> = all.iter().map(|(_, j)| j.row.state.name()).collect();
         assert_eq!(states[..2], ["queued", "running"]);
@@ -482,34 +642,20 @@ mod tests {
         );
         assert_eq!(events(&runner, &job.id, 3), all[3..]);
         assert_eq!(events(&runner, &job.id, all.len() as u64), []);
+        assert_eq!(events(&runner, &job.id, 1000), all, "a number of before a restart");
         assert!(runner.watch(&job.id, all.len() as u64).unwrap().exhausted());
         assert_eq!(runner.get(&job.id).unwrap(), all.last().unwrap().1);
     }
 
-    /// Work that goes on until it is stopped, and what tells that it has begun.
-    fn endless() -> (Work, mpsc::Receiver<()>) {
-        let (started, wait) = mpsc::channel();
-        let work: Work = Box::new(move |_, progress| {
-            started.send(()).unwrap();
-            loop {
-                progress.report("waiting", 0, 1)?;
-                std::thread::yield_now();
-            }
-        });
-        (work, wait)
-    }
-
     #[test]
-    fn running_and_waiting_jobs_are_cancelled_and_the_queue_is_bounded() {
-        let runner = runner(1);
-        let (endless, wait) = endless();
-        let running = runner.submit("endless", &json!({}), 0, endless).unwrap();
-        wait.recv().unwrap();
-        let waiting = runner.submit("x", &json!({}), 0, Box::new(|_, _| Ok(json!(1)))).unwrap();
-        let full = runner.submit("x", &json!({}), 0, Box::new(|_, _| Ok(json!(1))));
-        assert!(matches!(full, Err(Error::Capacity { limit: 1, .. })));
+    fn running_and_queued_jobs_are_cancelled_and_the_queue_is_bounded() {
+        let (runner, begun) = runner(1);
+        let running = submit(&runner, "endless").unwrap();
+        begun.recv().unwrap();
+        let queued = submit(&runner, "one").unwrap();
+        assert!(matches!(submit(&runner, "one"), Err(Error::Capacity { limit: 1, .. })));
         assert!(
-            matches!(runner.delete(&waiting.id).unwrap(), Deleted::Cancelled(j) if j.row.state == JobState::Cancelled)
+            matches!(runner.delete(&queued.id).unwrap(), Deleted::Cancelled(j) if j.row.state == JobState::Cancelled)
         );
         assert!(matches!(runner.delete(&running.id).unwrap(), Deleted::Cancelled(_)));
         assert_eq!(events(&runner, &running.id, 0).last().unwrap().1.row.state, JobState::Cancelled);
@@ -523,11 +669,9 @@ mod tests {
 
     #[test]
     fn a_panic_or_an_error_fails_the_job_and_not_the_runner() {
-        let runner = runner(4);
-        let panics = runner.submit("p", &json!({}), 0, Box::new(|_, _| panic!("defect"))).unwrap();
-        let fails =
-            runner.submit("f", &json!({}), 0, Box::new(|_, _| Err(Error::Failed("no".into())))).unwrap();
-        for (job, word) in [(panics, "panicked"), (fails, "no")] {
+        let (runner, _) = runner(4);
+        for (act, word) in [("panics", "panicked"), ("fails", "no")] {
+            let job = submit(&runner, act).unwrap();
             let end = events(&runner, &job.id, 0).pop().unwrap().1.row;
             assert_eq!(end.state, JobState::Failed);
             assert!(end.error.unwrap()["detail"].as_str().unwrap().contains(word));
@@ -535,15 +679,65 @@ mod tests {
     }
 
     #[test]
-    fn stopping_fails_what_ran_with_the_reason() {
-        let runner = runner(4);
-        let (endless, wait) = endless();
-        let job = runner.submit("endless", &json!({}), 0, endless).unwrap();
-        wait.recv().unwrap();
-        runner.stop(Duration::from_secs(60));
-        let row = runner.get(&job.id).unwrap().row;
-        assert_eq!(row.state, JobState::Failed);
-        assert!(row.error.unwrap()["detail"].as_str().unwrap().contains("start it again"));
-        assert!(runner.submit("x", &json!({}), 0, Box::new(|_, _| Ok(json!(1)))).is_err());
+    fn stopping_puts_back_what_ran_and_the_next_runner_goes_on() {
+        let store = Arc::new(Store::in_memory().unwrap());
+        let (first, begun) = on(&store, 4);
+        let running = submit(&first, "endless").unwrap();
+        begun.recv().unwrap();
+        let queued = submit(&first, "one").unwrap();
+        first.stop(Duration::from_secs(60));
+        assert!(submit(&first, "one").is_err());
+        let row = store.job(1).unwrap().unwrap();
+        assert_eq!((row.state, row.starts), (JobState::Queued, 0), "a stop is not held against it");
+        let (second, begun) = on(&store, 4);
+        begun.recv().unwrap();
+        assert_eq!(second.get(&running.id).unwrap().row.state, JobState::Running);
+        second.delete(&running.id).unwrap();
+        assert_eq!(reach(&second, &queued.id, JobState::Succeeded).row.result, Some(json!(1)));
+    }
+
+    #[test]
+    fn a_job_that_ends_every_server_fails_and_one_that_got_on_does_not() {
+        let store = Arc::new(Store::in_memory().unwrap());
+        let add = |act: &str| {
+            let row = store.add_job("act", &json!({}), &json!(act), 0, &|_| None).unwrap();
+            (0..MOST_STARTS).for_each(|_| store.begin_job(row.number).unwrap());
+            row.number
+        };
+        let (stuck, moving) = (add("one"), add("one"));
+        store.open_round(moving, 0, "").unwrap();
+        let gone = store.add_job("knitting", &json!({}), &json!(1), 0, &|_| None).unwrap().number;
+        let (runner, _) = on(&store, 4);
+        reach(&runner, &id(moving), JobState::Succeeded);
+        for (number, word) in [(stuck, "5 times"), (gone, "start it again")] {
+            let row = store.job(number).unwrap().unwrap();
+            assert_eq!(row.state, JobState::Failed);
+            assert!(row.error.unwrap()["detail"].as_str().unwrap().contains(word));
+        }
+    }
+
+    #[test]
+    fn a_job_waits_for_answers_over_restarts_and_occupies_no_worker() {
+        let store = Arc::new(Store::in_memory().unwrap());
+        let (first, _) = on(&store, 4);
+        let job = submit(&first, "asks").unwrap();
+        reach(&first, &job.id, JobState::Waiting);
+        let other = submit(&first, "one").unwrap();
+        reach(&first, &other.id, JobState::Succeeded);
+        assert_eq!(first.answered(&job.id, 1, 2).unwrap().row.state, JobState::Waiting);
+        drop(first);
+        let (second, _) = on(&store, 4);
+        assert_eq!(second.get(&job.id).unwrap().row.state, JobState::Waiting);
+        assert_eq!(second.answered(&job.id, 2, 2).unwrap().row.state, JobState::Queued);
+        while store.rounds(1).unwrap().len() < 2 {
+            std::thread::yield_now();
+        }
+        reach(&second, &job.id, JobState::Waiting);
+        second.answered(&job.id, 2, 2).unwrap();
+        assert_eq!(reach(&second, &job.id, JobState::Succeeded).row.result, Some(json!(2)));
+        // A waiting job can be cancelled.
+        let job = submit(&second, "asks").unwrap();
+        reach(&second, &job.id, JobState::Waiting);
+        assert!(matches!(second.delete(&job.id).unwrap(), Deleted::Cancelled(j) if j.row.state.ended()));
     }
 }

@@ -58,6 +58,18 @@ impl Attempt {
     }
 }
 
+/// `base` with a setting for every trial, by its name, and the trials each in its setting: what can be written as a
+/// scene and a trials file.
+pub fn settled(base: &Scene, trials: Vec<Trial>) -> Result<(Scene, Vec<Trial>)> {
+    let mut scene = Scene { settings: Default::default(), ..base.clone() };
+    for trial in &trials {
+        scene.settings.insert(trial.name.clone(), setting_between(base, &trial.scene));
+    }
+    scene.validate()?;
+    let named = trials.into_iter().map(|trial| Trial { setting: Some(trial.name.clone()), ..trial });
+    Ok((scene, named.collect()))
+}
+
 /// What a setting must override to turn `base` into `varied` (the same scene with other things placed): shapes,
 /// places and velocities; never coefficients or masses, which are physics.
 pub fn setting_between(base: &Scene, varied: &Scene) -> Setting {

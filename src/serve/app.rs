@@ -1,11 +1,14 @@
 //! What every handler shares.
 
-use std::sync::Arc;
+use std::collections::HashSet;
+use std::ops::Deref;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use super::ServeConfig;
 use super::metrics::Metrics;
+use super::operations;
 use super::problem::{Answer, Problem, explain};
 use crate::error::Result;
 use crate::job::{Runner, RunnerConfig};
@@ -15,16 +18,25 @@ use crate::store::Store;
 /// Seconds since anywhere; counts up.
 pub type Clock = Arc<dyn Fn() -> Duration + Send + Sync>;
 
-/// The server's state.
-pub struct App {
+/// What requests and jobs share.
+pub struct Base {
     pub catalogue: Catalogue,
     pub worlds: Registry,
-    pub jobs: Runner,
     pub store: Arc<Store>,
-    pub metrics: Arc<Metrics>,
+    pub metrics: Metrics,
     pub clock: Clock,
+}
+
+/// The server's state.
+pub struct App {
+    base: Arc<Base>,
+    pub jobs: Runner,
     /// Set once the server is to stop.
     pub stopping: tokio::sync::watch::Sender<bool>,
+    /// Held while answers to proposals are taken.
+    pub telling: Mutex<()>,
+    /// Keys of the requests that are being worked on.
+    keys: Mutex<HashSet<String>>,
     busy: AtomicUsize,
     /// Distinguishes this server's world ids from those of earlier ones.
     nonce: u32,
@@ -44,23 +56,25 @@ impl App {
         let catalogue = Catalogue::new();
         let limits = RegistryConfig { limit: config.worlds, idle: config.idle };
         let runner = RunnerConfig { workers: config.workers, queue: config.queue, threads: 0, explain };
-        Ok(App {
-            worlds: Registry::new(limits, &catalogue)?,
+        let base = Arc::new(Base {
+            worlds: Registry::new(limits, &catalogue, store.clone())?,
             catalogue,
-            jobs: Runner::start(store.clone(), runner)?,
-            store,
-            metrics: Arc::default(),
+            store: store.clone(),
+            metrics: Metrics::default(),
             clock: config.clock.clone(),
+        });
+        let app = App {
+            jobs: Runner::start(store, operations::recipes(&base), runner)?,
+            base,
             stopping: tokio::sync::watch::Sender::new(false),
+            telling: Mutex::default(),
+            keys: Mutex::default(),
             busy: AtomicUsize::new(0),
             nonce: nonce(),
             made: AtomicU64::new(0),
-        })
-    }
-
-    /// Now, by the server's clock.
-    pub fn now(&self) -> Duration {
-        (self.clock)()
+        };
+        operations::asked::catch_up(&app)?;
+        Ok(app)
     }
 
     /// An id that no world of this or an earlier server has.
@@ -83,6 +97,41 @@ impl App {
             tracing::error!("a request's work panicked: {e}");
             Err(Problem::defect())
         })
+    }
+}
+
+impl Base {
+    /// Now, by the server's clock.
+    pub fn now(&self) -> Duration {
+        (self.clock)()
+    }
+}
+
+impl Deref for App {
+    type Target = Base;
+
+    fn deref(&self) -> &Base {
+        &self.base
+    }
+}
+
+/// A key that is being worked on; free again when dropped.
+pub struct Held<'a> {
+    app: &'a App,
+    key: String,
+}
+
+impl App {
+    /// Takes a key, unless a request with the same one is being worked on.
+    pub fn hold(&self, key: &str) -> Option<Held<'_>> {
+        let new = self.keys.lock().unwrap_or_else(PoisonError::into_inner).insert(key.into());
+        new.then(|| Held { app: self, key: key.into() })
+    }
+}
+
+impl Drop for Held<'_> {
+    fn drop(&mut self) {
+        self.app.keys.lock().unwrap_or_else(PoisonError::into_inner).remove(&self.key);
     }
 }
 

@@ -62,7 +62,7 @@ pub fn text(app: &App) -> Result<String> {
         line(&mut out, "iplw_errors_total", &[("class", class)], n);
     }
     head(&mut out, "iplw_worlds", "gauge", "Worlds there are.");
-    let worlds = app.worlds.list(app.now());
+    let worlds = app.worlds.list("", usize::MAX, app.now())?;
     for kind in [Kind::Sim, Kind::Real] {
         let n = worlds.iter().filter(|w| w.world.kind() == kind).count() as u64;
         line(&mut out, "iplw_worlds", &[("kind", kind.name())], n);
@@ -74,10 +74,9 @@ pub fn text(app: &App) -> Result<String> {
     head(&mut out, "iplw_rollouts_total", "counter", "Rollouts simulated, those of ended jobs included.");
     line(&mut out, "iplw_rollouts_total", &[], m.rollouts.load(Ordering::Relaxed));
     head(&mut out, "iplw_jobs", "gauge", "Jobs by state.");
-    let jobs = app.jobs.list()?;
+    let jobs = app.store.jobs_by_state()?;
     for state in JobState::ALL {
-        let n = jobs.iter().filter(|j| j.row.state == state).count() as u64;
-        line(&mut out, "iplw_jobs", &[("state", state.name())], n);
+        line(&mut out, "iplw_jobs", &[("state", state.name())], jobs.get(state.name()).copied().unwrap_or(0));
     }
     Ok(out)
 }

@@ -38,7 +38,7 @@ pub use app::Clock;
 pub struct ServeConfig {
     /// Address to listen on; port 0 takes a free one.
     pub http: SocketAddr,
-    /// Where jobs and policies are kept; in memory if absent.
+    /// Where jobs, worlds and policies are kept; in memory if absent.
     pub data_dir: Option<PathBuf>,
     /// A world made by a client goes after not being used for so long.
     pub idle: Duration,
@@ -46,7 +46,7 @@ pub struct ServeConfig {
     pub worlds: usize,
     /// Jobs running at a time.
     pub workers: usize,
-    /// Most jobs waiting.
+    /// Most jobs queued.
     pub queue: usize,
     /// What time it is.
     pub clock: Clock,
@@ -125,10 +125,12 @@ impl Server {
         self.address
     }
 
-    /// Answers until `stop` is ready; then ends what it is doing and fails the jobs it has not finished.
+    /// Answers until `stop` is ready; then ends what it is doing. Jobs it has not finished are left to the next
+    /// server on the same directory.
     pub async fn run(self, stop: impl Future<Output = ()> + Send + 'static) -> Result<()> {
         let Server { app, listener, address, idle } = self;
         let sweeper = tokio::spawn(sweep(app.clone(), idle));
+        let writer = tokio::spawn(write(app.clone()));
         let (told, stopping) = (app.clone(), app.clone());
         let service = http::service(app.clone());
         let graceful = async move {
@@ -149,7 +151,12 @@ impl Server {
             () = late => Ok(()),
         };
         sweeper.abort();
-        let _ = tokio::task::spawn_blocking(move || stopping.jobs.stop(GRACE)).await;
+        writer.abort();
+        let last = move || {
+            stopping.jobs.stop(GRACE);
+            flush(&stopping);
+        };
+        let _ = tokio::task::spawn_blocking(last).await;
         done
     }
 }
@@ -162,7 +169,26 @@ async fn sweep(app: Arc<App>, idle: Duration) {
     let pause = (idle / 4).clamp(Duration::from_millis(100), Duration::from_secs(10));
     loop {
         tokio::time::sleep(pause).await;
-        app.worlds.sweep(app.now());
+        let app = app.clone();
+        let swept = tokio::task::spawn_blocking(move || app.worlds.sweep(app.now())).await;
+        if let Ok(Err(e)) = swept {
+            tracing::error!("idle worlds could not be forgotten: {e}");
+        }
+    }
+}
+
+/// Writes down from time to time what need not last at once: counters of simulated worlds.
+async fn write(app: Arc<App>) {
+    loop {
+        tokio::time::sleep(Duration::from_secs(1)).await;
+        let app = app.clone();
+        let _ = tokio::task::spawn_blocking(move || flush(&app)).await;
+    }
+}
+
+fn flush(app: &App) {
+    if let Err(e) = app.store.flush_worlds() {
+        tracing::error!("counters of worlds could not be stored: {e}");
     }
 }
 

@@ -74,6 +74,13 @@ impl Problem {
         Problem::new(StatusCode::TOO_MANY_REQUESTS, "busy", "Too many requests at a time", detail)
     }
 
+    /// A request whose key is being worked on.
+    pub fn under_way(key: &str) -> Problem {
+        let detail =
+            format!("a request with Idempotency-Key {key:?} is being worked on; ask again in a second");
+        Problem::new(StatusCode::CONFLICT, "under-way", "The same request is under way", detail)
+    }
+
     /// A defect of this program.
     pub fn defect() -> Problem {
         let detail = "the program has a defect; the request had no further effect";

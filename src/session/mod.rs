@@ -9,18 +9,25 @@
 //! | `New` | refused | `reset` makes it `Ready` |
 //! | `Ready` | a valid action is an attempt and ends the episode; an unplaceable one changes nothing | `Done` or `Ready` |
 //! | `Done` | refused | `reset` makes it `Ready` |
+//!
+//! Worlds of a [`Registry`] outlive the process: what they are made from is stored when they are made, and a real
+//! world's counter before a result of it is given out, so that no interaction that anybody knows of is ever
+//! forgotten and a budget never overdrawn. (One whose result was lost with the process had no effect and is not
+//! counted.) A simulated world's counter and latents are written within a second. The episode is not kept: a
+//! world that comes back waits to be reset.
 
 mod catalogue;
 pub mod observation;
 mod registry;
+mod saved;
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result, within};
-use crate::reality::{Attempt, HiddenConfig, HiddenWorld, Reality, standard};
+use crate::reality::{HiddenConfig, HiddenWorld, Reality, standard};
 use crate::rng::{self, Stream};
 use crate::task::scene::EffectTerm;
 use crate::task::{ActionSpace, Placement, Scene, Split, Task, ValidAction};
@@ -28,6 +35,8 @@ use crate::trajectory::{End, Trajectory};
 use crate::world::{Engine, Latents, Rollout, chosen, effect, simulate_map};
 pub use catalogue::{Catalogue, TaskSet};
 pub use registry::{Listed, Registry, RegistryConfig};
+use saved::Account;
+pub use saved::SavedWorld;
 
 /// What a world is made from.
 pub struct WorldConfig {
@@ -91,6 +100,8 @@ pub struct World {
     /// Of a simulation, or of a real world that is not sealed.
     effects: Vec<EffectTerm>,
     hidden: Option<Mutex<HiddenWorld>>,
+    /// Where the counter is kept, if anywhere.
+    account: Option<Account>,
     /// Held through a whole reset or step, so that one action ends one episode.
     turn: Mutex<()>,
     /// Held only for moments; the last lock taken.
@@ -195,8 +206,14 @@ pub struct Rolled {
     /// Valid attempts among the results.
     pub valid: u64,
     /// In the order of the actions: a trajectory (without samples unless asked for), or why not.
-    pub results: Vec<std::result::Result<Trajectory, String>>,
+    pub results: Vec<Tried>,
 }
+
+/// What became of an action: a trajectory, or why it could not be placed.
+pub type Tried = std::result::Result<Trajectory, String>;
+
+/// Keeps results together with the world's counter after them.
+pub type Keep<'a> = &'a dyn Fn(&[Tried], u64) -> Result<()>;
 
 /// Most actions in one batch.
 pub const MOST_ACTIONS: usize = 4096;
@@ -257,6 +274,7 @@ impl World {
             budget: config.budget,
             effects,
             hidden,
+            account: None,
             turn: Mutex::new(()),
             state: Mutex::new(State {
                 latents,
@@ -316,7 +334,7 @@ impl World {
             (&self.tasks.tasks[task], state.latents)
         };
         let action = action.resolve(task.actions(), "action")?;
-        let (mut results, interactions) = self.attempt(task, &[action], latents, true, |t| t)?;
+        let (mut results, interactions) = self.attempt(task, &[action], latents, true, |t| t, None)?;
         let result = results.pop().ok_or_else(|| Error::Failed("an attempt without a result".into()))?;
         let step = Step {
             observation: observation::observe(&task.scene, result.as_ref().ok()),
@@ -361,6 +379,10 @@ impl World {
         latents.validate()?;
         let mut state = lock(&self.state);
         state.latents = latents.or(state.latents);
+        if let Some(account) = &self.account {
+            let text = serde_json::to_string(&state.latents).ok();
+            account.store.note_world(&account.id, state.interactions, text);
+        }
         Ok(())
     }
 
@@ -392,7 +414,7 @@ impl World {
             }
             t
         };
-        let (results, interactions) = self.attempt(task, &actions, latents, batch.stop, keep)?;
+        let (results, interactions) = self.attempt(task, &actions, latents, batch.stop, keep, None)?;
         Ok(Rolled {
             engine: self.engine_for(task, &actions),
             task: task.id.clone(),
@@ -422,7 +444,7 @@ impl World {
         let (task, latents) = self.task_or_current(task)?;
         let scene = self.scene(Some(&task.id), Some(action))?;
         let resolved = action.resolve(task.actions(), "action")?;
-        let (mut results, _) = self.attempt(task, &[resolved], latents, true, |t| t)?;
+        let (mut results, _) = self.attempt(task, &[resolved], latents, true, |t| t, None)?;
         match results.pop() {
             Some(Ok(trajectory)) => Ok((scene, trajectory)),
             Some(Err(reason)) => Err(unplaceable(action, &reason)),
@@ -467,18 +489,24 @@ impl World {
         lock(&self.state).interactions
     }
 
-    /// Attempts actions in this world's physics and counts the valid ones.
-    pub fn attempts(
-        &self,
-        task: &Task,
-        actions: &[ValidAction],
-    ) -> Result<Vec<std::result::Result<Trajectory, String>>> {
+    /// Most valid attempts allowed.
+    pub fn budget(&self) -> Option<u64> {
+        self.budget
+    }
+
+    /// Valid attempts still allowed.
+    pub fn remaining(&self) -> Option<u64> {
+        self.budget.map(|b| b.saturating_sub(self.interactions()))
+    }
+
+    /// Attempts actions in this world's physics and counts the valid ones. `store` is given the results and the
+    /// counter before anybody else is, and keeps both or neither; what it cannot keep is not given out.
+    pub fn attempts(&self, task: &Task, actions: &[ValidAction], store: Option<Keep>) -> Result<Vec<Tried>> {
         let latents = lock(&self.state).latents;
-        Ok(self.attempt(task, actions, latents, true, |t| t)?.0)
+        Ok(self.attempt(task, actions, latents, true, |t| t, store)?.0)
     }
 
     /// Results in the order of the actions, and the count of valid attempts after them.
-    #[allow(clippy::type_complexity)]
     fn attempt(
         &self,
         task: &Task,
@@ -486,19 +514,30 @@ impl World {
         latents: Latents,
         stop: bool,
         keep: impl Fn(Trajectory) -> Trajectory + Sync,
-    ) -> Result<(Vec<std::result::Result<Trajectory, String>>, u64)> {
+        store: Option<Keep>,
+    ) -> Result<(Vec<Tried>, u64)> {
         if let Some(hidden) = &self.hidden {
             let mut hidden = lock(hidden);
             let attempts = hidden.measure(task, actions)?;
             let interactions = hidden.interactions();
             lock(&self.state).interactions = interactions;
-            drop(hidden);
             let results = attempts.into_iter().map(|a| match (a.placement, a.trajectory) {
                 (Err(reason), _) => Err(reason),
                 (Ok(_), Some(trajectory)) => Ok(keep(trajectory)),
                 (Ok(_), None) => Err("nothing was observed".into()),
             });
-            return Ok((results.collect(), interactions));
+            let results: Vec<Tried> = results.collect();
+            match store {
+                // The world stays locked, so that what is counted is what is kept.
+                Some(store) => store(&results, interactions)?,
+                None => {
+                    drop(hidden);
+                    if let Some(account) = &self.account {
+                        account.store.count_world(&account.id, interactions)?;
+                    }
+                }
+            }
+            return Ok((results, interactions));
         }
         let placements: Vec<Placement> = actions.iter().map(|a| task.place(a)).collect();
         let rollouts: Vec<Rollout> = placements
@@ -510,16 +549,25 @@ impl World {
             .collect();
         let valid = rollouts.len() as u64;
         let mut simulated = simulate_map(&rollouts, self.engine, |_, t| keep(t))?.into_iter();
-        let results = placements
+        let results: Vec<Tried> = placements
             .iter()
             .map(|p| match p {
                 Placement::Invalid(reason) => Err(reason.clone()),
                 Placement::Valid(_) => simulated.next().ok_or_else(|| "nothing was simulated".into()),
             })
             .collect();
-        let mut state = lock(&self.state);
-        state.interactions += valid;
-        Ok((results, state.interactions))
+        let interactions = {
+            let mut state = lock(&self.state);
+            state.interactions += valid;
+            state.interactions
+        };
+        if let Some(account) = &self.account {
+            account.store.note_world(&account.id, interactions, None);
+        }
+        if let Some(store) = store {
+            store(&results, interactions)?;
+        }
+        Ok((results, interactions))
     }
 
     /// Name of the engine that runs the first placeable of the actions.
@@ -570,35 +618,6 @@ impl World {
                 .ok_or_else(|| refused("no current task; reset the world first, or name a `task`"))?,
         };
         Ok((&self.tasks.tasks[index], state.latents))
-    }
-}
-
-/// A shared world as a reality: what is measured through it counts on the world.
-pub struct SharedReality(pub Arc<World>);
-
-impl Reality for SharedReality {
-    fn measure(&mut self, task: &Task, actions: &[ValidAction]) -> Result<Vec<Attempt>> {
-        let results = self.0.attempts(task, actions)?;
-        let attempt = |(action, result): (&ValidAction, std::result::Result<Trajectory, String>)| match result
-        {
-            Err(reason) => Attempt { placement: Err(reason), trajectory: None },
-            Ok(trajectory) => {
-                let placement = match task.place(action) {
-                    Placement::Valid(scene) => Ok(scene),
-                    Placement::Invalid(reason) => Err(reason),
-                };
-                Attempt { placement, trajectory: Some(trajectory) }
-            }
-        };
-        Ok(actions.iter().zip(results).map(attempt).collect())
-    }
-
-    fn interactions(&self) -> u64 {
-        self.0.interactions()
-    }
-
-    fn budget(&self) -> Option<u64> {
-        self.0.budget
     }
 }
 

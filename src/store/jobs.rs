@@ -1,8 +1,11 @@
 //! Jobs as rows.
 
+use std::collections::BTreeMap;
+
 use rusqlite::{OptionalExtension, Row, params};
 use serde_json::Value;
 
+use super::requests::{Answered, keep};
 use super::{Store, json, sql};
 use crate::error::Result;
 
@@ -13,8 +16,12 @@ pub struct JobRow {
     pub number: i64,
     pub kind: String,
     pub state: JobState,
-    /// What was asked for, complete: enough to start it again.
+    /// What was asked for, as its owner wrote it.
     pub config: Value,
+    /// The same with everything decided: enough to start it again. Not shown; it may hold a real world's secrets.
+    pub plan: Value,
+    /// How often it was begun since it last got anywhere.
+    pub starts: u32,
     pub result: Option<Value>,
     /// Why it failed, in the form its owner was told.
     pub error: Option<Value>,
@@ -33,34 +40,48 @@ pub struct JobRow {
 pub enum JobState {
     Queued,
     Running,
+    /// For answers to what it proposed; nothing is worked on.
+    Waiting,
     Succeeded,
     Failed,
     Cancelled,
 }
 
 impl Store {
-    /// Takes in a queued job and numbers it.
-    pub fn add_job(&self, kind: &str, config: &Value, seed: u64) -> Result<JobRow> {
+    /// Takes in a queued job and numbers it; in the same transaction keeps what `answered` makes of it.
+    pub fn add_job(
+        &self,
+        kind: &str,
+        config: &Value,
+        plan: &Value,
+        seed: u64,
+        answered: &dyn Fn(&JobRow) -> Option<Answered>,
+    ) -> Result<JobRow> {
         let version = env!("CARGO_PKG_VERSION");
-        let c = self.connection();
-        c.execute(
-            "INSERT INTO job (kind, state, config, seed, version) VALUES (?1, 'queued', ?2, ?3, ?4)",
-            params![kind, config.to_string(), seed.to_string(), version],
-        )
-        .map_err(sql)?;
-        Ok(JobRow {
-            number: c.last_insert_rowid(),
-            kind: kind.into(),
-            state: JobState::Queued,
-            config: config.clone(),
-            result: None,
-            error: None,
-            seed,
-            version: version.into(),
-            stage: String::new(),
-            done: 0,
-            total: 0,
-            events: 0,
+        self.atomically(|t| {
+            t.execute(
+                "INSERT INTO job (kind, state, config, plan, seed, version, events) \
+                 VALUES (?1, 'queued', ?2, ?3, ?4, ?5, 1)",
+                params![kind, config.to_string(), plan.to_string(), seed.to_string(), version],
+            )?;
+            let row = JobRow {
+                number: t.last_insert_rowid(),
+                kind: kind.into(),
+                state: JobState::Queued,
+                config: config.clone(),
+                plan: plan.clone(),
+                starts: 0,
+                result: None,
+                error: None,
+                seed,
+                version: version.into(),
+                stage: String::new(),
+                done: 0,
+                total: 0,
+                events: 1,
+            };
+            keep(t, answered(&row).as_ref())?;
+            Ok(row)
         })
     }
 
@@ -85,6 +106,30 @@ impl Store {
             .map_err(sql)
     }
 
+    /// Writes that a job runs, one start more.
+    pub fn begin_job(&self, number: i64) -> Result<()> {
+        self.move_job(number, "state = 'running', starts = starts + 1")
+    }
+
+    /// Writes that a job is queued again though it did nothing wrong: its last start does not count.
+    pub fn put_back_job(&self, number: i64) -> Result<()> {
+        self.move_job(number, "state = 'queued', starts = max(starts - 1, 0)")
+    }
+
+    /// Writes that a job is cancelled, whether or not it has noticed yet.
+    pub fn cancel_job(&self, number: i64) -> Result<()> {
+        self.move_job(number, "state = 'cancelled'")
+    }
+
+    /// Changes a job that has not ended.
+    fn move_job(&self, number: i64, set: &str) -> Result<()> {
+        let open = "state IN ('queued', 'running', 'waiting')";
+        self.connection()
+            .execute(&format!("UPDATE job SET {set} WHERE number = ?1 AND {open}"), [number])
+            .map(drop)
+            .map_err(sql)
+    }
+
     /// The job with this number.
     pub fn job(&self, number: i64) -> Result<Option<JobRow>> {
         self.connection()
@@ -93,32 +138,44 @@ impl Store {
             .map_err(sql)
     }
 
-    /// All jobs in order of number.
-    pub fn jobs(&self) -> Result<Vec<JobRow>> {
+    /// At most `limit` jobs in order of number, those after number `after`.
+    pub fn jobs(&self, after: i64, limit: usize) -> Result<Vec<JobRow>> {
+        self.select("WHERE number > ?1 ORDER BY number LIMIT ?2", params![after, limit as i64])
+    }
+
+    /// Every job that has not ended, in order of number.
+    pub fn unfinished(&self) -> Result<Vec<JobRow>> {
+        self.select("WHERE state IN ('queued', 'running', 'waiting') ORDER BY number", [])
+    }
+
+    /// How many jobs are in each state that any is in.
+    pub fn jobs_by_state(&self) -> Result<BTreeMap<String, u64>> {
         let c = self.connection();
-        let mut query = c.prepare(&format!("SELECT {COLUMNS} FROM job ORDER BY number")).map_err(sql)?;
-        let rows = query.query_map([], row).map_err(sql)?;
+        let mut query = c.prepare("SELECT state, count(*) FROM job GROUP BY state").map_err(sql)?;
+        let rows = query.query_map([], |r| Ok((r.get(0)?, r.get::<_, i64>(1)? as u64))).map_err(sql)?;
         rows.collect::<rusqlite::Result<_>>().map_err(sql)
     }
 
-    /// Forgets a job; whether there was one.
+    /// Forgets a job and everything measured, found and left by it; whether there was one.
     pub fn remove_job(&self, number: i64) -> Result<bool> {
-        self.connection().execute("DELETE FROM job WHERE number = ?1", [number]).map(|n| n > 0).map_err(sql)
+        self.atomically(|t| {
+            for table in ["round", "measured", "artifact"] {
+                t.execute(&format!("DELETE FROM {table} WHERE job = ?1"), [number])?;
+            }
+            t.execute("DELETE FROM job WHERE number = ?1", [number]).map(|n| n > 0)
+        })
     }
 
-    /// Fails every job that has not ended, for a server that starts after one that stopped; returns how many.
-    pub fn fail_unfinished(&self, error: &Value) -> Result<usize> {
-        self.connection()
-            .execute(
-                "UPDATE job SET state = 'failed', error = ?1, events = events + 1 \
-                 WHERE state IN ('queued', 'running')",
-                [error.to_string()],
-            )
-            .map_err(sql)
+    fn select(&self, which: &str, with: impl rusqlite::Params) -> Result<Vec<JobRow>> {
+        let c = self.connection();
+        let mut query = c.prepare(&format!("SELECT {COLUMNS} FROM job {which}")).map_err(sql)?;
+        let rows = query.query_map(with, row).map_err(sql)?;
+        rows.collect::<rusqlite::Result<_>>().map_err(sql)
     }
 }
 
-const COLUMNS: &str = "number, kind, state, config, result, error, seed, version, stage, done, total, events";
+const COLUMNS: &str =
+    "number, kind, state, config, result, error, seed, version, stage, done, total, events, plan, starts";
 
 fn row(row: &Row) -> rusqlite::Result<JobRow> {
     let text = |i: usize| row.get::<_, String>(i);
@@ -137,19 +194,28 @@ fn row(row: &Row) -> rusqlite::Result<JobRow> {
         done: count(9)?,
         total: count(10)?,
         events: count(11)?,
+        plan: optional(12)?.unwrap_or_default(),
+        starts: row.get(13)?,
     })
 }
 
 impl JobState {
     /// Every state.
-    pub const ALL: [JobState; 5] =
-        [JobState::Queued, JobState::Running, JobState::Succeeded, JobState::Failed, JobState::Cancelled];
+    pub const ALL: [JobState; 6] = [
+        JobState::Queued,
+        JobState::Running,
+        JobState::Waiting,
+        JobState::Succeeded,
+        JobState::Failed,
+        JobState::Cancelled,
+    ];
 
     /// The name used in files and on the wire.
     pub fn name(self) -> &'static str {
         match self {
             JobState::Queued => "queued",
             JobState::Running => "running",
+            JobState::Waiting => "waiting",
             JobState::Succeeded => "succeeded",
             JobState::Failed => "failed",
             JobState::Cancelled => "cancelled",
@@ -171,29 +237,41 @@ mod tests {
     use super::*;
     use serde_json::json;
 
+    fn add(store: &Store, kind: &str, seed: u64) -> JobRow {
+        store.add_job(kind, &json!({"a": 1}), &json!({"b": 2}), seed, &|_| None).unwrap()
+    }
+
     #[test]
-    fn an_ended_job_survives_and_an_unfinished_one_fails() {
+    fn jobs_survive_and_those_not_ended_are_found() {
         let dir = tempfile::tempdir().unwrap();
         let (done, open) = {
             let store = Store::open(dir.path()).unwrap();
-            let mut done = store.add_job("iplw", &json!({"a": 1}), u64::MAX).unwrap();
+            let mut done = add(&store, "iplw", u64::MAX);
             (done.state, done.result, done.events) = (JobState::Succeeded, Some(json!([1.5])), 3);
             store.update_job(&done).unwrap();
-            (done, store.add_job("train", &json!({}), 1).unwrap())
+            let mut open = add(&store, "train", 1);
+            store.begin_job(open.number).unwrap();
+            store.begin_job(open.number).unwrap();
+            store.put_back_job(open.number).unwrap();
+            (open.state, open.starts) = (JobState::Waiting, 1);
+            store.update_job(&open).unwrap();
+            (done, open)
         };
         let store = Store::open(dir.path()).unwrap();
-        assert_eq!(store.fail_unfinished(&json!({"detail": "stopped"})).unwrap(), 1);
         assert_eq!(store.job(done.number).unwrap().unwrap(), done);
-        let open = store.job(open.number).unwrap().unwrap();
-        assert_eq!((open.state, open.error), (JobState::Failed, Some(json!({"detail": "stopped"}))));
+        assert_eq!(store.unfinished().unwrap(), std::slice::from_ref(&open));
+        let counts = store.jobs_by_state().unwrap();
+        assert_eq!(counts, BTreeMap::from([("succeeded".into(), 1), ("waiting".into(), 1)]));
+        assert_eq!(store.jobs(0, 1).unwrap(), [done]);
+        assert_eq!(store.jobs(1, 9).unwrap(), [open]);
     }
 
     #[test]
     fn numbers_are_not_used_twice() {
         let store = Store::in_memory().unwrap();
-        let first = store.add_job("iplw", &json!({}), 0).unwrap().number;
+        let first = add(&store, "iplw", 0).number;
         assert!(store.remove_job(first).unwrap());
         assert!(!store.remove_job(first).unwrap());
-        assert_ne!(store.add_job("iplw", &json!({}), 0).unwrap().number, first);
+        assert_ne!(add(&store, "iplw", 0).number, first);
     }
 }

@@ -1,37 +1,52 @@
-//! What lasts: jobs and policies, in SQLite (WAL) with weights as files beside it.
+//! What lasts: jobs with their rounds and measurements, worlds, policies and answered requests, in SQLite (WAL)
+//! with weights as files beside it.
 //!
 //! A data directory holds `iplw.sqlite`, `policies/` and `lock`. One server at a time: the lock is the
 //! operating system's, so it goes with the process however that ends. Without a directory everything is kept
 //! in memory by the same code.
+//!
+//! What a function here wrote is on the disk when it returns, in one transaction, but for [`Store::note_world`],
+//! which waits for the next [`Store::flush_worlds`].
 
+mod artifacts;
 mod blobs;
 mod jobs;
 mod policies;
+mod requests;
+mod rounds;
+mod worlds;
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{Read, Write};
 use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use rusqlite::Connection;
+use rusqlite::{Connection, Transaction, TransactionBehavior};
 
 use crate::error::{Error, Result};
 use blobs::Blobs;
 pub use jobs::{JobRow, JobState};
 pub use policies::PolicyRow;
+pub use requests::Answered;
+pub use rounds::{Measured, RoundRow};
+use worlds::Pending;
+pub use worlds::WorldRow;
 
 /// An open store.
 pub struct Store {
     connection: Mutex<Connection>,
+    /// Counters of worlds that are not written yet.
+    pending: Mutex<Pending>,
+    /// Held by whoever writes them.
+    writing: Mutex<()>,
     blobs: Blobs,
     /// Held as long as the store is open.
     _lock: Option<File>,
 }
 
-/// Version of the tables; a file with a later one is refused.
-const SCHEMA: i64 = 1;
-
-const TABLES: &str = "
+/// What makes the tables, step by step; a file that has had the first n is of version n.
+const STEPS: [&str; 2] = [
+    "
     CREATE TABLE job (
         number INTEGER PRIMARY KEY AUTOINCREMENT,
         kind TEXT NOT NULL,
@@ -58,13 +73,52 @@ const TABLES: &str = "
         blob TEXT NOT NULL,
         bytes INTEGER NOT NULL
     ) STRICT;
-";
+",
+    "
+    ALTER TABLE job ADD COLUMN plan TEXT;
+    ALTER TABLE job ADD COLUMN starts INTEGER NOT NULL DEFAULT 0;
+    CREATE TABLE round (
+        job INTEGER NOT NULL,
+        number INTEGER NOT NULL,
+        asked TEXT NOT NULL,
+        done TEXT,
+        PRIMARY KEY (job, number)
+    ) STRICT;
+    CREATE TABLE measured (
+        job INTEGER NOT NULL,
+        number INTEGER NOT NULL,
+        outcome TEXT,
+        PRIMARY KEY (job, number)
+    ) STRICT;
+    CREATE TABLE artifact (
+        job INTEGER NOT NULL,
+        name TEXT NOT NULL,
+        body BLOB NOT NULL,
+        PRIMARY KEY (job, name)
+    ) STRICT;
+    CREATE TABLE world (
+        number INTEGER PRIMARY KEY AUTOINCREMENT,
+        id TEXT NOT NULL UNIQUE,
+        config TEXT NOT NULL,
+        latents TEXT,
+        interactions INTEGER NOT NULL DEFAULT 0
+    ) STRICT;
+    CREATE TABLE request (
+        number INTEGER PRIMARY KEY AUTOINCREMENT,
+        key TEXT NOT NULL UNIQUE,
+        fingerprint TEXT NOT NULL,
+        status INTEGER NOT NULL,
+        location TEXT,
+        body BLOB NOT NULL
+    ) STRICT;
+",
+];
 
 impl Store {
     /// A store that is gone when it is dropped.
     pub fn in_memory() -> Result<Store> {
         let connection = Connection::open_in_memory().map_err(|e| failed("the store in memory", &e))?;
-        Store { connection: Mutex::new(connection), blobs: Blobs::memory(), _lock: None }.ready(":memory:")
+        Store::of(connection, Blobs::memory(), None).ready(":memory:")
     }
 
     /// Opens or makes the store in `directory`; refuses if another server has it open.
@@ -75,7 +129,17 @@ impl Store {
         let place = file.display().to_string();
         let connection = Connection::open(&file).map_err(|e| failed(&place, &e))?;
         let blobs = Blobs::directory(&directory.join("policies"))?;
-        Store { connection: Mutex::new(connection), blobs, _lock: Some(lock) }.ready(&place)
+        Store::of(connection, blobs, Some(lock)).ready(&place)
+    }
+
+    fn of(connection: Connection, blobs: Blobs, lock: Option<File>) -> Store {
+        Store {
+            connection: Mutex::new(connection),
+            pending: Mutex::default(),
+            writing: Mutex::default(),
+            blobs,
+            _lock: lock,
+        }
     }
 
     fn ready(self, place: &str) -> Result<Store> {
@@ -86,19 +150,19 @@ impl Store {
             c.query_row("PRAGMA journal_mode = WAL", [], |row| row.get::<_, String>(0)).map_err(fail)?;
             c.pragma_update(None, "synchronous", "FULL").map_err(fail)?;
             let version: i64 = c.query_row("PRAGMA user_version", [], |row| row.get(0)).map_err(fail)?;
-            match version {
-                0 => c
-                    .execute_batch(&format!("BEGIN; {TABLES} PRAGMA user_version = {SCHEMA}; COMMIT;"))
-                    .map_err(fail)?,
-                SCHEMA => {}
-                later => {
-                    return Err(Error::Refused {
-                        reason: format!(
-                            "{place} was written by a later version of this program (tables {later}, \
-                             here {SCHEMA}); use that version, or another data directory"
-                        ),
-                    });
-                }
+            let here = STEPS.len() as i64;
+            if !(0..=here).contains(&version) {
+                return Err(Error::Refused {
+                    reason: format!(
+                        "{place} was written by a later version of this program (tables {version}, \
+                         here {here}); use that version, or another data directory"
+                    ),
+                });
+            }
+            if version < here {
+                let missing = STEPS[version as usize..].concat();
+                c.execute_batch(&format!("BEGIN; {missing} PRAGMA user_version = {here}; COMMIT;"))
+                    .map_err(fail)?;
             }
         }
         self.sweep_blobs()?;
@@ -107,6 +171,15 @@ impl Store {
 
     fn connection(&self) -> MutexGuard<'_, Connection> {
         self.connection.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// All of what `write` does, or nothing.
+    fn atomically<T>(&self, write: impl FnOnce(&Transaction) -> rusqlite::Result<T>) -> Result<T> {
+        let mut c = self.connection();
+        let transaction = c.transaction_with_behavior(TransactionBehavior::Immediate).map_err(sql)?;
+        let done = write(&transaction).map_err(sql)?;
+        transaction.commit().map_err(sql)?;
+        Ok(done)
     }
 }
 
@@ -167,6 +240,23 @@ mod tests {
         assert!(refused.to_string().contains("in use by another server"), "{refused}");
         drop(first);
         Store::open(dir.path()).unwrap();
+    }
+
+    #[test]
+    fn an_older_file_gains_the_tables_it_lacks() {
+        let dir = tempfile::tempdir().unwrap();
+        let old = Connection::open(dir.path().join("iplw.sqlite")).unwrap();
+        old.execute_batch(&format!("{} PRAGMA user_version = 1;", STEPS[0])).unwrap();
+        let insert =
+            "INSERT INTO job (kind, state, config, seed, version) VALUES ('iplw', 'running', '{}', '1', '0')";
+        old.execute_batch(insert).unwrap();
+        drop(old);
+        for _ in 0..2 {
+            let store = Store::open(dir.path()).unwrap();
+            let job = &store.unfinished().unwrap()[0];
+            assert_eq!((job.number, job.starts, &job.plan), (1, 0, &serde_json::Value::Null));
+            assert!(store.worlds().unwrap().is_empty());
+        }
     }
 
     #[test]

@@ -83,11 +83,15 @@ impl Store {
         blob.map(|name| self.blobs.read(&name)).transpose()
     }
 
-    /// All policies, oldest first.
-    pub fn policies(&self) -> Result<Vec<PolicyRow>> {
+    /// At most `limit` policies with their numbers, in order of number, those after number `after`. A policy
+    /// whose weights are replaced gets a new number.
+    pub fn policies(&self, after: i64, limit: usize) -> Result<Vec<(i64, PolicyRow)>> {
         let c = self.connection();
-        let mut query = c.prepare(&format!("SELECT {COLUMNS} FROM policy ORDER BY number")).map_err(sql)?;
-        let rows = query.query_map([], row).map_err(sql)?;
+        let select =
+            format!("SELECT {COLUMNS}, number FROM policy WHERE number > ?1 ORDER BY number LIMIT ?2");
+        let mut query = c.prepare(&select).map_err(sql)?;
+        let rows =
+            query.query_map(params![after, limit as i64], |r| Ok((r.get(8)?, row(r)?))).map_err(sql)?;
         rows.collect::<rusqlite::Result<_>>().map_err(sql)
     }
 
@@ -163,6 +167,7 @@ mod tests {
         assert_eq!(std::fs::read_dir(dir.path().join("policies")).unwrap().count(), 2);
         assert!(store.remove_policy("b").unwrap() && !store.remove_policy("b").unwrap());
         assert_eq!(store.weights("b").unwrap(), None);
-        assert_eq!(store.policies().unwrap(), [named("a")]);
+        assert_eq!(store.policies(0, 9).unwrap(), [(3, named("a"))]);
+        assert_eq!(store.policies(3, 9).unwrap(), []);
     }
 }

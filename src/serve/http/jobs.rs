@@ -4,22 +4,23 @@ use std::convert::Infallible;
 use std::sync::Arc;
 
 use axum::extract::State;
-use axum::http::{HeaderMap, StatusCode};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::sse::{self, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
 
-use super::extract::{KeptBody, Params};
-use super::{answer, answer_at, json_bytes, json_response};
+use super::extract::{Pairs, Params, Sent};
+use super::{Keep, answer, answer_once, answer_page, json_bytes, json_response};
 use crate::error::Error;
 use crate::serve::app::App;
-use crate::serve::operations::job;
+use crate::serve::operations::{estimation, job, trials};
 use crate::serve::problem::{Answer, Problem};
-use crate::serve::wire::{Estimation, Event, JobOut, Jobs};
+use crate::serve::wire::{Estimation, Event, JobOut, Jobs, Trials};
 
 /// Estimates the latents of a real world: explore in simulation, measure, fit. A job.
 #[utoipa::path(post, path = "/v1/iplw", tag = "workflow", operation_id = "start_iplw",
+    params(("Idempotency-Key" = Option<String>, Header, description = "Repeated under the same key, the request has no further effect and is answered the same")),
     request_body = Estimation,
     responses(
         (status = 202, body = JobOut, headers(("Location" = String, description = "Where the job is"))),
@@ -28,18 +29,24 @@ use crate::serve::wire::{Estimation, Event, JobOut, Jobs};
         (status = 422, body = Problem, content_type = "application/problem+json"),
         (status = 429, body = Problem, content_type = "application/problem+json", description = "Too many waiting jobs"),
     ))]
-pub async fn iplw(
-    State(app): State<Arc<App>>,
-    KeptBody(body, kept): KeptBody<Estimation>,
-) -> Answer<Response> {
-    answer_at(&app, StatusCode::ACCEPTED, place, move |app| job::estimation(app, body, kept)).await
+pub async fn iplw(State(app): State<Arc<App>>, sent: Sent) -> Answer<Response> {
+    let (body, kept) = sent.json::<Estimation>()?;
+    let work = move |app: &App, keep: Keep<JobOut>| estimation::begin(app, body, &kept, keep);
+    answer_once(&app, sent.once, StatusCode::ACCEPTED, place, work).await
 }
 
-/// All jobs, oldest first.
+/// Jobs, oldest first.
 #[utoipa::path(get, path = "/v1/jobs", tag = "jobs", operation_id = "list_jobs",
-    responses((status = 200, body = Jobs)))]
-pub async fn list(State(app): State<Arc<App>>) -> Answer<Response> {
-    answer(&app, StatusCode::OK, job::list).await
+    params(
+        ("limit" = Option<u32>, Query, description = "Most items, 1 to 1000; default 100"),
+        ("cursor" = Option<String>, Query, description = "`next` of the page before"),
+    ),
+    responses(
+        (status = 200, body = Jobs),
+        (status = 422, body = Problem, content_type = "application/problem+json"),
+    ))]
+pub async fn list(State(app): State<Arc<App>>, Pairs(pairs): Pairs) -> Answer<Response> {
+    answer_page(&app, pairs, job::list).await
 }
 
 /// One job.
@@ -131,7 +138,51 @@ pub async fn events(
     Ok(Sse::new(ReceiverStream::new(receiver)).keep_alive(KeepAlive::default()).into_response())
 }
 
+/// The trials that an estimation measured, or was told. As JSON in pages with the scene they go with; as the files
+/// of `iplw measure` with `format=csv` (trials.csv) and `format=scene` (scene.json), whole.
+#[utoipa::path(get, path = "/v1/jobs/{id}/trials", tag = "jobs", operation_id = "list_trials",
+    params(
+        ("id" = String, Path),
+        ("format" = Option<String>, Query, description = "`json` (default), `csv` or `scene`"),
+        ("limit" = Option<u32>, Query, description = "Most items, 1 to 1000; default 100"),
+        ("cursor" = Option<String>, Query, description = "`next` of the page before"),
+    ),
+    responses(
+        (status = 200, content((Trials = "application/json"), (String = "text/csv"))),
+        (status = 404, body = Problem, content_type = "application/problem+json"),
+        (status = 409, body = Problem, content_type = "application/problem+json", description = "The job is no estimation"),
+        (status = 422, body = Problem, content_type = "application/problem+json"),
+    ))]
+pub async fn trials(
+    State(app): State<Arc<App>>,
+    Params(id): Params<String>,
+    Pairs(mut pairs): Pairs,
+) -> Answer<Response> {
+    let at = pairs.iter().position(|(name, _)| name == "format");
+    let format = at.map(|i| pairs.remove(i).1);
+    match format.as_deref() {
+        None | Some("json") => answer_page(&app, pairs, move |app, page| trials::page(app, &id, page)).await,
+        Some(format @ ("csv" | "scene")) => {
+            if let Some((name, value)) = pairs.first() {
+                return Err(Error::input(
+                    name,
+                    format!("{value:?}"),
+                    format!("absent: {format} comes whole"),
+                )
+                .into());
+            }
+            if format == "scene" {
+                return answer(&app, StatusCode::OK, move |app| trials::scene(app, &id)).await;
+            }
+            let text = app.run(move |app| Ok(trials::csv(app, &id)?)).await?;
+            let kind = HeaderValue::from_static("text/csv; charset=utf-8");
+            Ok(([(header::CONTENT_TYPE, kind)], text).into_response())
+        }
+        Some(other) => Err(Error::input("format", format!("{other:?}"), "json, csv or scene").into()),
+    }
+}
+
 /// Where a job is.
-pub fn place(job: &JobOut) -> String {
-    format!("/v1/jobs/{}", job.id)
+pub fn place(job: &JobOut) -> Option<String> {
+    Some(format!("/v1/jobs/{}", job.id))
 }

@@ -1,5 +1,6 @@
 //! HTTP: routes, bodies and headers around the operations.
 
+mod asked;
 mod extract;
 mod jobs;
 mod policies;
@@ -24,7 +25,11 @@ use utoipa_axum::routes;
 use utoipa_swagger_ui::{Config, SwaggerUi};
 
 use super::app::App;
+use super::operations::{Keep, Page};
 use super::problem::{Answer, PROBLEM, Problem};
+use crate::error::Error;
+use crate::store::Answered;
+use extract::Once;
 
 /// Largest body, bytes.
 pub const BODY_LIMIT: usize = 16 * 1024 * 1024;
@@ -36,7 +41,9 @@ pub const BODY_LIMIT: usize = 16 * 1024 * 1024;
         title = "iplw",
         description = "2D physics worlds to act in, latent factors to estimate, policies to transfer. \
             All quantities are SI. Every error is a problem (RFC 9457) that names the field, its value and what \
-            is allowed.",
+            is allowed. A POST that makes something takes an `Idempotency-Key`: repeated under the same key, it \
+            makes nothing and is answered the same. Lists come in pages: `limit`, and `cursor` from the `next` of \
+            the page before.",
     ),
     tags(
         (name = "worlds", description = "Worlds as resources: reset, step, set_latents, rollout, render."),
@@ -64,6 +71,8 @@ pub fn routes() -> (Router<Arc<App>>, utoipa::openapi::OpenApi) {
         .routes(routes!(tasks::family))
         .routes(routes!(tasks::task))
         .routes(routes!(jobs::iplw))
+        .routes(routes!(asked::proposals))
+        .routes(routes!(asked::tell))
         .routes(routes!(policies::train, policies::list))
         .routes(routes!(policies::get, policies::delete))
         .routes(routes!(policies::weights, policies::put_weights))
@@ -72,6 +81,7 @@ pub fn routes() -> (Router<Arc<App>>, utoipa::openapi::OpenApi) {
         .routes(routes!(jobs::list))
         .routes(routes!(jobs::get, jobs::delete))
         .routes(routes!(jobs::events))
+        .routes(routes!(jobs::trials))
         .routes(routes!(system::healthz))
         .routes(routes!(system::readyz))
         .routes(routes!(system::metrics))
@@ -104,24 +114,57 @@ async fn answer<T: Serialize + 'static>(
     Ok(json_response(status, body))
 }
 
-/// [`answer`] with a `Location` made from the answer.
-async fn answer_at<T: Serialize + 'static>(
+/// Takes a request that makes something and may carry a key: asked again under the same key, it makes nothing and
+/// is answered the same. `work` is given what makes the answer that is to be kept with its effect.
+async fn answer_once<T: Serialize + 'static>(
     app: &Arc<App>,
+    once: Option<Once>,
     status: StatusCode,
-    location: fn(&T) -> String,
-    work: impl FnOnce(&App) -> crate::error::Result<T> + Send + 'static,
+    location: fn(&T) -> Option<String>,
+    work: impl FnOnce(&App, Keep<T>) -> crate::error::Result<T> + Send + 'static,
 ) -> Answer<Response> {
-    let (place, body) = app
-        .run(move |app| {
-            let made = work(app)?;
-            Ok((location(&made), json_bytes(&made)?))
-        })
-        .await?;
-    let mut response = json_response(status, body);
-    if let Ok(place) = HeaderValue::from_str(&place) {
-        response.headers_mut().insert(header::LOCATION, place);
+    let made = app.run(move |app| {
+        let as_answered = |made: &T| -> Answer<Answered> {
+            let (key, fingerprint) =
+                once.as_ref().map(|o| (o.key.clone(), o.fingerprint.clone())).unwrap_or_default();
+            Ok(Answered {
+                key,
+                fingerprint,
+                status: status.as_u16(),
+                location: location(made),
+                body: json_bytes(made)?,
+            })
+        };
+        let Some(asked) = &once else { return as_answered(&work(app, &|_| None)?).map(|a| (a, false)) };
+        let Some(_held) = app.hold(&asked.key) else { return Err(Problem::under_way(&asked.key)) };
+        if let Some(before) = app.store.answered(&asked.key)? {
+            if before.fingerprint != asked.fingerprint {
+                let allowed = "a key of its own for every different request: this one was used for another";
+                return Err(Error::input("Idempotency-Key", format!("{:?}", asked.key), allowed).into());
+            }
+            return Ok((before, true));
+        }
+        as_answered(&work(app, &|made| as_answered(made).ok())?).map(|a| (a, false))
+    });
+    let (answered, again) = made.await?;
+    let mut response = json_response(StatusCode::from_u16(answered.status).unwrap_or(status), answered.body);
+    let headers = response.headers_mut();
+    if let Some(place) = answered.location.and_then(|p| HeaderValue::from_str(&p).ok()) {
+        headers.insert(header::LOCATION, place);
+    }
+    if again {
+        headers.insert(HeaderName::from_static("idempotent-replayed"), HeaderValue::from_static("true"));
     }
     Ok(response)
+}
+
+/// A part of a list.
+async fn answer_page<T: Serialize + 'static>(
+    app: &Arc<App>,
+    pairs: Vec<(String, String)>,
+    work: impl FnOnce(&App, &Page) -> crate::error::Result<T> + Send + 'static,
+) -> Answer<Response> {
+    answer(app, StatusCode::OK, move |app| work(app, &Page::from_query(&pairs)?)).await
 }
 
 fn json_bytes<T: Serialize>(value: &T) -> Answer<Vec<u8>> {

@@ -6,9 +6,9 @@ use axum::extract::State;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
-use super::extract::{JsonBody, KeptBody, Params, RawBody};
+use super::extract::{JsonBody, Pairs, Params, RawBody, Sent};
 use super::jobs::place;
-use super::{answer, answer_at, json_bytes, json_response};
+use super::{Keep, answer, answer_once, answer_page, json_bytes, json_response};
 use crate::serve::app::App;
 use crate::serve::operations::policy;
 use crate::serve::problem::{Answer, Problem};
@@ -16,6 +16,7 @@ use crate::serve::wire::{ActIn, Acted, EvaluateIn, JobOut, Policies, PolicyOut, 
 
 /// Trains a policy in simulation. A job; its result names the policy.
 #[utoipa::path(post, path = "/v1/policies", tag = "policies", operation_id = "train_policy",
+    params(("Idempotency-Key" = Option<String>, Header, description = "Repeated under the same key, the request has no further effect and is answered the same")),
     request_body = TrainIn,
     responses(
         (status = 202, body = JobOut, headers(("Location" = String, description = "Where the job is"))),
@@ -24,15 +25,24 @@ use crate::serve::wire::{ActIn, Acted, EvaluateIn, JobOut, Policies, PolicyOut, 
         (status = 422, body = Problem, content_type = "application/problem+json"),
         (status = 429, body = Problem, content_type = "application/problem+json", description = "Too many waiting jobs"),
     ))]
-pub async fn train(State(app): State<Arc<App>>, KeptBody(body, kept): KeptBody<TrainIn>) -> Answer<Response> {
-    answer_at(&app, StatusCode::ACCEPTED, place, move |app| policy::training(app, body, kept)).await
+pub async fn train(State(app): State<Arc<App>>, sent: Sent) -> Answer<Response> {
+    let (body, kept) = sent.json::<TrainIn>()?;
+    let work = move |app: &App, keep: Keep<JobOut>| policy::training(app, body, &kept, keep);
+    answer_once(&app, sent.once, StatusCode::ACCEPTED, place, work).await
 }
 
-/// All policies.
+/// Policies, oldest first; replacing its weights makes a policy young again.
 #[utoipa::path(get, path = "/v1/policies", tag = "policies", operation_id = "list_policies",
-    responses((status = 200, body = Policies)))]
-pub async fn list(State(app): State<Arc<App>>) -> Answer<Response> {
-    answer(&app, StatusCode::OK, policy::list).await
+    params(
+        ("limit" = Option<u32>, Query, description = "Most items, 1 to 1000; default 100"),
+        ("cursor" = Option<String>, Query, description = "`next` of the page before"),
+    ),
+    responses(
+        (status = 200, body = Policies),
+        (status = 422, body = Problem, content_type = "application/problem+json"),
+    ))]
+pub async fn list(State(app): State<Arc<App>>, Pairs(pairs): Pairs) -> Answer<Response> {
+    answer_page(&app, pairs, policy::list).await
 }
 
 /// One policy.
@@ -115,7 +125,10 @@ pub async fn act(
 
 /// Tries a policy's ranking in a world: AUCCESS. A job; its attempts are counted in the world.
 #[utoipa::path(post, path = "/v1/policies/{id}/evaluate", tag = "policies", operation_id = "evaluate_policy",
-    params(("id" = String, Path)),
+    params(
+        ("id" = String, Path),
+        ("Idempotency-Key" = Option<String>, Header, description = "Repeated under the same key, the request has no further effect and is answered the same"),
+    ),
     request_body = EvaluateIn,
     responses(
         (status = 202, body = JobOut, headers(("Location" = String, description = "Where the job is"))),
@@ -127,10 +140,12 @@ pub async fn act(
 pub async fn evaluate(
     State(app): State<Arc<App>>,
     Params(id): Params<String>,
-    KeptBody(body, mut kept): KeptBody<EvaluateIn>,
+    sent: Sent,
 ) -> Answer<Response> {
+    let (body, mut kept) = sent.json::<EvaluateIn>()?;
     if let Some(fields) = kept.as_object_mut() {
         fields.insert("policy".into(), id.clone().into());
     }
-    answer_at(&app, StatusCode::ACCEPTED, place, move |app| policy::evaluation(app, &id, &body, kept)).await
+    let work = move |app: &App, keep: Keep<JobOut>| policy::evaluation(app, &id, &body, &kept, keep);
+    answer_once(&app, sent.once, StatusCode::ACCEPTED, place, work).await
 }

@@ -6,29 +6,45 @@ use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::Response;
 
-use super::answer;
-use super::extract::Params;
+use super::extract::{Pairs, Params};
+use super::{answer, answer_page};
 use crate::serve::app::App;
 use crate::serve::operations::task;
 use crate::serve::problem::{Answer, Problem};
 use crate::serve::wire::{Families, FamilyTasks, TaskOut};
 
-/// All families of tasks.
+/// Families of tasks.
 #[utoipa::path(get, path = "/v1/tasks", tag = "tasks", operation_id = "list_families",
-    responses((status = 200, body = Families)))]
-pub async fn families(State(app): State<Arc<App>>) -> Answer<Response> {
-    answer(&app, StatusCode::OK, |app| Ok(task::families(app))).await
+    params(
+        ("limit" = Option<u32>, Query, description = "Most items, 1 to 1000; default 100"),
+        ("cursor" = Option<String>, Query, description = "`next` of the page before"),
+    ),
+    responses(
+        (status = 200, body = Families),
+        (status = 422, body = Problem, content_type = "application/problem+json"),
+    ))]
+pub async fn families(State(app): State<Arc<App>>, Pairs(pairs): Pairs) -> Answer<Response> {
+    answer_page(&app, pairs, task::families).await
 }
 
-/// The tasks of a family.
+/// Tasks of a family.
 #[utoipa::path(get, path = "/v1/tasks/{family}", tag = "tasks", operation_id = "list_tasks",
-    params(("family" = String, Path, example = "bowling")),
+    params(
+        ("family" = String, Path, example = "bowling"),
+        ("limit" = Option<u32>, Query, description = "Most items, 1 to 1000; default 100"),
+        ("cursor" = Option<String>, Query, description = "`next` of the page before"),
+    ),
     responses(
         (status = 200, body = FamilyTasks),
         (status = 404, body = Problem, content_type = "application/problem+json"),
+        (status = 422, body = Problem, content_type = "application/problem+json"),
     ))]
-pub async fn family(State(app): State<Arc<App>>, Params(family): Params<String>) -> Answer<Response> {
-    answer(&app, StatusCode::OK, move |app| task::family(app, &family)).await
+pub async fn family(
+    State(app): State<Arc<App>>,
+    Params(family): Params<String>,
+    Pairs(pairs): Pairs,
+) -> Answer<Response> {
+    answer_page(&app, pairs, move |app, page| task::family(app, &family, page)).await
 }
 
 /// One task with its scene.

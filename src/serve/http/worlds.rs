@@ -6,8 +6,8 @@ use axum::extract::State;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
-use super::extract::{JsonBody, Pairs, Params};
-use super::{answer, answer_at};
+use super::extract::{JsonBody, Pairs, Params, Sent};
+use super::{Keep, answer, answer_once, answer_page};
 use crate::serve::app::App;
 use crate::serve::operations::render::{self, Picture};
 use crate::serve::operations::world;
@@ -16,15 +16,23 @@ use crate::serve::wire::{
     BatchOut, CreateWorld, LatentsIn, ResetIn, ResetOut, RolloutIn, StepIn, StepOut, WorldOut, Worlds,
 };
 
-/// All worlds.
+/// Worlds in order of id.
 #[utoipa::path(get, path = "/v1/worlds", tag = "worlds", operation_id = "list_worlds",
-    responses((status = 200, body = Worlds)))]
-pub async fn list(State(app): State<Arc<App>>) -> Answer<Response> {
-    answer(&app, StatusCode::OK, |app| Ok(world::list(app))).await
+    params(
+        ("limit" = Option<u32>, Query, description = "Most items, 1 to 1000; default 100"),
+        ("cursor" = Option<String>, Query, description = "`next` of the page before"),
+    ),
+    responses(
+        (status = 200, body = Worlds),
+        (status = 422, body = Problem, content_type = "application/problem+json"),
+    ))]
+pub async fn list(State(app): State<Arc<App>>, Pairs(pairs): Pairs) -> Answer<Response> {
+    answer_page(&app, pairs, world::list).await
 }
 
-/// Makes a world; it goes when nobody has used it for a while.
+/// Makes a world; it outlives the server, and goes when nobody has used it for a while.
 #[utoipa::path(post, path = "/v1/worlds", tag = "worlds", operation_id = "create_world",
+    params(("Idempotency-Key" = Option<String>, Header, description = "Repeated under the same key, the request has no further effect and is answered the same")),
     request_body = CreateWorld,
     responses(
         (status = 201, body = WorldOut, headers(("Location" = String, description = "Where the world is"))),
@@ -34,9 +42,11 @@ pub async fn list(State(app): State<Arc<App>>) -> Answer<Response> {
         (status = 422, body = Problem, content_type = "application/problem+json"),
         (status = 429, body = Problem, content_type = "application/problem+json", description = "No room for more worlds"),
     ))]
-pub async fn create(State(app): State<Arc<App>>, JsonBody(body): JsonBody<CreateWorld>) -> Answer<Response> {
-    let place = |w: &WorldOut| format!("/v1/worlds/{}", w.id);
-    answer_at(&app, StatusCode::CREATED, place, |app| world::create(app, body)).await
+pub async fn create(State(app): State<Arc<App>>, sent: Sent) -> Answer<Response> {
+    let (body, _) = sent.json::<CreateWorld>()?;
+    let place = |w: &WorldOut| Some(format!("/v1/worlds/{}", w.id));
+    let work = move |app: &App, keep: Keep<WorldOut>| world::create(app, body, keep);
+    answer_once(&app, sent.once, StatusCode::CREATED, place, work).await
 }
 
 /// One world.

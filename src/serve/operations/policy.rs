@@ -1,26 +1,34 @@
 //! Policies: train, act, evaluate, weights.
 
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::job::json as to_json;
+use super::estimation::explored;
+use super::{Keep, Page, json, text};
 use crate::error::{Error, Result};
-use crate::job::Work;
+use crate::job::{New, Outcome, Work};
+use crate::json::{from_value, parse};
 use crate::policy::{
     CHUNK, Dqn, EvaluateConfig, LabelConfig, Policy, TrainConfig, Training, evaluate, label, rank, train,
 };
-use crate::progress::Progress;
-use crate::serve::app::App;
+use crate::serve::app::{App, Base};
 use crate::serve::wire::{
     ActIn, Acted, EvaluateIn, JobOut, Object, Policies, PolicyOut, Scored, SplitIn, TrainIn, TrainingIn,
     effects,
 };
-use crate::session::Kind;
-use crate::store::{PolicyRow, Store};
+use crate::session::{Kind, Tried};
+use crate::store::{Measured, PolicyRow, Store};
 use crate::task::{Placement, Split, Task, ValidAction, split};
 use crate::world::Latents;
 
+/// Kinds of jobs.
+pub const TRAIN: &str = "train";
+pub const EVALUATE: &str = "evaluate";
+
 /// Queues a training.
-pub fn training(app: &App, body: TrainIn, config: Value) -> Result<JobOut> {
+pub fn training(app: &App, body: TrainIn, config: &Value, keep: Keep<JobOut>) -> Result<JobOut> {
     let tasks = app.catalogue.named(&body.task)?;
     let given = body.latents.map(|Object(l)| l.checked("latents.")).transpose()?;
     let terms = effects(None, body.effects, "")?.unwrap_or_default();
@@ -58,42 +66,51 @@ pub fn training(app: &App, body: TrainIn, config: Value) -> Result<JobOut> {
         ..paper
     };
     setup.validate()?;
-    let training =
-        if tasks.tasks.len() > 1 { split(&tasks.tasks, Split::Train) } else { tasks.tasks.to_vec() };
     let labels = LabelConfig { seed, ..LabelConfig::default() };
-    let (store, metrics) = (app.store.clone(), app.metrics.clone());
-    let kept = config.clone();
-    let work: Work = Box::new(move |job, progress: &dyn Progress| {
-        let data = label(&training, &schooling, &labels, progress)?;
-        metrics.simulated(data.rows.len() as u64);
-        let (dqn, log) = train(&data, &setup, progress)?;
+    let training = name.into();
+    let plan = TrainPlan { task: body.task, training, schooling, labels, setup, config: config.clone() };
+    let new = New { kind: TRAIN, config, plan: &json(&plan)?, seed };
+    Ok(app.jobs.submit(new, &|job| keep(&job.into()))?.into())
+}
+
+/// The work of a training: begun again, it does everything again, and finds the same.
+pub fn training_work(base: &Arc<Base>, plan: &Value) -> Result<Work> {
+    let plan: TrainPlan = from_value(plan.clone())?;
+    let base = base.clone();
+    Ok(Box::new(move |context| {
+        let tasks = explored(&base.catalogue.named(&plan.task)?);
+        let data = label(&tasks, &plan.schooling, &plan.labels, context)?;
+        base.metrics.simulated(data.rows.len() as u64);
+        let (dqn, log) = train(&data, &plan.setup, context)?;
         let weights =
             dqn.to_safetensors().ok_or_else(|| Error::Failed("the policy has no weights".into()))?;
-        let id = free_id(&store, &job.replace("job", "policy"))?;
+        let id = free_id(&base.store, context.id)?;
         let row = PolicyRow {
             id: id.clone(),
-            training: name.into(),
-            config: kept,
-            job: Some(job.into()),
+            training: plan.training,
+            config: plan.config,
+            job: Some(context.id.into()),
             ..row(&id, &dqn, weights.len())
         };
-        store.put_policy(&row, &weights)?;
-        Ok(json!({
+        base.store.put_policy(&row, &weights)?;
+        Ok(Outcome::Done(json!({
             "policy": id,
             "loss": log.loss,
             "examples": data.rows.len(),
             "solving": data.solving(),
-            "training": to_json(&schooling)?,
-            "labels": to_json(&labels)?,
-            "config": to_json(&setup)?,
-        }))
-    });
-    Ok(app.jobs.submit("train", &config, seed, work)?.into())
+            "training": json(&plan.schooling)?,
+            "labels": json(&plan.labels)?,
+            "config": json(&plan.setup)?,
+        })))
+    }))
 }
 
-/// All policies.
-pub fn list(app: &App) -> Result<Policies> {
-    Ok(Policies { policies: app.store.policies()?.into_iter().map(PolicyOut::from).collect() })
+/// A page of all policies.
+pub fn list(app: &App, page: &Page) -> Result<Policies> {
+    let after: i64 = page.after("policies")?.unwrap_or(0);
+    let mut all = app.store.policies(after, page.fetch())?;
+    let next = page.cut("policies", &mut all, |p| p.0);
+    Ok(Policies { policies: all.into_iter().map(|p| PolicyOut::from(p.1)).collect(), next })
 }
 
 /// One policy.
@@ -155,7 +172,13 @@ pub fn act(app: &App, id: &str, body: &ActIn) -> Result<Acted> {
 }
 
 /// Queues an evaluation.
-pub fn evaluation(app: &App, id: &str, body: &EvaluateIn, config: Value) -> Result<JobOut> {
+pub fn evaluation(
+    app: &App,
+    id: &str,
+    body: &EvaluateIn,
+    config: &Value,
+    keep: Keep<JobOut>,
+) -> Result<JobOut> {
     let dqn = load(app, id)?;
     let world = app.worlds.get(&body.world, app.now())?;
     let part = body.split.unwrap_or(SplitIn::Test);
@@ -168,20 +191,50 @@ pub fn evaluation(app: &App, id: &str, body: &EvaluateIn, config: Value) -> Resu
         Error::Input(input) => Error::input("world", format!("{:?}", body.world), input.allowed),
         other => other,
     })?;
-    let most = body.attempts.unwrap_or(100);
-    if !(1..=100).contains(&most) {
-        return Err(Error::input("attempts", most, "a whole number from 1 to 100"));
+    let attempts = body.attempts.unwrap_or(100);
+    if !(1..=100).contains(&attempts) {
+        return Err(Error::input("attempts", attempts, "a whole number from 1 to 100"));
     }
     let seed = body.seed.unwrap_or(0);
-    let setup = EvaluateConfig::phyre(seed);
-    let metrics = app.metrics.clone();
-    let work: Work = Box::new(move |_, progress: &dyn Progress| {
-        let mut spent = Spent { task: String::new(), here: 0, all: 0 };
+    let plan = EvaluatePlan {
+        policy: id.into(),
+        world: body.world.clone(),
+        split: part.into(),
+        attempts,
+        setup: EvaluateConfig::phyre(seed),
+    };
+    let new = New { kind: EVALUATE, config, plan: &json(&plan)?, seed };
+    Ok(app.jobs.submit(new, &|job| keep(&job.into()))?.into())
+}
+
+/// The work of an evaluation. Begun again, it scores and ranks again, with the weights it began with; attempts in
+/// a real world are kept as they are made and not made again.
+pub fn evaluation_work(base: &Arc<Base>, plan: &Value) -> Result<Work> {
+    let plan: EvaluatePlan = from_value(plan.clone())?;
+    let base = base.clone();
+    // Held from now on: the world does not idle out, and the policy may be replaced.
+    let world = base.worlds.get(&plan.world, base.now())?;
+    let now = base.store.weights(&plan.policy)?;
+    Ok(Box::new(move |context| {
+        let (store, job) = (&*base.store, context.number);
+        let weights = match (store.artifact(job, WEIGHTS)?, now) {
+            (Some(kept), _) => kept,
+            (None, Some(now)) => {
+                store.put_artifact(job, WEIGHTS, &now)?;
+                now
+            }
+            (None, None) => return Err(unknown(&plan.policy)),
+        };
+        let dqn = Dqn::from_safetensors(&weights)?;
+        let tasks = split(&world.tasks().tasks, plan.split);
+        let real = world.kind() == Kind::Real;
+        let kept = store.measured(job, 0)?;
+        let mut spent = Spent { calls: 0, task: String::new(), here: 0, all: 0 };
         let mut attempt = |task: &Task, actions: &[ValidAction]| {
             if spent.task != task.id {
                 (spent.task, spent.here) = (task.id.clone(), 0);
             }
-            let left = (most - spent.here) as usize;
+            let left = (plan.attempts - spent.here) as usize;
             let placeable = actions.iter().map(|a| matches!(task.place(a), Placement::Valid(_)));
             let tried: Vec<bool> = placeable
                 .scan(0, |n, valid| {
@@ -191,31 +244,71 @@ pub fn evaluation(app: &App, id: &str, body: &EvaluateIn, config: Value) -> Resu
                 .collect();
             let chosen: Vec<ValidAction> =
                 actions.iter().zip(&tried).filter(|(_, t)| **t).map(|(a, _)| a.clone()).collect();
-            let mut results = world.attempts(task, &chosen)?.into_iter();
+            let call = spent.calls;
+            spent.calls += 1;
             spent.here += chosen.len() as u64;
             spent.all += chosen.len() as u64;
-            metrics.attempted(world.kind(), chosen.len() as u64);
-            let solved = |tried: bool| {
-                if tried { results.next().and_then(|r| r.ok()).map(|t| t.solved()) } else { None }
+            let solved: Vec<Option<bool>> = match kept.get(&call) {
+                Some(Some(text)) => parse(text)?,
+                _ => {
+                    let solved = |results: &[Tried]| -> Vec<Option<bool>> {
+                        results.iter().map(|r| r.as_ref().ok().map(|t| t.solved())).collect()
+                    };
+                    let keep = |results: &[Tried], interactions: u64| {
+                        let row = Measured::from([(call, Some(text(&solved(results))?))]);
+                        store.put_measured(job, &row, Some((&plan.world, interactions)), None)
+                    };
+                    let results = world.attempts(task, &chosen, real.then_some(&keep))?;
+                    base.metrics.attempted(world.kind(), chosen.len() as u64);
+                    solved(&results)
+                }
             };
-            Ok(tried.into_iter().map(solved).collect())
+            let mut solved = solved.into_iter();
+            Ok(tried.into_iter().map(|tried| if tried { solved.next().flatten() } else { None }).collect())
         };
-        let evaluation = evaluate(&dqn, &tasks, &setup, &mut attempt, progress)?;
+        let evaluation = evaluate(&dqn, &tasks, &plan.setup, &mut attempt, context)?;
         let rows = tasks.iter().zip(&evaluation.solved_at);
-        Ok(json!({
+        Ok(Outcome::Done(json!({
             "auccess": evaluation.auccess,
             "solved_within": evaluation.curve.to_vec(),
             "tasks": rows.map(|(t, at)| json!({"task": t.id, "solved_at": at})).collect::<Vec<_>>(),
             "interactions": spent.all,
-            "world_kind": if world.kind() == Kind::Real { "real" } else { "sim" },
-            "config": to_json(&setup)?,
-        }))
-    });
-    Ok(app.jobs.submit("evaluate", &config, seed, work)?.into())
+            "world_kind": if real { "real" } else { "sim" },
+            "config": json(&plan.setup)?,
+        })))
+    }))
+}
+
+/// The artifact that holds the weights an evaluation began with.
+const WEIGHTS: &str = "weights";
+
+/// A training with everything decided.
+#[derive(Serialize, Deserialize)]
+struct TrainPlan {
+    task: String,
+    /// `fixed` or `randomised`.
+    training: String,
+    schooling: Training,
+    labels: LabelConfig,
+    setup: TrainConfig,
+    /// As asked for; kept with the policy.
+    config: Value,
+}
+
+/// An evaluation with everything decided.
+#[derive(Serialize, Deserialize)]
+struct EvaluatePlan {
+    policy: String,
+    world: String,
+    split: Split,
+    attempts: u64,
+    setup: EvaluateConfig,
 }
 
 /// Valid attempts of an evaluation.
 struct Spent {
+    /// Batches so far.
+    calls: u64,
     task: String,
     /// On this task.
     here: u64,
@@ -223,11 +316,13 @@ struct Spent {
     all: u64,
 }
 
-/// `wanted`, or that with a number behind it if a client has stored weights under it.
-fn free_id(store: &Store, wanted: &str) -> Result<String> {
-    let mut id = wanted.to_string();
+/// `policy-3` for `job-3`, or that with a number behind it if a client has stored weights under it. What an
+/// interrupted run of the same job stored is its own.
+fn free_id(store: &Store, job: &str) -> Result<String> {
+    let wanted = job.replace("job", "policy");
+    let mut id = wanted.clone();
     let mut n = 1;
-    while store.policy(&id)?.is_some() {
+    while store.policy(&id)?.is_some_and(|p| p.job.as_deref() != Some(job)) {
         n += 1;
         id = format!("{wanted}.{n}");
     }

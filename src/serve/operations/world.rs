@@ -1,23 +1,26 @@
 //! Worlds.
 
+use super::{Keep, Page};
 use crate::error::Result;
 use crate::serve::app::App;
 use crate::serve::wire::{
     BatchOut, CreateWorld, LatentsIn, ResetIn, ResetOut, RolloutIn, StepIn, StepOut, WorldOut, Worlds,
 };
-use crate::session::{Batch, World};
+use crate::session::Batch;
 
-/// All worlds.
-pub fn list(app: &App) -> Worlds {
-    let all = app.worlds.list(app.now());
-    Worlds { worlds: all.iter().map(|w| WorldOut::new(&w.id, w.world.describe())).collect() }
+/// A page of all worlds.
+pub fn list(app: &App, page: &Page) -> Result<Worlds> {
+    let after: String = page.after("worlds")?.unwrap_or_default();
+    let mut all = app.worlds.list(&after, page.fetch(), app.now())?;
+    let next = page.cut("worlds", &mut all, |w| w.id.clone());
+    Ok(Worlds { worlds: all.iter().map(|w| WorldOut::new(&w.id, w.world.describe())).collect(), next })
 }
 
 /// Makes a world.
-pub fn create(app: &App, body: CreateWorld) -> Result<WorldOut> {
-    let world = World::new(body.config(&app.catalogue)?)?;
+pub fn create(app: &App, body: CreateWorld, keep: Keep<WorldOut>) -> Result<WorldOut> {
     let id = app.world_id();
-    let world = app.worlds.add(id.clone(), world, app.now())?;
+    let config = body.config(&app.catalogue)?;
+    let world = app.worlds.make(&id, config, app.now(), &|w| keep(&WorldOut::new(&id, w.describe())))?;
     Ok(WorldOut::new(&id, world.describe()))
 }
 

@@ -1,15 +1,22 @@
 //! Jobs and their events; the request of an estimation.
 
-use serde::{Deserialize, Serialize};
+use std::fmt;
+
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{MapAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::Value;
-use utoipa::ToSchema;
+use utoipa::openapi::schema::{ObjectBuilder, OneOfBuilder, Type};
+use utoipa::openapi::{Ref, RefOr, Schema};
+use utoipa::{PartialSchema, ToSchema};
 
 use super::{EffectIn, LatentsIn, Object};
 use crate::job::Job;
 use crate::serve::problem::Problem;
 
-/// An estimation to run. The real world is `world` (its interactions are counted there) or one made for this
-/// job from `real`; without either, the family's standard one.
+/// An estimation to run. The real world is `world` (its interactions are counted there), one made for this job from
+/// `real`, or, with `"real": "ask_tell"`, whoever carries out `/v1/iplw/{id}/proposals` and sends what was measured
+/// to `/v1/iplw/{id}/trials`; without either, the family's standard one.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Estimation {
@@ -17,9 +24,8 @@ pub struct Estimation {
     pub task: String,
     /// Id of a real world of that family.
     pub world: Option<String>,
-    /// A real world for this job alone.
-    #[schema(value_type = Option<RealIn>)]
-    pub real: Option<Object<RealIn>>,
+    /// A real world for this job alone, or `ask_tell`.
+    pub real: Option<RealChoice>,
     /// `collisions`, `rolling`, `random` or `mixed` (the default).
     pub strategy: Option<String>,
     /// Most rounds of exploring, measuring and fitting; default 5.
@@ -31,6 +37,26 @@ pub struct Estimation {
     pub seed: Option<u64>,
     /// Most real interactions in all.
     pub budget: Option<u64>,
+}
+
+/// `ask_tell`, or a world to be made.
+pub enum RealChoice {
+    AskTell,
+    World(Box<RealIn>),
+}
+
+impl PartialSchema for RealChoice {
+    fn schema() -> RefOr<Schema> {
+        let word = ObjectBuilder::new().schema_type(Type::String).enum_values(Some(["ask_tell"]));
+        OneOfBuilder::new().item(word).item(Ref::from_schema_name("RealIn")).into()
+    }
+}
+
+impl ToSchema for RealChoice {
+    fn schemas(schemas: &mut Vec<(String, RefOr<Schema>)>) {
+        schemas.push(("RealIn".into(), RealIn::schema()));
+        RealIn::schemas(schemas);
+    }
 }
 
 /// A real world, where it differs from the family's standard one.
@@ -53,7 +79,7 @@ pub struct JobOut {
     pub id: String,
     /// `iplw`, `train` or `evaluate`.
     pub kind: String,
-    /// `queued`, `running`, `succeeded`, `failed` or `cancelled`.
+    /// `queued`, `running`, `waiting` (for answers to its proposals), `succeeded`, `failed` or `cancelled`.
     pub state: &'static str,
     pub progress: ProgressOut,
     /// What was asked for.
@@ -76,12 +102,17 @@ pub struct ProgressOut {
     pub stage: String,
     pub done: u64,
     pub total: u64,
+    /// Seconds left at the rate so far: of all rounds for an estimation (once one is finished), else of the stage;
+    /// `null` while not known.
+    pub eta_s: Option<f64>,
 }
 
 /// All jobs.
 #[derive(Serialize, ToSchema)]
 pub struct Jobs {
     pub jobs: Vec<JobOut>,
+    /// Cursor of the next page, if there is one.
+    pub next: Option<String>,
 }
 
 /// One server-sent event: `done` for a job that has ended, else `progress`.
@@ -91,6 +122,34 @@ pub struct Event {
     pub data: JobOut,
 }
 
+impl<'de> Deserialize<'de> for RealChoice {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        // Not derived: an untagged enum's errors name neither the place nor what is allowed.
+        deserializer.deserialize_any(RealVisitor)
+    }
+}
+
+struct RealVisitor;
+
+impl<'de> Visitor<'de> for RealVisitor {
+    type Value = RealChoice;
+
+    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str("\"ask_tell\", or an object that describes a real world")
+    }
+
+    fn visit_str<E: serde::de::Error>(self, word: &str) -> Result<RealChoice, E> {
+        match word {
+            "ask_tell" => Ok(RealChoice::AskTell),
+            other => Err(E::invalid_value(serde::de::Unexpected::Str(other), &self)),
+        }
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<RealChoice, A::Error> {
+        RealIn::deserialize(MapAccessDeserializer::new(map)).map(|real| RealChoice::World(Box::new(real)))
+    }
+}
+
 impl From<Job> for JobOut {
     fn from(job: Job) -> JobOut {
         let row = job.row;
@@ -98,7 +157,7 @@ impl From<Job> for JobOut {
             id: job.id,
             kind: row.kind,
             state: row.state.name(),
-            progress: ProgressOut { stage: row.stage, done: row.done, total: row.total },
+            progress: ProgressOut { stage: row.stage, done: row.done, total: row.total, eta_s: job.left },
             config: row.config,
             result: row.result,
             error: row.error,

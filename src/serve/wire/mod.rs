@@ -3,13 +3,15 @@
 //! Requests refuse unknown fields and turn into core types by conversions that name what is wrong; answers are
 //! made from core types by `From`.
 
+mod asked;
 mod job;
 mod policy;
 mod strict;
 mod task;
 mod world;
 
-pub use job::{Estimation, Event, JobOut, Jobs, RealIn};
+pub use asked::{ProposalOut, Proposals, TellIn, TellQuery, Told, TrialIn, TrialOut, Trials};
+pub use job::{Estimation, Event, JobOut, Jobs, RealChoice, RealIn};
 pub use policy::{ActIn, Acted, EvaluateIn, Policies, PolicyOut, Scored, TrainIn, TrainingIn};
 pub use strict::Object;
 pub use task::{Families, FamilyOut, FamilyTasks, TaskOut};

@@ -61,6 +61,8 @@ pub struct PolicyOut {
 #[derive(Serialize, ToSchema)]
 pub struct Policies {
     pub policies: Vec<PolicyOut>,
+    /// Cursor of the next page, if there is one.
+    pub next: Option<String>,
 }
 
 /// Which actions to propose.

@@ -11,6 +11,8 @@ use crate::task::{self, Family, Scene, Split, Task};
 #[derive(Serialize, ToSchema)]
 pub struct Families {
     pub families: Vec<FamilyOut>,
+    /// Cursor of the next page, if there is one.
+    pub next: Option<String>,
 }
 
 /// A family of tasks.
@@ -40,6 +42,8 @@ pub struct FamilyTasks {
     pub tasks: Vec<TaskRow>,
     pub action_space: ActionSpaceOut,
     pub observation_space: ObservationSpaceOut,
+    /// Cursor of the next page, if there is one.
+    pub next: Option<String>,
 }
 
 /// A task without its scene.
@@ -94,9 +98,14 @@ fn split_counts(tasks: &[Task]) -> SplitCounts {
 }
 
 impl FamilyTasks {
-    /// A family's tasks; `tasks` is not empty.
-    pub fn new(family: &'static Family, tasks: &[Task]) -> FamilyTasks {
-        let names = observation::names(&tasks[0].scene);
+    /// Some of a family's tasks, the first of all of them, and the cursor of those after these.
+    pub fn new<'a>(
+        family: &'static Family,
+        first: &Task,
+        tasks: impl Iterator<Item = &'a Task>,
+        next: Option<String>,
+    ) -> FamilyTasks {
+        let names = observation::names(&first.scene);
         let row = |t: &Task| TaskRow {
             id: t.id.clone(),
             split: t.split.into(),
@@ -104,8 +113,9 @@ impl FamilyTasks {
         };
         FamilyTasks {
             name: family.name,
-            tasks: tasks.iter().map(row).collect(),
-            action_space: ActionSpaceOut::from(tasks[0].actions()),
+            tasks: tasks.map(row).collect(),
+            next,
+            action_space: ActionSpaceOut::from(first.actions()),
             observation_space: ObservationSpaceOut {
                 low: vec![0.0; names.len()],
                 high: vec![1.0; names.len()],

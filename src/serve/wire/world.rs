@@ -162,6 +162,8 @@ pub struct StateOut {
 #[derive(Serialize, ToSchema)]
 pub struct Worlds {
     pub worlds: Vec<WorldOut>,
+    /// Cursor of the next page, if there is one.
+    pub next: Option<String>,
 }
 
 /// What to reset to; everything may be absent.

@@ -1,0 +1,102 @@
+//! A job's events, to be watched from anywhere on.
+
+use std::sync::Arc;
+
+use tokio::sync::watch;
+
+use super::{Job, Shared, number, unknown};
+use crate::error::Result;
+use crate::store::{JobRow, JobState};
+
+/// Events of a job from some point on.
+pub struct Watcher {
+    shared: Arc<Shared>,
+    number: i64,
+    seen: u64,
+    changed: watch::Receiver<u64>,
+    /// An ended job of which nothing but the end is known.
+    ended: Option<Job>,
+}
+
+/// Events kept of a running job; a watcher further behind misses the oldest.
+pub const KEPT_EVENTS: usize = 1024;
+
+/// A job as it was at some moment.
+pub(super) struct Event {
+    id: u64,
+    state: JobState,
+    stage: String,
+    done: u64,
+    total: u64,
+    left: Option<f64>,
+}
+
+impl Watcher {
+    /// Events after number `after`. A number that was not given out yet is of before a restart, which keeps no
+    /// progress: then all there are.
+    pub(super) fn new(shared: Arc<Shared>, id: &str, after: u64) -> Result<Watcher> {
+        let number = number(id)?;
+        let from = |row: &JobRow| if after > row.events { 0 } else { after };
+        if let Some(live) = shared.state().live.get(&number) {
+            let (changed, seen) = (live.changed.subscribe(), from(&live.row));
+            return Ok(Watcher { shared: shared.clone(), number, seen, changed, ended: None });
+        }
+        let row = shared.store.job(number)?.ok_or_else(|| unknown(id))?;
+        let (changed, seen) = (watch::Sender::new(row.events).subscribe(), from(&row));
+        Ok(Watcher { shared, number, seen, changed, ended: Some(Job::of(row)) })
+    }
+
+    /// Waits for the next event: its id and the job as it was then. `None` after the last.
+    pub async fn next(&mut self) -> Option<(u64, Job)> {
+        loop {
+            if let Some(job) = self.ended.take() {
+                return (job.row.events > self.seen).then_some((job.row.events, job));
+            }
+            self.changed.borrow_and_update();
+            {
+                let state = self.shared.state();
+                let live = state.live.get(&self.number)?;
+                if let Some(event) = live.events.iter().find(|e| e.id > self.seen) {
+                    self.seen = event.id;
+                    return Some((event.id, event.job(&live.row)));
+                }
+                if live.row.state.ended() {
+                    return None;
+                }
+            }
+            self.changed.changed().await.ok()?;
+        }
+    }
+
+    /// Whether every event the job will ever have was seen before.
+    pub fn exhausted(&self) -> bool {
+        let seen = |row: &JobRow| row.state.ended() && row.events <= self.seen;
+        match &self.ended {
+            Some(job) => seen(&job.row),
+            None => self.shared.state().live.get(&self.number).is_none_or(|live| seen(&live.row)),
+        }
+    }
+}
+
+impl Event {
+    pub(super) fn of(row: &JobRow, left: Option<f64>) -> Event {
+        let (stage, done, total) = (row.stage.clone(), row.done, row.total);
+        Event { id: row.events, state: row.state, stage, done, total, left }
+    }
+
+    /// The job as it was at this event.
+    fn job(&self, now: &JobRow) -> Job {
+        let ended = self.state.ended();
+        let row = JobRow {
+            state: self.state,
+            stage: self.stage.clone(),
+            done: self.done,
+            total: self.total,
+            events: self.id,
+            result: now.result.clone().filter(|_| ended),
+            error: now.error.clone().filter(|_| ended),
+            ..now.clone()
+        };
+        Job { left: self.left, ..Job::of(row) }
+    }
+}

@@ -1,0 +1,39 @@
+//! What a job leaves besides its result: named bytes.
+
+use rusqlite::{OptionalExtension, params};
+
+use super::{Store, sql};
+use crate::error::Result;
+
+impl Store {
+    /// Stores `body` as the job's artifact `name`, or replaces the one there.
+    pub fn put_artifact(&self, job: i64, name: &str, body: &[u8]) -> Result<()> {
+        self.connection()
+            .execute("INSERT OR REPLACE INTO artifact VALUES (?1, ?2, ?3)", params![job, name, body])
+            .map(drop)
+            .map_err(sql)
+    }
+
+    /// The job's artifact `name`.
+    pub fn artifact(&self, job: i64, name: &str) -> Result<Option<Vec<u8>>> {
+        let select = "SELECT body FROM artifact WHERE job = ?1 AND name = ?2";
+        self.connection().query_row(select, params![job, name], |r| r.get(0)).optional().map_err(sql)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn artifacts_belong_to_their_job_and_go_with_it() {
+        let store = Store::in_memory().unwrap();
+        store.put_artifact(1, "surface", b"old").unwrap();
+        store.put_artifact(1, "surface", b"new").unwrap();
+        store.put_artifact(2, "surface", b"other").unwrap();
+        assert_eq!(store.artifact(1, "surface").unwrap().unwrap(), b"new");
+        store.remove_job(1).unwrap();
+        assert_eq!(store.artifact(1, "surface").unwrap(), None);
+        assert_eq!(store.artifact(2, "surface").unwrap().unwrap(), b"other");
+    }
+}

@@ -1,0 +1,146 @@
+//! The rounds of a job: what it asked for, what was measured, what it made of that.
+
+use std::collections::BTreeMap;
+
+use rusqlite::{OptionalExtension, Transaction, params};
+
+use super::requests::{Answered, keep};
+use super::worlds::raise;
+use super::{Store, sql};
+use crate::error::Result;
+
+/// One round as stored; both texts are the caller's JSON.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RoundRow {
+    pub number: u64,
+    /// What was to be measured.
+    pub asked: String,
+    /// What came of it; `None` while the round is open.
+    pub done: Option<String>,
+}
+
+/// What became of the measurements of a job, by number: the caller's JSON, or `None` for one that could not be
+/// carried out.
+pub type Measured = BTreeMap<u64, Option<String>>;
+
+impl Store {
+    /// A job's rounds in order.
+    pub fn rounds(&self, job: i64) -> Result<Vec<RoundRow>> {
+        let c = self.connection();
+        let select = "SELECT number, asked, done FROM round WHERE job = ?1 ORDER BY number";
+        let mut query = c.prepare(select).map_err(sql)?;
+        let row = |r: &rusqlite::Row| {
+            Ok(RoundRow { number: r.get::<_, i64>(0)? as u64, asked: r.get(1)?, done: r.get(2)? })
+        };
+        query.query_map([job], row).map_err(sql)?.collect::<rusqlite::Result<_>>().map_err(sql)
+    }
+
+    /// A job's last round.
+    pub fn last_round(&self, job: i64) -> Result<Option<RoundRow>> {
+        let select = "SELECT number, asked, done FROM round WHERE job = ?1 ORDER BY number DESC LIMIT 1";
+        let row = |r: &rusqlite::Row| {
+            Ok(RoundRow { number: r.get::<_, i64>(0)? as u64, asked: r.get(1)?, done: r.get(2)? })
+        };
+        self.connection().query_row(select, [job], row).optional().map_err(sql)
+    }
+
+    /// Opens a round.
+    pub fn open_round(&self, job: i64, number: u64, asked: &str) -> Result<()> {
+        self.atomically(|t| {
+            t.execute(
+                "INSERT INTO round (job, number, asked) VALUES (?1, ?2, ?3)",
+                params![job, number as i64, asked],
+            )?;
+            progress(t, job)
+        })
+    }
+
+    /// Ends a round.
+    pub fn close_round(&self, job: i64, number: u64, done: &str) -> Result<()> {
+        self.atomically(|t| {
+            t.execute(
+                "UPDATE round SET done = ?3 WHERE job = ?1 AND number = ?2",
+                params![job, number as i64, done],
+            )?;
+            progress(t, job)
+        })
+    }
+
+    /// What was measured for a job, numbers from `first` on.
+    pub fn measured(&self, job: i64, first: u64) -> Result<Measured> {
+        let c = self.connection();
+        let select = "SELECT number, outcome FROM measured WHERE job = ?1 AND number >= ?2";
+        let mut query = c.prepare(select).map_err(sql)?;
+        let row = |r: &rusqlite::Row| Ok((r.get::<_, i64>(0)? as u64, r.get(1)?));
+        query
+            .query_map(params![job, first as i64], row)
+            .map_err(sql)?
+            .collect::<rusqlite::Result<_>>()
+            .map_err(sql)
+    }
+
+    /// Keeps measurements, replacing those there; in the same transaction the count of interactions of the
+    /// world they were made in, and the answer to the request that brought them.
+    pub fn put_measured(
+        &self,
+        job: i64,
+        measured: &Measured,
+        world: Option<(&str, u64)>,
+        answered: Option<&Answered>,
+    ) -> Result<()> {
+        self.atomically(|t| {
+            let mut insert = t.prepare("INSERT OR REPLACE INTO measured VALUES (?1, ?2, ?3)")?;
+            for (number, outcome) in measured {
+                insert.execute(params![job, *number as i64, outcome])?;
+            }
+            if let Some((id, interactions)) = world {
+                raise(t, id, interactions)?;
+            }
+            progress(t, job)?;
+            keep(t, answered)
+        })
+    }
+}
+
+/// The job got somewhere.
+fn progress(t: &Transaction, job: i64) -> rusqlite::Result<()> {
+    t.execute("UPDATE job SET starts = min(starts, 1) WHERE number = ?1", [job]).map(drop)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn rounds_and_measurements_survive_and_count_as_progress() {
+        let dir = tempfile::tempdir().unwrap();
+        let job = {
+            let store = Store::open(dir.path()).unwrap();
+            store.add_world("w", "{}", None).unwrap();
+            let job = store.add_job("iplw", &json!({}), &json!({}), 0, &|_| None).unwrap();
+            (0..4).for_each(|_| store.begin_job(job.number).unwrap());
+            store.open_round(job.number, 0, "[0, 1]").unwrap();
+            let some = Measured::from([(0, Some("a".into())), (1, None)]);
+            store.put_measured(job.number, &some, Some(("w", 7)), None).unwrap();
+            store.close_round(job.number, 0, "done").unwrap();
+            store.open_round(job.number, 1, "[2]").unwrap();
+            let more = Measured::from([(1, Some("b".into())), (2, None)]);
+            store.put_measured(job.number, &more, Some(("w", 5)), None).unwrap();
+            job.number
+        };
+        let store = Store::open(dir.path()).unwrap();
+        assert_eq!(store.job(job).unwrap().unwrap().starts, 1);
+        let rounds = store.rounds(job).unwrap();
+        assert_eq!(rounds[0], RoundRow { number: 0, asked: "[0, 1]".into(), done: Some("done".into()) });
+        assert_eq!(rounds[1], RoundRow { number: 1, asked: "[2]".into(), done: None });
+        assert_eq!(
+            store.measured(job, 0).unwrap(),
+            Measured::from([(0, Some("a".into())), (1, Some("b".into())), (2, None)])
+        );
+        assert_eq!(store.measured(job, 2).unwrap(), Measured::from([(2, None)]));
+        assert_eq!(store.worlds().unwrap()[0].interactions, 7, "a counter never goes back");
+        store.remove_job(job).unwrap();
+        assert!(store.rounds(job).unwrap().is_empty() && store.measured(job, 0).unwrap().is_empty());
+    }
+}

@@ -1,0 +1,190 @@
+//! Worlds as rows: what they are made from and how many interactions they have seen.
+//!
+//! Real worlds' counters are on the disk before a result is given out ([`Store::count_world`]); those who write at
+//! the same time share a transaction. Simulated worlds' counters are only noted and written by the next flush.
+
+use std::collections::BTreeMap;
+use std::sync::PoisonError;
+
+use rusqlite::{Transaction, params};
+
+use super::requests::{Answered, keep};
+use super::{Store, sql};
+use crate::error::Result;
+
+/// One world as stored; the texts are the caller's JSON.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WorldRow {
+    pub id: String,
+    pub config: String,
+    /// Latent factors as they were set since.
+    pub latents: Option<String>,
+    pub interactions: u64,
+}
+
+/// What is not written yet.
+#[derive(Default)]
+pub(super) struct Pending {
+    worlds: BTreeMap<String, (u64, Option<String>)>,
+    /// Notes taken, and how many of them are on the disk.
+    noted: u64,
+    written: u64,
+}
+
+impl Store {
+    /// Takes in a world.
+    pub fn add_world(&self, id: &str, config: &str, answered: Option<&Answered>) -> Result<()> {
+        self.atomically(|t| {
+            t.execute("INSERT INTO world (id, config) VALUES (?1, ?2)", params![id, config])?;
+            keep(t, answered)
+        })
+    }
+
+    /// All worlds in order of making.
+    pub fn worlds(&self) -> Result<Vec<WorldRow>> {
+        let c = self.connection();
+        let select = "SELECT id, config, latents, interactions FROM world ORDER BY number";
+        let mut query = c.prepare(select).map_err(sql)?;
+        let row = |r: &rusqlite::Row| {
+            Ok(WorldRow {
+                id: r.get(0)?,
+                config: r.get(1)?,
+                latents: r.get(2)?,
+                interactions: r.get::<_, i64>(3)? as u64,
+            })
+        };
+        query.query_map([], row).map_err(sql)?.collect::<rusqlite::Result<_>>().map_err(sql)
+    }
+
+    /// Forgets worlds.
+    pub fn remove_worlds(&self, ids: &[String]) -> Result<()> {
+        if ids.is_empty() {
+            return Ok(());
+        }
+        self.atomically(|t| {
+            for id in ids {
+                t.execute("DELETE FROM world WHERE id = ?1", [id])?;
+            }
+            Ok(())
+        })
+    }
+
+    /// Remembers a world's counter and latents for the next flush; returns the note's number.
+    pub fn note_world(&self, id: &str, interactions: u64, latents: Option<String>) -> u64 {
+        let mut pending = self.pending.lock().unwrap_or_else(PoisonError::into_inner);
+        note(&mut pending.worlds, id, interactions, latents);
+        pending.noted += 1;
+        pending.noted
+    }
+
+    /// Writes a world's counter; it lasts when this returns.
+    pub fn count_world(&self, id: &str, interactions: u64) -> Result<()> {
+        let mine = self.note_world(id, interactions, None);
+        self.flush_up_to(mine)
+    }
+
+    /// Writes what was noted.
+    pub fn flush_worlds(&self) -> Result<()> {
+        let noted = self.pending.lock().unwrap_or_else(PoisonError::into_inner).noted;
+        self.flush_up_to(noted)
+    }
+
+    fn flush_up_to(&self, number: u64) -> Result<()> {
+        let _turn = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
+        let (worlds, noted) = {
+            let mut pending = self.pending.lock().unwrap_or_else(PoisonError::into_inner);
+            if pending.written >= number {
+                // Somebody whose turn came first wrote it along.
+                return Ok(());
+            }
+            (std::mem::take(&mut pending.worlds), pending.noted)
+        };
+        let written = self.atomically(|t| {
+            for (id, (interactions, latents)) in &worlds {
+                raise(t, id, *interactions)?;
+                if latents.is_some() {
+                    t.execute("UPDATE world SET latents = ?2 WHERE id = ?1", params![id, latents])?;
+                }
+            }
+            Ok(())
+        });
+        let mut pending = self.pending.lock().unwrap_or_else(PoisonError::into_inner);
+        match written {
+            Ok(()) => pending.written = noted,
+            Err(_) => {
+                for (id, (interactions, latents)) in worlds {
+                    let newer = pending.worlds.remove(&id);
+                    note(&mut pending.worlds, &id, interactions, latents);
+                    if let Some((interactions, latents)) = newer {
+                        note(&mut pending.worlds, &id, interactions, latents);
+                    }
+                }
+            }
+        }
+        written
+    }
+}
+
+fn note(
+    worlds: &mut BTreeMap<String, (u64, Option<String>)>,
+    id: &str,
+    interactions: u64,
+    latents: Option<String>,
+) {
+    match worlds.get_mut(id) {
+        Some(noted) => {
+            noted.0 = noted.0.max(interactions);
+            noted.1 = latents.or(noted.1.take());
+        }
+        None => drop(worlds.insert(id.into(), (interactions, latents))),
+    }
+}
+
+/// Sets a world's counter, which never goes back: writers need not come in order.
+pub(super) fn raise(t: &Transaction, id: &str, interactions: u64) -> rusqlite::Result<()> {
+    t.execute(
+        "UPDATE world SET interactions = max(interactions, ?2) WHERE id = ?1",
+        params![id, interactions as i64],
+    )
+    .map(drop)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counters_last_when_counted_and_notes_when_flushed() {
+        let store = Store::in_memory().unwrap();
+        store.add_world("real", "{}", None).unwrap();
+        store.add_world("sim", "{}", None).unwrap();
+        let counts = || store.worlds().unwrap().iter().map(|w| w.interactions).collect::<Vec<_>>();
+        store.note_world("sim", 5, Some("l1".into()));
+        assert_eq!(counts(), [0, 0]);
+        store.count_world("real", 3).unwrap();
+        assert_eq!(counts(), [3, 5], "what was noted goes along");
+        store.note_world("sim", 9, None);
+        store.note_world("sim", 8, Some("l2".into()));
+        store.note_world("gone", 1, None);
+        store.flush_worlds().unwrap();
+        assert_eq!(counts(), [3, 9]);
+        assert_eq!(store.worlds().unwrap()[1].latents.as_deref(), Some("l2"));
+        store.remove_worlds(&["real".into()]).unwrap();
+        assert_eq!(counts(), [9]);
+    }
+
+    #[test]
+    fn many_writers_at_once_are_all_counted() {
+        let store = Store::in_memory().unwrap();
+        for w in 0..4 {
+            store.add_world(&format!("w{w}"), "{}", None).unwrap();
+        }
+        std::thread::scope(|scope| {
+            for w in 0..4 {
+                let store = &store;
+                scope.spawn(move || (1..=50).for_each(|n| store.count_world(&format!("w{w}"), n).unwrap()));
+            }
+        });
+        assert!(store.worlds().unwrap().iter().all(|w| w.interactions == 50));
+    }
+}
