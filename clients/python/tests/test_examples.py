@@ -22,3 +22,17 @@ def test_train_outside() -> None:
     for ranking in ("random", "default", "estimated"):
         assert 0.0 <= float(rows[ranking][0]) <= 1.0
         assert int(rows[ranking][-1]) > 0, "real attempts are counted"
+
+
+def test_robot() -> None:
+    pytest.importorskip("pymunk")
+    small = ["--rounds", "2", "--actions", "5", "--samples", "60"]
+    run = subprocess.run(
+        [sys.executable, EXAMPLES / "robot.py", *small], capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 0, run.stderr
+    rows = {line.split()[0]: line.split()[1:] for line in run.stdout.splitlines() if line}
+    assert "10 interactions" in run.stdout
+    truth, estimate = map(float, rows["restitution"][:2])
+    # The prior's mean is 0.5 and its deviation 0.25; another engine and air take their share.
+    assert abs(estimate - truth) < 0.15, run.stdout

@@ -6,10 +6,12 @@
     with iplw.Client() as client:  # or iplw.Client("http://127.0.0.1:8080")
         found = client.iplw("bowling", world="bowling-real").wait(progress=True)
 
-The files: `client` is the way in; `world`, `job`, `policy` are handles on what the server keeps; `envs` has
+The files: `client` is the way in; `world`, `job`, `policy` are handles on what
+the server keeps (`handle` is what they share), `asking` a job that asks you what to measure; `envs` has
 the Gymnasium environments; `server` runs a private server; `http` speaks to one; `errors` is what they raise.
 """
 
+from .asking import Asking, Proposal
 from .client import Client
 from .errors import IplwError, JobCancelled, JobFailed, Problem, ServerUnavailable
 from .job import Job
@@ -20,6 +22,7 @@ from .world import Rollout, Rollouts, World
 __version__ = "0.1.0"
 
 __all__ = [
+    "Asking",
     "Client",
     "IplwError",
     "Job",
@@ -27,6 +30,7 @@ __all__ = [
     "JobFailed",
     "Policy",
     "Problem",
+    "Proposal",
     "Ranked",
     "Rollout",
     "Rollouts",

@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, overload
 
 from . import server
-from .http import Http, given, path
+from .asking import Asking
+from .http import Http, given, path, query
 from .job import Job
 from .policy import Policy
 from .world import World
@@ -19,8 +20,8 @@ class Client:
 
     Without a `url` it starts a private server, shared by all such clients of this process and stopped when
     the last of them closes or the process ends, in whichever way. `timeout` is in seconds, for each request;
-    batches get more by their size. Requests that only read or delete are repeated after a lost connection,
-    others never.
+    batches get more by their size. Requests that only read or delete, or that carry a `key`, are repeated after a
+    lost connection, others never.
     """
 
     def __init__(
@@ -49,7 +50,7 @@ class Client:
 
     def worlds(self) -> list[World]:
         """Every world on the server."""
-        return [World(self._http, data) for data in self._http.call("GET", path("worlds"))["worlds"]]
+        return [World(self._http, data) for data in self._http.items(path("worlds"), "worlds")]
 
     def world(self, id: str) -> World:
         """The world with this id; four are there from the start: `bowling-sim`, `bowling-real`, ..."""
@@ -69,8 +70,11 @@ class Client:
         budget: int | None = None,
         sealed: bool | None = None,
         seed: int | None = None,
+        key: str | None = None,
     ) -> World:
         """A new world of a task family (`bowling`), a task (`bowling:017`) or a scene of your own.
+
+        With a `key` of your choice, asking twice makes one world.
 
         Close it, or use it as a context manager; else it goes when it has been idle for long.
         """
@@ -87,16 +91,16 @@ class Client:
             sealed=sealed,
             seed=seed,
         )
-        return World(self._http, self._http.call("POST", path("worlds"), body))
+        return World(self._http, self._http.call("POST", path("worlds"), body, key=key))
 
     def tasks(self) -> list[dict[str, Any]]:
         """The task families: name, about, number of tasks, split, action space."""
-        families: list[dict[str, Any]] = self._http.call("GET", path("tasks"))["families"]
-        return families
+        return list(self._http.items(path("tasks"), "families"))
 
     def family(self, name: str) -> dict[str, Any]:
         """One family with the id, split and certificate of each of its tasks."""
-        family: dict[str, Any] = self._http.call("GET", path("tasks", name))
+        family: dict[str, Any] = self._http.call("GET", path("tasks", name) + query(limit=1))
+        family["tasks"] = list(self._http.items(path("tasks", name), "tasks"))
         return family
 
     def task(self, id: str) -> dict[str, Any]:
@@ -110,6 +114,21 @@ class Client:
         tasks = self.family(family)["tasks"]
         return [str(t["id"]) for t in tasks if split is None or t["split"] == split]
 
+    @overload
+    def iplw(
+        self,
+        task: str,
+        *,
+        real: Literal["ask_tell"],
+        strategy: str | None = None,
+        rounds: int | None = None,
+        actions: int | None = None,
+        samples: int | None = None,
+        seed: int | None = None,
+        budget: int | None = None,
+        key: str | None = None,
+    ) -> Asking: ...
+    @overload
     def iplw(
         self,
         task: str,
@@ -122,11 +141,27 @@ class Client:
         samples: int | None = None,
         seed: int | None = None,
         budget: int | None = None,
+        key: str | None = None,
+    ) -> Job: ...
+    def iplw(
+        self,
+        task: str,
+        *,
+        world: World | str | None = None,
+        real: Mapping[str, Any] | Literal["ask_tell"] | None = None,
+        strategy: str | None = None,
+        rounds: int | None = None,
+        actions: int | None = None,
+        samples: int | None = None,
+        seed: int | None = None,
+        budget: int | None = None,
+        key: str | None = None,
     ) -> Job:
         """The workflow: explore, measure on the real world, estimate latents. As a job.
 
         `world` is a real world on the server, whose interactions are counted there; `real` describes one
-        instead: `{"damping": 0.8}`.
+        instead: `{"damping": 0.8}`; with `real="ask_tell"` it is yours, and the job asks what to measure. With a
+        `key` of your choice, asking twice starts one job.
         """
         body = given(
             task=task,
@@ -139,7 +174,7 @@ class Client:
             seed=seed,
             budget=budget,
         )
-        return Job(self._http, self._http.call("POST", path("iplw"), body))
+        return _job(self._http, self._http.call("POST", path("iplw"), body, key=key))
 
     def train(
         self,
@@ -151,6 +186,7 @@ class Client:
         batches: int | None = None,
         batch_size: int | None = None,
         seed: int | None = None,
+        key: str | None = None,
     ) -> Job:
         """Trains a policy in simulation, as a job; `client.policy(job.wait()["policy"])` is the policy.
 
@@ -165,11 +201,11 @@ class Client:
             batch_size=batch_size,
             seed=seed,
         )
-        return Job(self._http, self._http.call("POST", path("policies"), body))
+        return Job(self._http, self._http.call("POST", path("policies"), body, key=key))
 
     def policies(self) -> list[Policy]:
         """Every policy on the server."""
-        return [Policy(self._http, data) for data in self._http.call("GET", path("policies"))["policies"]]
+        return [Policy(self._http, data) for data in self._http.items(path("policies"), "policies")]
 
     def policy(self, id: str) -> Policy:
         """The policy with this id."""
@@ -183,11 +219,11 @@ class Client:
 
     def jobs(self) -> list[Job]:
         """Every job on the server."""
-        return [Job(self._http, data) for data in self._http.call("GET", path("jobs"))["jobs"]]
+        return [_job(self._http, data) for data in self._http.items(path("jobs"), "jobs")]
 
     def job(self, id: str) -> Job:
         """The job with this id."""
-        return Job(self._http, self._http.call("GET", path("jobs", id)))
+        return _job(self._http, self._http.call("GET", path("jobs", id)))
 
     def close(self) -> None:
         """Drops the connection and gives the private server back; a second call does nothing."""
@@ -208,3 +244,8 @@ class Client:
         held, self.server = self.server, None
         if held is not None:
             server.release(held)
+
+
+def _job(http: Http, data: dict[str, Any]) -> Job:
+    asks = (data.get("config") or {}).get("real") == "ask_tell"
+    return Asking(http, data) if asks else Job(http, data)

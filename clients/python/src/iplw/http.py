@@ -19,6 +19,8 @@ from .errors import Problem, ServerUnavailable
 
 #: GET and DELETE may be sent again after a lost connection; a repeated POST could act twice.
 _REPEATABLE = frozenset({"GET", "DELETE"})
+#: Items asked for at a time.
+_PAGE = 1000
 _JSON = {"Accept": "application/json, application/problem+json"}
 
 
@@ -53,9 +55,18 @@ class Http:
         *,
         slack: float = 0.0,
         repeat: bool = True,
+        key: str | None = None,
     ) -> Any:
-        """The JSON answer (None if empty). `slack`: seconds granted beyond the timeout for heavy requests."""
-        data = self.raw(method, path, body, slack=slack, repeat=repeat)
+        """The JSON answer (None if empty).
+
+        `slack`: seconds granted beyond the timeout for heavy requests. `key`: what makes the request one that
+        the server carries out once, however often it arrives; it is then repeated after a lost connection.
+        """
+        return self.json(method, path, body, slack=slack, repeat=repeat, key=key)
+
+    def json(self, method: str, path: str, body: Mapping[str, Any] | bytes | None, **how: Any) -> Any:
+        """[`raw`], read as JSON."""
+        data = self.raw(method, path, body, **how)
         if not data:
             return None
         try:
@@ -74,18 +85,32 @@ class Http:
         *,
         slack: float = 0.0,
         repeat: bool = True,
+        key: str | None = None,
+        kind: str = "application/octet-stream",
     ) -> bytes:
-        """The answer's body as it came. A body of bytes is sent as they are."""
+        """The answer's body as it came. A body of bytes is sent as they are, as of that kind."""
         headers = dict(_JSON)
+        if key is not None:
+            headers["Idempotency-Key"] = key
         payload: bytes | None = None
         if isinstance(body, bytes):
-            headers["Content-Type"] = "application/octet-stream"
+            headers["Content-Type"] = kind
             payload = body
         elif body is not None:
             headers["Content-Type"] = "application/json"
             payload = json.dumps(body, allow_nan=False).encode()
         response = self._send(method, path, payload, headers, slack, repeat, stream=False)
         return response.data
+
+    def items(self, path: str, name: str) -> Iterator[Any]:
+        """All items of the list `name` at `path`, page by page."""
+        cursor: str | None = None
+        while True:
+            page = self.call("GET", path + query(limit=_PAGE, cursor=cursor))
+            yield from page[name]
+            cursor = page.get("next")
+            if cursor is None:
+                return
 
     def events(self, path: str, last_id: str = "", patience: float = math.inf) -> Iterator[Event]:
         """Server-sent events from `path` until the stream ends; continues after the event `last_id`.
@@ -123,12 +148,12 @@ class Http:
         stream: bool,
     ) -> urllib3.BaseHTTPResponse:
         retries: Retry | bool = False
-        if repeat and method in _REPEATABLE:
+        if repeat and (method in _REPEATABLE or "Idempotency-Key" in headers):
             retries = Retry(
                 total=2,
                 redirect=0,
                 backoff_factor=0.1,
-                allowed_methods=_REPEATABLE,
+                allowed_methods=None,
                 status_forcelist=(502, 503, 504),
                 raise_on_status=False,
             )

@@ -7,27 +7,22 @@ import math
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TextIO
 
 from .errors import JobCancelled, JobFailed, Problem, ServerUnavailable
-from .http import Http, path
+from .handle import Handle
+from .http import query
 
 #: Time between two looks at a job where events do not come through, s.
 POLL = 0.25
 _ENDED = frozenset({"succeeded", "failed", "cancelled"})
 
 
-class Job:
-    """A handle on one job. `data` is what the server last said about it."""
+class Job(Handle):
+    """A handle on one job."""
 
-    def __init__(self, http: Http, data: dict[str, Any]) -> None:
-        self._http = http
-        self.data = data
-
-    @property
-    def id(self) -> str:
-        """The job's id."""
-        return str(self.data["id"])
+    collection = "jobs"
 
     @property
     def kind(self) -> str:
@@ -36,7 +31,7 @@ class Job:
 
     @property
     def state(self) -> str:
-        """`queued`, `running`, `succeeded`, `failed` or `cancelled`, as of the last look."""
+        """`queued`, `running`, `waiting`, `succeeded`, `failed` or `cancelled`, as of the last look."""
         return str(self.data["state"])
 
     @property
@@ -44,10 +39,11 @@ class Job:
         """Whether nothing more will happen, as of the last look."""
         return self.state in _ENDED
 
-    def refresh(self) -> Job:
-        """Looks again."""
-        self.data = self._http.call("GET", path("jobs", self.id))
-        return self
+    @property
+    def eta(self) -> float | None:
+        """Seconds left at the rate so far, as of the last look; None while not known."""
+        left = (self.data.get("progress") or {}).get("eta_s")
+        return None if left is None else float(left)
 
     def wait(self, progress: bool = False, timeout: float | None = None) -> dict[str, Any]:
         """The job's result, once it has one.
@@ -81,10 +77,18 @@ class Job:
         if self.refresh().ended:
             return
         # Sent once: DELETE on an ended job would make the server forget it.
-        self._http.call("DELETE", path("jobs", self.id), repeat=False)
+        self._http.call("DELETE", self._path(), repeat=False)
 
-    def __repr__(self) -> str:
-        return f"<iplw.Job {self.id} {self.kind} {self.state}>"
+    def trials(self) -> list[dict[str, Any]]:
+        """What an estimation has measured: `trial`, `proposal`, `task`, `action`, `t`, `bodies`, ..."""
+        return list(self._http.items(self._path("trials"), "trials"))
+
+    def save_trials(self, directory: str | Path) -> None:
+        """Writes `trials.csv` and the `scene.json` that goes with it, as `iplw measure` does."""
+        folder = Path(directory)
+        folder.mkdir(parents=True, exist_ok=True)
+        for format, name in (("csv", "trials.csv"), ("scene", "scene.json")):
+            (folder / name).write_bytes(self._http.raw("GET", self._path("trials") + query(format=format)))
 
     def _follow(self, watch: Callable[[dict[str, Any]], None] | None, deadline: float | None) -> None:
         """Brings `data` to the end of the job: by events if they come through, else by looking."""
@@ -93,7 +97,7 @@ class Job:
             seen = last_id
             try:
                 patience = math.inf if deadline is None else deadline - time.monotonic()
-                for event in self._http.events(path("jobs", self.id, "events"), last_id, patience):
+                for event in self._http.events(self._path("events"), last_id, patience):
                     last_id = event.id or last_id
                     self.data = json.loads(event.data)
                     if watch:
@@ -144,6 +148,9 @@ class _Bar:
         share = min(done / total, 1.0) if total > 0 else 0.0
         full = round(share * self.WIDTH)
         line = f"{stage[:28]:28} [{'#' * full}{'.' * (self.WIDTH - full)}] {done:g}/{total:g}"
+        left = progress.get("eta_s")
+        if left is not None:
+            line += f" {int(left) // 60}:{int(left) % 60:02} left"
         self._out.write("\r" + line.ljust(len(self._last)))
         self._out.flush()
         self._last = line

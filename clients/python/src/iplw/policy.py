@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .http import Http, path
+from .handle import Handle
 from .job import Job
 from .world import World
 
@@ -26,17 +26,10 @@ class Ranked:
     score: float
 
 
-class Policy:
-    """A handle on one policy. `data` is what the server last said about it."""
+class Policy(Handle):
+    """A handle on one policy."""
 
-    def __init__(self, http: Http, data: dict[str, Any]) -> None:
-        self._http = http
-        self.data = data
-
-    @property
-    def id(self) -> str:
-        """The policy's id."""
-        return str(self.data["id"])
+    collection = "policies"
 
     def act(self, task: str, count: int = 10) -> list[Ranked]:
         """The policy's `count` best actions on a task, best first."""
@@ -62,9 +55,3 @@ class Policy:
     def delete(self) -> None:
         """Removes the policy from the server."""
         self._http.call("DELETE", self._path())
-
-    def __repr__(self) -> str:
-        return f"<iplw.Policy {self.id}>"
-
-    def _path(self, *rest: str) -> str:
-        return path("policies", self.id, *rest)

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import Problem, ServerUnavailable
-from .http import Http, given, path, query
+from .handle import Handle
+from .http import given, query
 
 if TYPE_CHECKING:
     import pandas
@@ -100,18 +101,11 @@ class Rollouts(Sequence[Rollout]):
         return f"<iplw.Rollouts {len(self)}: {self.valid.sum()} valid, {self.solved.sum()} solved>"
 
 
-class World:
-    """A handle on one world. `data` is what the server last said about it."""
+class World(Handle):
+    """A handle on one world."""
 
-    def __init__(self, http: Http, data: dict[str, Any]) -> None:
-        self._http = http
-        self._closed = False
-        self.data = data
-
-    @property
-    def id(self) -> str:
-        """The world's id."""
-        return str(self.data["id"])
+    collection = "worlds"
+    _closed = False
 
     @property
     def kind(self) -> str:
@@ -138,11 +132,6 @@ class World:
     def actions(self) -> int:
         """How many discrete actions there are."""
         return int(self.data["action_space"]["count"])
-
-    def refresh(self) -> World:
-        """Looks again."""
-        self.data = self._http.call("GET", self._path())
-        return self
 
     def reset(
         self, *, seed: int | None = None, task: str | None = None, split: str | None = None
@@ -235,12 +224,6 @@ class World:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    def __repr__(self) -> str:
-        return f"<iplw.World {self.id} {self.kind}>"
-
-    def _path(self, *rest: str) -> str:
-        return path("worlds", self.id, *rest)
 
 
 def encode(action: Action | ArrayLike, name: str = "action") -> int | list[float]:
