@@ -25,7 +25,7 @@ use crate::session::{Kind, SavedWorld, TaskSet, Tried, World, WorldConfig};
 use crate::store::{Measured, Store};
 use crate::task::{Split, Task, ValidAction, split};
 use crate::trajectory::Trajectory;
-use crate::world::{Engine, Latents};
+use crate::world::Engine;
 
 /// The kind of job.
 pub const KIND: &str = "iplw";
@@ -76,6 +76,8 @@ pub fn begin(app: &App, body: Estimation, config: &Value, keep: Keep<JobOut>) ->
     }
     setup.seed = body.seed.unwrap_or(0);
     setup.validate().map_err(named)?;
+    // What cannot be begun is better refused now than failed later.
+    Workflow::new(&explored(&tasks), &setup, None).map_err(named)?;
     let seed = setup.seed;
     let real = match (body.world, body.real) {
         (Some(_), Some(_)) => {
@@ -270,7 +272,7 @@ fn own(tasks: TaskSet, real: RealIn, seed: u64) -> Result<SavedWorld> {
         tasks,
         kind: Kind::Real,
         engine: Engine::Auto,
-        latents: latents.unwrap_or(Latents::default()),
+        latents: latents.unwrap_or_default(),
         effects: effects(real.damping, real.effects, "real.")?,
         noise: crate::error::within("real.noise", real.noise.unwrap_or(0.0), 0.0, 1e3)?,
         budget: None,

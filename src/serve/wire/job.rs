@@ -26,7 +26,7 @@ pub struct Estimation {
     pub world: Option<String>,
     /// A real world for this job alone, or `ask_tell`.
     pub real: Option<RealChoice>,
-    /// `collisions`, `rolling`, `random` or `mixed` (the default).
+    /// `collisions`, `rolling`, `random`, `informative` or `mixed` (the default).
     pub strategy: Option<String>,
     /// Most rounds of exploring, measuring and fitting; default 5.
     pub rounds: Option<u64>,
