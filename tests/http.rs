@@ -596,6 +596,7 @@ fn bad_input_is_a_problem_that_names_it() {
         row("POST", iplw, "{}", 400, bad, ""),
         row("POST", iplw, r#"{"task": "curling"}"#, 404, missing, ""),
         row("POST", iplw, r#"{"task": "bowling", "strategy": "psychic"}"#, 422, wrong, "strategy"),
+        row("POST", iplw, r#"{"task": "bowling", "residual": "x"}"#, 422, wrong, "residual"),
         row("POST", iplw, r#"{"task": "bowling", "strategy": "gradient"}"#, 422, wrong, "strategy"),
         row("POST", iplw, r#"{"task": "bowling", "rounds": 0}"#, 422, wrong, "rounds"),
         row("POST", iplw, r#"{"task": "bowling", "actions": 0}"#, 422, wrong, "actions"),
@@ -720,7 +721,10 @@ fn estimation_counts_on_its_world_and_tells_its_progress() {
     assert_eq!(ids, (1..=ids.len() as u64).collect::<Vec<_>>());
     assert!(events[..events.len() - 1].iter().all(|e| e.1 == "progress"));
     let left = |e: &(u64, String, Value)| e.2["progress"]["eta_s"].as_f64();
-    assert!(events.iter().any(|e| left(e).is_some_and(|s| s >= 0.0)), "after a round, the time left is known");
+    assert!(
+        events.iter().any(|e| left(e).is_some_and(|s| s >= 0.0)),
+        "after a round, the time left is known"
+    );
     assert_eq!(left(&events[0]), None);
     let done = server.get(&place);
     assert_eq!(done, events.last().unwrap().2);

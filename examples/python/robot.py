@@ -106,6 +106,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--actions", type=int, default=8, help="proposals a round")
     parser.add_argument("--samples", type=int, default=None, help="latent samples per iteration of the search")
+    parser.add_argument("--residual", default="shooting", choices=["trajectory", "shooting"])
     parser.add_argument("--seed", type=int, default=1)
     args = parser.parse_args()
     camera = np.random.default_rng(args.seed)
@@ -113,6 +114,7 @@ def main() -> None:
         job = client.iplw(
             args.task,
             real="ask_tell",
+            residual=args.residual,
             rounds=args.rounds,
             actions=args.actions,
             samples=args.samples,

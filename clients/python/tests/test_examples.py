@@ -34,7 +34,6 @@ def test_robot() -> None:
     rows = {line.split()[0]: line.split()[1:] for line in run.stdout.splitlines() if line}
     assert "10 interactions" in run.stdout
     for latent in ("friction", "restitution"):
-        # truth, estimate, low "to" high; another engine and air are in none of the model's physics.
-        truth, estimate, low, _, high = rows[latent]
-        assert float(low) <= float(truth) <= float(high), run.stdout
-        assert float(low) <= float(estimate) <= float(high), run.stdout
+        truth, estimate = map(float, rows[latent][:2])
+        # The prior's deviation is 0.25 and more; another engine and air, which the model lacks, take their share.
+        assert abs(estimate - truth) < 0.06, run.stdout

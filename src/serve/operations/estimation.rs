@@ -15,7 +15,7 @@ use serde_json::Value;
 
 use super::{Keep, json, text};
 use crate::error::{Error, Result};
-use crate::experiment::{Answer, Asked, EstimateConfig, Proposal, Round, Workflow};
+use crate::experiment::{Answer, Asked, EstimateConfig, Proposal, ResidualKind, Round, Workflow};
 use crate::job::{Context, New, Outcome, Work};
 use crate::json::{from_value, parse};
 use crate::progress::Progress;
@@ -63,6 +63,9 @@ pub fn begin(app: &App, body: Estimation, config: &Value, keep: Keep<JobOut>) ->
         Some(v) => usize::try_from(v).map_err(|_| Error::input(field, v, "a smaller whole number")),
     };
     setup.strategy = body.strategy.unwrap_or(setup.strategy);
+    if let Some(name) = &body.residual {
+        setup.residual = ResidualKind::from_name(name).map_err(named)?;
+    }
     setup.rounds = whole("rounds", body.rounds, setup.rounds)?;
     setup.actions = whole("actions", body.actions, setup.actions)?;
     setup.candidates = setup.candidates.max(setup.actions.saturating_mul(10));
@@ -285,8 +288,8 @@ fn own(tasks: TaskSet, real: RealIn, seed: u64) -> Result<SavedWorld> {
 /// The core's errors with the request's names of fields.
 fn named(error: Error) -> Error {
     match error {
-        Error::NotFound { kind: "strategy", id, known } => {
-            Error::input("strategy", format!("{id:?}"), format!("one of {}", known.join(", ")))
+        Error::NotFound { kind: kind @ ("strategy" | "residual"), id, known } => {
+            Error::input(kind, format!("{id:?}"), format!("one of {}", known.join(", ")))
         }
         Error::Input(mut input) if input.field == "candidates" => {
             input.field = "actions".into();

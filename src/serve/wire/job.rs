@@ -28,6 +28,9 @@ pub struct Estimation {
     pub real: Option<RealChoice>,
     /// `collisions`, `rolling`, `random`, `informative` or `mixed` (the default).
     pub strategy: Option<String>,
+    /// `trajectory` (the default): simulated from the start to the end; `shooting`: anew from where things were seen,
+    /// a stretch at a time, which bears noise, chance in collisions and a simulation that is not quite the world.
+    pub residual: Option<String>,
     /// Most rounds of exploring, measuring and fitting; default 5.
     pub rounds: Option<u64>,
     /// Real interactions a round; default 10.
