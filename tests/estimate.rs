@@ -271,9 +271,8 @@ fn shooting_recovers_bowling_from_ten_trials() {
     let config = EstimateConfig { rounds: 1, residual: ResidualKind::Shooting, seed: 4, ..fast("bowling") };
     let report = run("bowling", hidden("bowling", truth, false), config);
     assert_eq!(report.real_interactions, 10);
-    for i in 1..3 {
-        let found = &report.latents[i];
-        assert!(found.identifiable && (found.value - truth[i]).abs() < 0.005, "{found:?} for {}", truth[i]);
+    for (found, truth) in report.latents.iter().zip(truth).skip(1) {
+        assert!(found.identifiable && (found.value - truth).abs() < 0.005, "{found:?} for {truth}");
     }
     assert!(!report.latents[0].identifiable);
 }

@@ -324,6 +324,9 @@ fn fit_starts(
     Ok((weighed.collect(), rollouts))
 }
 
+/// Simulates pieces: the differences of each from what was seen.
+type Roll<'a> = dyn FnMut(&[Piece]) -> Result<Vec<Vec<f64>>> + 'a;
+
 /// Differences of every window and their derivatives by those of x, y, vx, vy, spin of every body that are in
 /// `which`; what is missing is 0.
 fn derivatives(
@@ -331,7 +334,7 @@ fn derivatives(
     starts: &[Vec<Start>],
     which: std::ops::Range<usize>,
     piece: &dyn Fn(&Window, &[Start]) -> Piece,
-    run: &mut dyn FnMut(&[Piece]) -> Result<Vec<Vec<f64>>>,
+    run: &mut Roll,
 ) -> Result<Vec<(DVector<f64>, DMatrix<f64>)>> {
     let mut pieces = Vec::new();
     for (w, start) in windows.iter().zip(starts) {

@@ -21,7 +21,6 @@ use crate::explore::{Importance, REGISTRY};
 use crate::progress::Progress;
 use crate::reality::{HiddenConfig, HiddenWorld, standard};
 use crate::task::{Family, Split, split};
-use crate::world::Latents;
 use crate::world::latent::FACTORS;
 
 /// What is run.
@@ -234,8 +233,7 @@ pub fn cell(
 
 /// Errors by arm, nature, factor and round, in that order.
 pub fn errors(family: &Family, cells: &[Cell]) -> Vec<ErrorRow> {
-    let physics = &family.real_physics;
-    let truth = Latents::of([physics.density, physics.friction, physics.restitution]).values();
+    let truth = standard(family).latents.values();
     let mut rows = Vec::new();
     for (arm, nature) in groups(cells) {
         let mine: Vec<&Cell> = cells.iter().filter(|c| c.arm == arm && c.nature == nature).collect();
@@ -350,8 +348,7 @@ pub fn claims(family: &Family, config: &StrategiesConfig, cells: &[Cell]) -> Vec
 
 /// |estimate - truth| of a factor, in standard deviations of the prior.
 fn off(family: &Family, estimate: &Sample, factor: usize) -> f64 {
-    let physics = &family.real_physics;
-    let truth = [physics.density, physics.friction, physics.restitution][factor];
+    let truth = standard(family).latents.values()[factor].unwrap_or(f64::NAN);
     (estimate[factor] - truth).abs() / family.prior[factor].1
 }
 
