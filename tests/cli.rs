@@ -293,7 +293,7 @@ fn a_surface_goes_from_its_command_to_the_estimation() {
     assert!(drawn.contains("friction, 1") && drawn.contains("standard deviation") && drawn.contains("here"));
     // Found again, it is the same to the bit.
     let again = at("again.json");
-    good(&[&find[..9], &[&again]].concat(), "");
+    good(&[&find[..8], &[&again]].concat(), "");
     assert_eq!(std::fs::read(&json).unwrap(), std::fs::read(&again).unwrap());
     let small = ["--rounds", "1", "--actions", "4", "--samples", "16", "--json"];
     for strategy in ["gradient", "informative"] {
