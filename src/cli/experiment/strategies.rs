@@ -69,14 +69,14 @@ fn text_table(family: &Family, config: &StrategiesConfig, rows: &[ErrorRow], cla
     );
     for nature in &config.natures {
         text += &format!("\nhidden world: {}\n", nature.title());
-        text += "arm                         interactions   friction           (bias)    restitution        (bias)\n";
+        text += "arm                                            interactions   friction           (bias)    restitution        (bias)\n";
         for arm in &config.arms {
             let [Some(friction), Some(restitution)] = told().map(|f| last(rows, &arm.name, *nature, f))
             else {
                 continue;
             };
             text += &format!(
-                "{:<27} {:>12.0}   {:<18} {:>+7.3}   {:<18} {:>+7.3}\n",
+                "{:<46} {:>12.0}   {:<18} {:>+7.3}   {:<18} {:>+7.3}\n",
                 arm.name,
                 friction.interactions,
                 with_error(friction),
