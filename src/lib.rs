@@ -27,6 +27,7 @@
 //! estimator to read a hidden world's latents; threads of our own (rayon for physics, tokio for serving), but for one
 //! a running job.
 
+pub mod discover;
 pub mod error;
 pub mod estimate;
 pub mod experiment;

@@ -1,6 +1,7 @@
 //! Commands, their shared options, and what they print.
 
 mod effects;
+mod diagnose;
 mod estimate;
 mod experiment;
 mod measure;
@@ -48,6 +49,8 @@ enum Command {
     Estimate(estimate::Args),
     /// Find which latents a task's performance depends on, in a related, known environment.
     Surface(surface::Args),
+    /// Say what a simulation gets wrong, from measured trials.
+    Diagnose(diagnose::Args),
     /// Train a policy in simulation; writes its weights.
     Train(train::TrainArgs),
     /// Try a policy in a hidden world.
@@ -70,6 +73,7 @@ pub fn main() -> ExitCode {
         Command::Measure(args) => measure::run(&args),
         Command::Estimate(args) => estimate::run(&args),
         Command::Surface(args) => surface::run(&args),
+        Command::Diagnose(args) => diagnose::run(&args),
         Command::Train(args) => train::train_policy(&args),
         Command::Evaluate(args) => train::evaluate_policy(&args),
     };

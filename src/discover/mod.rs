@@ -1,0 +1,634 @@
+//! What the simulation gets wrong: measured trials in, the named cause, the extended model and its gain out.
+//!
+//! 1. `window`: trials are cut into windows whose starts are nuisances; `noise`: what no smooth motion explains.
+//! 2. `model`: residuals and their derivatives by simulation alone; latents are fitted with every candidate.
+//! 3. `library`: the effect registry as candidates; `search`: sets of up to three of them, judged by trial (`judge`).
+//! 4. Sets that the data cannot tell apart are reported together (`advise`: what would separate them); what no set
+//!    explains is said to be unknown, with a law for it (`law`).
+//!
+//! Sources: multiple shooting (Bock 1983), variable projection (Golub and Pereyra 1973), cluster-robust covariance by the
+//! jackknife (Bell and McCaffrey 2002), Holm's correction (1979), sparse regression of dynamics in integral form
+//! (Schaeffer and McCalla, Phys. Rev. E 96 (2017) 023302).
+//!
+//! Differences from the sources: positions are never differentiated; the cluster is the trial; a set must explain the
+//! data on trials that it was not fitted to before it is named.
+
+mod advise;
+mod judge;
+mod law;
+mod library;
+mod model;
+mod noise;
+pub mod report;
+mod search;
+mod stats;
+mod window;
+
+use crate::error::Result;
+use crate::progress::Progress;
+use crate::reality::Trial;
+use crate::task::Scene;
+use crate::task::scene::EffectTerm;
+use crate::trajectory::Track;
+use crate::world::Engine;
+use crate::world::latent::{FACTORS, factor_index};
+use judge::Fitted;
+use model::{Data, Layout, State};
+use noise::{Noise, expected_squares};
+pub use report::Diagnosis;
+use report::{Calibrated, FoundEffect, FoundParameter, Gain, HeldOut, NextExperiment, Residual, Verdict};
+use stats::{mean_error, median, normal_above, t_above};
+use window::{Kind, Window};
+
+/// Knobs of a diagnosis.
+#[derive(Clone, Debug)]
+pub struct Config {
+    /// Seed of everything drawn.
+    pub seed: u64,
+    /// Most effects in a set.
+    pub most_effects: usize,
+    /// Engine that simulates.
+    pub engine: Engine,
+}
+
+/// A diagnosis with what it was made from.
+pub struct Finding {
+    pub diagnosis: Diagnosis,
+    /// The scene with the found effects and latents; it rolls out.
+    pub extended: Scene,
+    pub evidence: Evidence,
+}
+
+/// Residuals point by point, for pictures.
+#[derive(Clone, Debug, Default)]
+pub struct Evidence {
+    pub points: Vec<EvidencePoint>,
+    pub bounces: Vec<Bounce>,
+    /// Names of the settings, in the order of their indices.
+    pub settings: Vec<String>,
+}
+
+/// An observation with what the models leave of it.
+#[derive(Clone, Copy, Debug)]
+pub struct EvidencePoint {
+    /// Index of the trial.
+    pub trial: usize,
+    /// Index of the window.
+    pub window: usize,
+    /// Index into [`Evidence::settings`].
+    pub setting: usize,
+    /// s on the trial's clock
+    pub time: f64,
+    /// m
+    pub position: [f64; 2],
+    /// m/s, of the extended model
+    pub velocity: [f64; 2],
+    /// Seen - simulated, m, by the base model.
+    pub before: [f64; 2],
+    /// Seen - simulated, m, by the extended model.
+    pub after: [f64; 2],
+}
+
+/// A bounce on a static: speeds along the normal, m/s.
+#[derive(Clone, Copy, Debug)]
+pub struct Bounce {
+    pub setting: usize,
+    pub impact: f64,
+    pub rebound: f64,
+}
+
+/// Fewest trials that can be judged at all.
+const FEWEST_TRIALS: usize = 4;
+/// p below which a lack of fit counts.
+const MISFIT: f64 = 0.01;
+/// Share of the base's excess that may remain under a named set.
+const REMAINS: f64 = 0.25;
+/// Excess below this share of the noise floor (mean square) is too small to speak of.
+const SLIGHT: f64 = 0.03;
+
+impl Config {
+    /// What `iplw diagnose` uses.
+    pub fn standard(seed: u64) -> Config {
+        Config { seed, most_effects: 3, engine: Engine::Auto }
+    }
+}
+
+/// Diagnoses a scene from measured trials.
+pub fn diagnose(
+    scene: &Scene,
+    trials: &[Trial],
+    config: &Config,
+    progress: &dyn Progress,
+) -> Result<Finding> {
+    scene.validate()?;
+    let (names, settings) = settings_of(trials);
+    let latents = scene.calibrate.iter().map(|n| factor_index(n)).collect::<Result<Vec<_>>>()?;
+    let mut windows = window::cut(scene, trials, &settings);
+    let usable = |windows: &[Window]| {
+        (0..trials.len()).filter(|i| windows.iter().any(|w| w.trial == *i && w.kind != Kind::Contact)).count()
+    };
+    if usable(&windows) < FEWEST_TRIALS {
+        let reason = format!(
+            "{} of {} trials have a stretch of flight with {} or more observations or a start that is known exactly; at \
+             least {FEWEST_TRIALS} are needed to tell an effect from chance",
+            usable(&windows),
+            trials.len(),
+            window::FLIGHT
+        );
+        return Ok(insufficient(scene, trials, &reason, config));
+    }
+    // Trials without a window would count as clusters that know nothing.
+    let kept: Vec<usize> = (0..trials.len()).filter(|i| windows.iter().any(|w| w.trial == *i)).collect();
+    windows.iter_mut().for_each(|w| w.trial = kept.iter().position(|k| *k == w.trial).unwrap_or(0));
+    let settings: Vec<usize> = kept.iter().map(|i| settings[*i]).collect();
+    let smooths: Vec<&noise::Smooth> = windows.iter().filter_map(|w| w.smooth.as_ref()).collect();
+    let flights = noise::noise(&smooths);
+    let runs = run_noise(&windows);
+    let noise = match (flights, runs) {
+        (Some(n), _) => n,
+        (None, Some(sd)) => Noise { sd, rho: 0.0, freedom: 1e3 },
+        (None, None) => {
+            let reason = "too few observations in any stretch to tell noise from motion";
+            return Ok(insufficient(scene, trials, reason, config));
+        }
+    };
+    let base_latents = nominal(scene);
+    trust(&mut windows, config.engine)?;
+    let sd: Vec<f64> = windows
+        .iter()
+        .map(|w| if w.kind == Kind::Run { runs.unwrap_or(noise.sd) } else { noise.sd })
+        .collect();
+    let mut data = Data {
+        windows: &windows,
+        trials: kept.len(),
+        settings: &settings,
+        sd,
+        horizon: 1.0,
+        engine: config.engine,
+    };
+    let layout = Layout::new(&latents, Vec::new(), names.len());
+    let start = State {
+        values: layout.start(&base_latents),
+        nuisances: windows.iter().map(|w| w.nuisances.clone()).collect(),
+    };
+    progress.report("fitting the base model", 0, 1)?;
+    let (state, first) = search::settle(&mut data, &layout, start)?;
+    // A contact window is trusted as far as contacts repeat.
+    let contacts: Vec<f64> = (0..windows.len())
+        .filter(|w| windows[*w].kind == Kind::Contact)
+        .map(|w| first.squares[w] / (2.0 * windows[w].points.len() as f64 - 5.0).max(1.0))
+        .collect();
+    let blur = median(&contacts).max(1.0).sqrt();
+    for (w, window) in windows.iter().enumerate() {
+        if window.kind == Kind::Contact {
+            data.sd[w] *= blur;
+        }
+    }
+    let (state, first) = model::fit(&data, &layout, state, 6)?;
+    let expected = expected(&windows, kept.len(), &noise);
+    let base = Fitted::new(layout, state, first, &settings);
+    let found = search::search(scene, data, base, &expected, &latents, config, progress)?;
+    let judged = search::Judged { names: &names, settings: &settings, noise: &noise, expected: &expected };
+    conclude(scene, trials, &windows, &kept, found, &judged, config)
+}
+
+/// Expected sum of squares by trial, and its variance, if only noise were left; units of the noise.
+pub(crate) struct Expected {
+    pub mean: Vec<f64>,
+    pub variance: Vec<f64>,
+    /// Number of coordinates by trial.
+    pub coordinates: Vec<f64>,
+    /// Relative error of the noise's own variance.
+    pub floor_error: f64,
+}
+
+impl Expected {
+    /// Sum over trials.
+    pub fn total(&self) -> f64 {
+        self.mean.iter().sum()
+    }
+
+    /// Excess over the floor as a share of it, and the one-sided p of the hypothesis that there is none.
+    pub fn misfit(&self, squares: &[f64]) -> (f64, f64) {
+        let excess: Vec<f64> = squares.iter().zip(&self.mean).map(|(s, m)| s - m).collect();
+        let g = excess.len() as f64;
+        let (mean, error) = mean_error(&excess);
+        let expected_error = self.variance.iter().sum::<f64>().sqrt() / g;
+        let floor = self.total() / g * self.floor_error;
+        let se = (error.max(expected_error).powi(2) + floor * floor).sqrt();
+        (mean * g / self.total().max(1e-9), t_above(mean / se.max(1e-12), g - 1.0))
+    }
+}
+
+fn expected(windows: &[Window], trials: usize, noise: &Noise) -> Expected {
+    let mut out = Expected {
+        mean: vec![0.0; trials],
+        variance: vec![0.0; trials],
+        coordinates: vec![0.0; trials],
+        floor_error: (2.0 / noise.freedom * (1.0 + noise.rho.powi(2)) / (1.0 - noise.rho.powi(2))).sqrt(),
+    };
+    for w in windows {
+        let n = w.points.iter().filter(|p| p.weight > 0.0).count() as f64;
+        let axes = w.smooth.as_ref().map_or(2.0, |s| s.axes);
+        let (mean, variance) = match w.kind {
+            Kind::Flight => {
+                let times: Vec<f64> = w.points.iter().map(|p| p.time).collect();
+                let weights: Vec<f64> = w.points.iter().map(|p| p.weight).collect();
+                expected_squares(&times, &weights, axes, noise.rho)
+            }
+            Kind::Contact => (2.0 * n - 5.0, 4.0 * n),
+            Kind::Run => (2.0 * n, 4.0 * n),
+        };
+        out.mean[w.trial] += mean.max(0.0);
+        out.variance[w.trial] += variance;
+        out.coordinates[w.trial] += axes * n;
+    }
+    out
+}
+
+/// Noise of runs from third differences, which smooth motion and rest leave at nothing; m.
+fn run_noise(windows: &[Window]) -> Option<f64> {
+    let mut thirds = Vec::new();
+    for w in windows.iter().filter(|w| w.kind == Kind::Run) {
+        for body in 0..w.scene.bodies.len() {
+            let own: Vec<[f64; 2]> = w.points.iter().filter(|p| p.body == body).map(|p| p.seen).collect();
+            for k in own.windows(4) {
+                for axis in 0..2 {
+                    thirds.push((k[3][axis] - 3.0 * k[2][axis] + 3.0 * k[1][axis] - k[0][axis]).abs());
+                }
+            }
+        }
+    }
+    // Half a millimetre: what two engines that mean the same can differ by.
+    (!thirds.is_empty()).then(|| (1.4826 * median(&thirds) / 20f64.sqrt()).max(5e-4))
+}
+
+/// Growth of a start's error beyond which a run is no longer trusted.
+const GROWTH: f64 = 100.0;
+
+/// Ends runs where the start's smallest error would show.
+fn trust(windows: &mut [Window], engine: Engine) -> Result<()> {
+    for window in windows.iter_mut().filter(|w| w.kind == Kind::Run) {
+        let mut scenes = vec![window.scene.clone()];
+        for body in 0..window.scene.bodies.len() {
+            let mut moved = window.scene.clone();
+            if let Some(p) = &mut moved.bodies[body].position {
+                p[0] += 1e-7;
+            }
+            scenes.push(moved);
+        }
+        let rollouts: Vec<crate::world::Rollout> = scenes
+            .iter()
+            .map(|scene| crate::world::Rollout {
+                scene,
+                latents: Default::default(),
+                effects: &[],
+                stop: false,
+            })
+            .collect();
+        let paths = crate::world::simulate(&rollouts, engine)?;
+        let off = |a: &Track, b: &Track, i: usize| (a.x[i] - b.x[i]).hypot(a.y[i] - b.y[i]);
+        let times = &paths[0].times;
+        let until = (0..times.len())
+            .find(|i| {
+                paths[1..].iter().any(|p| {
+                    p.bodies
+                        .iter()
+                        .zip(&paths[0].bodies)
+                        .any(|(a, b)| *i < a.len() && off(a, b, *i) > GROWTH * 1e-7)
+                })
+            })
+            .map_or(f64::INFINITY, |i| times[i]);
+        let least = window.points.get(window.scene.bodies.len()).map_or(0.0, |p| p.time);
+        window.points.retain(|p| p.time < until.max(least + 1e-9));
+        let last = window.points.last().map_or(0.0, |p| p.time);
+        let steps =
+            (last / window.scene.time_step).round() as u32 + u32::from(window.scene.observe_every == 1);
+        window.scene.steps = steps.clamp(1, window.scene.steps);
+    }
+    Ok(())
+}
+
+/// The scene's own latents: what its first carrier has.
+fn nominal(scene: &Scene) -> [f64; 3] {
+    let carrier = scene.bodies.iter().find(|b| scene.carries_latents(&b.name)).unwrap_or(&scene.bodies[0]);
+    [carrier.density.unwrap_or(1.0), carrier.friction, carrier.restitution]
+}
+
+fn settings_of(trials: &[Trial]) -> (Vec<String>, Vec<usize>) {
+    let mut names: Vec<String> = Vec::new();
+    let indices = trials
+        .iter()
+        .map(|t| {
+            let name = t.setting.clone().unwrap_or_default();
+            names.iter().position(|n| *n == name).unwrap_or_else(|| {
+                names.push(name);
+                names.len() - 1
+            })
+        })
+        .collect();
+    (names, indices)
+}
+
+fn insufficient(scene: &Scene, trials: &[Trial], reason: &str, config: &Config) -> Finding {
+    let diagnosis = Diagnosis {
+        format: report::FORMAT,
+        verdict: Verdict::InsufficientData,
+        reason: reason.to_string(),
+        effects: Vec::new(),
+        rivals: Vec::new(),
+        calibrated: Vec::new(),
+        residual: Residual {
+            base_rmse: 0.0,
+            floor_rmse: 0.0,
+            lack_of_fit_p: 1.0,
+            whiteness_p: 1.0,
+            autocorrelation: 0.0,
+            noise_correlation: 0.0,
+        },
+        gain: Gain::default(),
+        unexplained_share: None,
+        residual_law: None,
+        next_experiment: Some(NextExperiment {
+            why: reason.to_string(),
+            action: "measure more trials, each with ten or more observations between contacts".into(),
+            separates: Vec::new(),
+        }),
+        considered: Vec::new(),
+        seed: config.seed,
+    };
+    let mut extended = scene.clone();
+    if let Some(trial) = trials.first() {
+        place(&mut extended, &trial.scene, None);
+    }
+    Finding { diagnosis, extended, evidence: Evidence::default() }
+}
+
+/// Gives every body of `scene` a start: `from`'s, and for the only body of a window its fitted one.
+fn place(scene: &mut Scene, from: &Scene, fitted: Option<(&str, &[f64])>) {
+    for body in &mut scene.bodies {
+        if let Some(start) = from.body(&body.name) {
+            body.position = body.position.or(start.position).or(Some([0.0, 0.0]));
+            if body.velocity == [0.0, 0.0] {
+                body.velocity = start.velocity;
+            }
+        }
+        if let Some((name, [x, y, vx, vy, ..])) = fitted
+            && body.name == name
+        {
+            (body.position, body.velocity) = (Some([*x, *y]), [*vx, *vy]);
+        }
+    }
+}
+
+/// Turns what was found into a report.
+fn conclude(
+    scene: &Scene,
+    trials: &[Trial],
+    windows: &[Window],
+    kept: &[usize],
+    found: search::Found,
+    judged: &search::Judged,
+    config: &Config,
+) -> Result<Finding> {
+    let search::Found { base, fits, champion, rivals, considered, data } = found;
+    let (names, settings, noise, expected) = (judged.names, judged.settings, judged.noise, judged.expected);
+    let squares = |f: &Fitted| f.pass.trials.iter().map(|t| t.square).collect::<Vec<_>>();
+    let (base_excess, base_p) = expected.misfit(&squares(&base));
+    let best = champion.map(|c| &fits[c]);
+    let model = best.unwrap_or(&base);
+    let (left_excess, left_p) = expected.misfit(&squares(model));
+    let unexplained = (base_excess > SLIGHT).then(|| (left_excess / base_excess).clamp(0.0, 1.0));
+    let misfit = base_p < MISFIT && base_excess > SLIGHT;
+    let remains = left_p < MISFIT && left_excess > SLIGHT && unexplained.is_some_and(|u| u > REMAINS);
+    let (verdict, reason) = match best {
+        None if !misfit => (Verdict::None, "the base model explains the data to its noise floor".to_string()),
+        None => (
+            Verdict::Unknown,
+            "there is misfit, and no set in the library explains it on held-out trials".into(),
+        ),
+        Some(_) if remains => (
+            Verdict::Unknown,
+            format!(
+                "the best set in the library leaves {:.0} % of the excess error",
+                100.0 * unexplained.unwrap_or(0.0)
+            ),
+        ),
+        Some(f) if rivals.len() > 1 => (
+            Verdict::Ambiguous,
+            format!(
+                "{} sets explain the data equally well; {} is the simplest",
+                rivals.len(),
+                f.names().join(" + ")
+            ),
+        ),
+        Some(f) => {
+            (Verdict::Named, format!("{} explains the data to its noise floor", f.names().join(" + ")))
+        }
+    };
+    let coordinates: f64 = expected.coordinates.iter().sum();
+    let rmse = |squares: f64| noise.sd * (squares.max(0.0) / coordinates.max(1.0)).sqrt();
+    let base_total: f64 = squares(&base).iter().sum();
+    let (autocorrelation, whiteness_p) = whiteness(windows, &base);
+    let law = (verdict == Verdict::Unknown).then(|| law::law(windows, model, noise, kept.len())).flatten();
+    let evidence = evidence(windows, &data, &base, model, names)?;
+    let extended = extend(scene, trials, windows, kept, model);
+    let rival_names = |i: &usize| fits[*i].names().iter().map(|n| n.to_string()).collect::<Vec<_>>();
+    let next = advise::next(scene, windows, &fits, &rivals, verdict, noise, config)?;
+    let latents = base.layout.latents();
+    let calibrated = (0..latents)
+        .map(|i| {
+            let slot = &model.layout.slots[i];
+            let factor = match slot.what {
+                model::What::Latent(l) => &FACTORS[l],
+                model::What::Parameter(..) => unreachable!("latents come first in a layout"),
+            };
+            let half = model.half_width(i, settings);
+            let told: f64 = model.pass.trials.iter().map(|t| t.gram[(i, i)]).sum();
+            let width = slot.bounds[1] - slot.bounds[0];
+            let identifiable = half.is_finite() && half < 0.25 * width.min(4.0) && told > 10.0 * slot.ridge();
+            let value = model.state.values[i];
+            let end = |v: f64| identifiable.then(|| v.clamp(slot.bounds[0], slot.bounds[1]));
+            Calibrated {
+                name: factor.name.into(),
+                value,
+                ci95: [end(value - half), end(value + half)],
+                identifiable,
+            }
+        })
+        .collect();
+    let held = |f: &Fitted| f.held.iter().sum::<f64>();
+    let gain_of = |b: f64, e: f64, floor: f64, count: f64, trials: usize| HeldOut {
+        trials,
+        base_rmse: noise.sd * (b / count).sqrt(),
+        extended_rmse: noise.sd * (e / count).sqrt(),
+        floor_rmse: noise.sd * (floor / count).sqrt(),
+        excess_removed: (b - floor > SLIGHT * floor).then(|| 1.0 - (e - floor) / (b - floor)),
+    };
+    let held_out = best.map(|f| gain_of(held(&base), held(f), expected.total(), coordinates, kept.len()));
+    let extrapolation = best.and_then(|f| {
+        let groups = settings.to_vec();
+        let sizes: Vec<usize> =
+            (0..names.len()).map(|s| groups.iter().filter(|g| **g == s).count()).collect();
+        let enough = sizes.iter().filter(|s| **s >= 3).count() >= 2 && sizes.iter().all(|s| *s > 0);
+        enough.then(|| {
+            let loss = |f: &Fitted| {
+                let (held, _) =
+                    judge::leave_out(&f.layout, &f.state.values, &f.pass.trials, settings, &groups);
+                held.iter().sum::<f64>()
+            };
+            gain_of(loss(&base), loss(f), expected.total(), coordinates, kept.len())
+        })
+    });
+    let diagnosis = Diagnosis {
+        format: report::FORMAT,
+        verdict,
+        reason,
+        effects: best.map(|f| effects(f, names, settings)).unwrap_or_default(),
+        rivals: rivals.iter().map(rival_names).collect(),
+        calibrated,
+        residual: Residual {
+            base_rmse: rmse(base_total),
+            floor_rmse: rmse(expected.total()),
+            lack_of_fit_p: base_p,
+            whiteness_p,
+            autocorrelation,
+            noise_correlation: noise.rho,
+        },
+        gain: Gain { held_out, extrapolation },
+        unexplained_share: match verdict {
+            Verdict::None => Some(0.0),
+            _ => unexplained,
+        },
+        residual_law: law,
+        next_experiment: next,
+        considered,
+        seed: config.seed,
+    };
+    Ok(Finding { diagnosis, extended, evidence })
+}
+
+fn effects(f: &Fitted, names: &[String], settings: &[usize]) -> Vec<FoundEffect> {
+    f.layout
+        .terms
+        .iter()
+        .enumerate()
+        .map(|(t, term)| {
+            let parameters = f
+                .layout
+                .of_term(t)
+                .into_iter()
+                .filter_map(|i| {
+                    let slot = &f.layout.slots[i];
+                    let model::What::Parameter(_, p) = slot.what else { return None };
+                    let half = f.half_width(i, settings);
+                    let value = f.state.values[i];
+                    let end = |v: f64| half.is_finite().then(|| v.clamp(slot.bounds[0], slot.bounds[1]));
+                    Some(FoundParameter {
+                        name: term.effect.parameters[p].name.into(),
+                        value,
+                        ci95: [end(value - half), end(value + half)],
+                        unit: term.effect.parameters[p].unit.into(),
+                        setting: slot.setting.map(|s| names[s].clone()),
+                    })
+                })
+                .collect();
+            FoundEffect {
+                name: term.effect.name.into(),
+                acts_on: term.effect.acts_on.into(),
+                p_value: f.p_values[t],
+                parameters,
+            }
+        })
+        .collect()
+}
+
+/// Lag-1 correlation of the base model's residuals, and p of its being nothing.
+fn whiteness(windows: &[Window], base: &Fitted) -> (f64, f64) {
+    let (mut squares, mut products, mut count) = (0.0, 0.0, 0.0);
+    for (window, r) in windows.iter().zip(&base.pass.residuals).filter(|(w, _)| w.kind != Kind::Contact) {
+        let bodies = window.scene.bodies.len();
+        for i in 0..r.len() {
+            let j = i + 2 * bodies;
+            if r[i].is_finite() {
+                squares += r[i] * r[i];
+                if j < r.len() && r[j].is_finite() {
+                    products += r[i] * r[j];
+                    count += 1.0;
+                }
+            }
+        }
+    }
+    let rho = if squares > 0.0 { products / squares } else { 0.0 };
+    (rho, (2.0 * normal_above(rho.abs() * f64::sqrt(count))).min(1.0))
+}
+
+fn evidence(
+    windows: &[Window],
+    data: &Data,
+    base: &Fitted,
+    model: &Fitted,
+    names: &[String],
+) -> Result<Evidence> {
+    let paths = model::paths(data, &model.layout, &model.state)?;
+    let mut out = Evidence { settings: names.to_vec(), ..Evidence::default() };
+    for (w, window) in windows.iter().enumerate() {
+        if window.kind == Kind::Contact {
+            let speeds = model::along_normal(&paths[w], window);
+            if let Some((impact, rebound)) = speeds {
+                out.bounces.push(Bounce { setting: window.setting, impact, rebound });
+            }
+            continue;
+        }
+        for (i, point) in window.points.iter().enumerate().filter(|(_, p)| p.weight > 0.0) {
+            let pair = |r: &[f64]| [r[2 * i], r[2 * i + 1]];
+            out.points.push(EvidencePoint {
+                trial: window.trial,
+                window: w,
+                setting: window.setting,
+                time: window.start + point.time,
+                position: point.seen,
+                velocity: model::velocity_at(&paths[w], point),
+                before: pair(&base.pass.residuals[w]),
+                after: pair(&model.pass.residuals[w]),
+            });
+        }
+    }
+    Ok(out)
+}
+
+/// The scene with the found effects, the calibrated latents and a start, so that it rolls out. Where settings differ,
+/// it is the first trial's setting.
+fn extend(scene: &Scene, trials: &[Trial], windows: &[Window], kept: &[usize], model: &Fitted) -> Scene {
+    let mut out = scene.clone();
+    let first = windows.iter().position(|w| w.kind != Kind::Contact).unwrap_or(0);
+    let setting = windows[first].setting;
+    let (terms, latents): (Vec<EffectTerm>, _) = model.layout.physics(&model.state.values, setting, 0.0);
+    out.effects.extend(terms);
+    let carriers: Vec<String> =
+        out.bodies.iter().map(|b| b.name.clone()).chain(out.statics.iter().map(|s| s.name.clone())).collect();
+    let carries: Vec<bool> = carriers.iter().map(|n| out.carries_latents(n)).collect();
+    for (body, _) in out.bodies.iter_mut().zip(&carries).filter(|(_, c)| **c) {
+        body.friction = latents.friction.unwrap_or(body.friction);
+        body.restitution = latents.restitution.unwrap_or(body.restitution);
+        if latents.density.is_some() && body.mass.is_none() {
+            body.density = latents.density;
+        }
+    }
+    let bodies = out.bodies.len();
+    for (fixed, _) in out.statics.iter_mut().zip(&carries[bodies..]).filter(|(_, c)| **c) {
+        fixed.friction = latents.friction.unwrap_or(fixed.friction);
+        fixed.restitution = latents.restitution.unwrap_or(fixed.restitution);
+    }
+    let trial = &trials[kept[windows[first].trial]];
+    let window = &windows[first];
+    let fitted = (window.kind == Kind::Flight)
+        .then(|| (window.scene.bodies[0].name.as_str(), model.state.nuisances[first].as_slice()));
+    if out.action.is_none() || window.kind == Kind::Flight {
+        place(&mut out, &trial.scene, fitted);
+    } else {
+        // A task's scene rolls out once an action has placed what it places: here, the first trial's.
+        place(&mut out, &trial.scene, None);
+    }
+    out
+}

@@ -1,0 +1,158 @@
+//! The noise floor: what no smooth motion explains.
+//!
+//! A flight's observed positions are fitted by a polynomial of ample degree for each coordinate, robustly: points
+//! beyond 4.5 scales are outliers and leave the data for good. What remains is noise, white or first-order
+//! autoregressive; its variance and correlation are estimated from all flights together, each corrected for what the
+//! polynomial swallowed (the expected value of the residuals' products under projection).
+//!
+//! Differences from the usual estimate (residual variance over degrees of freedom): correlated noise has much of its
+//! power at low frequencies, where the polynomial swallows it; without the correction every correlated recording would
+//! look like misfit.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::stats::median;
+
+/// A flight's polynomial fit.
+#[derive(Clone, Debug)]
+pub struct Smooth {
+    /// Residuals of x and y, m; 0 at outliers.
+    pub residual: [Vec<f64>; 2],
+    /// Which rows are not outliers.
+    pub kept: Vec<bool>,
+    /// Number of coordinates that vary at all: a recording of heights alone has one.
+    pub axes: f64,
+    /// Residual projector.
+    projector: DMatrix<f64>,
+}
+
+/// Noise of a recording.
+#[derive(Clone, Copy, Debug)]
+pub struct Noise {
+    /// Standard deviation of one coordinate, m.
+    pub sd: f64,
+    /// Correlation of neighbouring observations.
+    pub rho: f64,
+    /// Number of residual degrees of freedom it was estimated from.
+    pub freedom: f64,
+}
+
+/// Scales of the median absolute deviation beyond which a point is an outlier: 7 in a million for normal noise.
+const OUTLIER: f64 = 4.5;
+
+/// Fits a flight's rows (t, position).
+pub fn smooth(rows: &[(f64, [f64; 2])]) -> Smooth {
+    let n = rows.len();
+    let degree = (n / 5).clamp(3, 10).min(n.saturating_sub(3));
+    let (first, last) = (rows[0].0, rows[n - 1].0);
+    let full = DMatrix::from_fn(n, degree + 1, |i, k| {
+        let u = 2.0 * (rows[i].0 - first) / (last - first).max(1e-12) - 1.0;
+        libm::cos(k as f64 * libm::acos(u.clamp(-1.0, 1.0)))
+    });
+    let mut kept = vec![true; n];
+    let mut projector = DMatrix::identity(n, n);
+    let mut residual = [vec![0.0; n], vec![0.0; n]];
+    for pass in 0..6 {
+        let basis = DMatrix::from_fn(n, degree + 1, |i, k| if kept[i] { full[(i, k)] } else { 0.0 });
+        let Some(q) = orthonormal(&basis) else { break };
+        projector = DMatrix::from_fn(n, n, |i, j| f64::from(i == j && kept[i])) - &q * q.transpose();
+        let mut scaled = vec![0.0f64; n];
+        for axis in 0..2 {
+            let y = DVector::from_fn(n, |i, _| rows[i].1[axis]);
+            let mean = y.mean();
+            let centred = y.map(|v| v - mean);
+            // Rows that were left out are judged by the fit to the others.
+            let beta = (&basis.transpose() * &basis).pseudo_inverse(1e-12).ok();
+            let fit = beta.map(|inv| &full * (inv * basis.transpose() * &centred)).unwrap_or(centred.clone());
+            let off: Vec<f64> = (0..n).map(|i| centred[i] - fit[i]).collect();
+            let sizes: Vec<f64> = (0..n).filter(|i| kept[*i]).map(|i| off[i].abs()).collect();
+            let share = (1.0 - (degree + 1) as f64 / n as f64).max(0.2);
+            // Quantised positions can leave half of the residuals at nothing: the mean size guards against that.
+            let usual = sizes.iter().sum::<f64>() / sizes.len().max(1) as f64;
+            let scale = ((1.4826 * median(&sizes)).max(0.6 * usual) / share.sqrt()).max(1e-9);
+            for i in 0..n {
+                let leverage = projector[(i, i)].max(0.05).sqrt();
+                let leverage = if kept[i] { leverage } else { 1.0 };
+                scaled[i] = scaled[i].max(off[i].abs() / scale / leverage);
+                residual[axis][i] = if kept[i] { off[i] } else { 0.0 };
+            }
+        }
+        // The worst first: one large outlier bends the fit and makes its neighbours look bad.
+        let worst = (0..n).filter(|i| kept[*i]).map(|i| scaled[i]).fold(0.0, f64::max);
+        let limit = OUTLIER.max(0.5 * worst);
+        let left = kept.iter().filter(|k| **k).count();
+        let out: Vec<usize> = (0..n).filter(|i| kept[*i] && scaled[*i] > limit).collect();
+        if out.is_empty() || pass == 5 || left - out.len() < degree + 4 {
+            break;
+        }
+        out.iter().for_each(|i| kept[*i] = false);
+    }
+    let varies = |axis: usize| rows.iter().any(|r| r.1[axis] != rows[0].1[axis]);
+    let axes = (0..2).filter(|a| varies(*a)).count() as f64;
+    Smooth { residual, kept, axes, projector }
+}
+
+/// Variance and correlation of the noise of some flights; `None` without enough to estimate them from.
+pub fn noise(flights: &[&Smooth]) -> Option<Noise> {
+    let (mut squares, mut products, mut freedom) = (0.0, 0.0, 0.0);
+    for s in flights {
+        freedom += s.axes * s.projector.trace();
+        for r in &s.residual {
+            squares += r.iter().map(|v| v * v).sum::<f64>();
+            products += r.windows(2).map(|w| w[0] * w[1]).sum::<f64>();
+        }
+    }
+    if freedom < 6.0 {
+        return None;
+    }
+    // Expected sums under unit-variance AR(1) noise of correlation rho, after the projection.
+    let expected = |rho: f64| {
+        let (mut e0, mut e1) = (0.0, 0.0);
+        for s in flights {
+            let n = s.kept.len();
+            let m = &s.projector * correlation(n, rho) * &s.projector;
+            e0 += s.axes * m.trace();
+            e1 += s.axes * (1..n).map(|i| m[(i, i - 1)]).sum::<f64>();
+        }
+        (e0, e1)
+    };
+    let wanted = if squares > 0.0 { products / squares } else { 0.0 };
+    let (mut low, mut high) = (-0.6, 0.95);
+    for _ in 0..18 {
+        let middle = 0.5 * (low + high);
+        let (e0, e1) = expected(middle);
+        if e1 / e0 < wanted { low = middle } else { high = middle }
+    }
+    let rho = 0.5 * (low + high);
+    // Within its own error of nothing it is nothing.
+    let rho = if rho.abs() < 2.5 / freedom.sqrt() { 0.0 } else { rho };
+    let (e0, _) = expected(rho);
+    Some(Noise { sd: (squares / e0).sqrt().max(1e-9), rho, freedom })
+}
+
+/// Mean and variance of the residual sum of squares (unit variance) that AR(1) noise leaves in both coordinates of a
+/// flight of which a straight start (position and velocity) is fitted freely.
+pub fn expected_squares(times: &[f64], weights: &[f64], axes: f64, rho: f64) -> (f64, f64) {
+    let n = times.len();
+    let basis = DMatrix::from_fn(n, 2, |i, k| weights[i] * if k == 0 { 1.0 } else { times[i] });
+    let kept = DMatrix::from_fn(n, n, |i, j| if i == j { weights[i] } else { 0.0 });
+    let projector = match orthonormal(&basis) {
+        Some(q) => kept - &q * q.transpose(),
+        None => kept,
+    };
+    let m = &projector * correlation(n, rho) * &projector;
+    (axes * m.trace(), 2.0 * axes * (&m * &m).trace())
+}
+
+fn correlation(n: usize, rho: f64) -> DMatrix<f64> {
+    DMatrix::from_fn(n, n, |i, j| if rho == 0.0 { f64::from(i == j) } else { rho.powi(i.abs_diff(j) as i32) })
+}
+
+/// Orthonormal columns that span those of `basis`.
+fn orthonormal(basis: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    if basis.nrows() < basis.ncols() {
+        return None;
+    }
+    let qr = basis.clone().qr();
+    Some(qr.q())
+}

@@ -1,0 +1,132 @@
+//! What a diagnosis says: `iplw.diagnosis/1`.
+
+use serde::Serialize;
+
+/// The value of a diagnosis's `format` field.
+pub const FORMAT: &str = "iplw.diagnosis/1";
+
+/// What was found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// The base model explains the data to its noise floor.
+    None,
+    /// One set of effects does.
+    Named,
+    /// Several sets tie.
+    Ambiguous,
+    /// Real misfit that no set in the library explains.
+    Unknown,
+    /// Too little to say.
+    InsufficientData,
+}
+
+/// A diagnosis.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Diagnosis {
+    pub format: &'static str,
+    pub verdict: Verdict,
+    /// Why: a sentence for people.
+    pub reason: String,
+    /// The found set; the simplest of several.
+    pub effects: Vec<FoundEffect>,
+    /// Every set that the data cannot tell from the best, by names.
+    pub rivals: Vec<Vec<String>>,
+    pub calibrated: Vec<Calibrated>,
+    pub residual: Residual,
+    pub gain: Gain,
+    /// Share of the excess mean squared error that the effects leave.
+    pub unexplained_share: Option<f64>,
+    /// What acceleration the unexplained looks like; only for the verdict `unknown`.
+    pub residual_law: Option<String>,
+    pub next_experiment: Option<NextExperiment>,
+    /// Every set that was fitted, best held-out loss first.
+    pub considered: Vec<Considered>,
+    pub seed: u64,
+}
+
+/// An effect of the found set.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FoundEffect {
+    pub name: String,
+    pub acts_on: String,
+    /// Corrected for the search over the library.
+    pub p_value: f64,
+    pub parameters: Vec<FoundParameter>,
+}
+
+/// A parameter with its 95 % interval.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FoundParameter {
+    pub name: String,
+    pub value: f64,
+    /// `null` where the data set no bound.
+    pub ci95: [Option<f64>; 2],
+    pub unit: String,
+    pub setting: Option<String>,
+}
+
+/// A calibrated latent.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Calibrated {
+    pub name: String,
+    pub value: f64,
+    pub ci95: [Option<f64>; 2],
+    pub identifiable: bool,
+}
+
+/// The base model's misfit.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Residual {
+    /// m
+    pub base_rmse: f64,
+    /// m
+    pub floor_rmse: f64,
+    pub lack_of_fit_p: f64,
+    pub whiteness_p: f64,
+    /// Of neighbouring residuals.
+    pub autocorrelation: f64,
+    /// Of the noise itself.
+    pub noise_correlation: f64,
+}
+
+/// What the extension gains.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Gain {
+    pub held_out: Option<HeldOut>,
+    pub extrapolation: Option<HeldOut>,
+}
+
+/// Errors on trials that were not fitted.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct HeldOut {
+    pub trials: usize,
+    /// m
+    pub base_rmse: f64,
+    /// m
+    pub extended_rmse: f64,
+    /// m
+    pub floor_rmse: f64,
+    /// 1 - (extended^2 - floor^2) / (base^2 - floor^2)
+    pub excess_removed: Option<f64>,
+}
+
+/// What to measure next.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct NextExperiment {
+    pub why: String,
+    #[serde(rename = "do")]
+    pub action: String,
+    pub separates: Vec<String>,
+}
+
+/// A fitted set.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Considered {
+    pub effects: Vec<String>,
+    /// Held-out mean squared error over the noise's.
+    pub held_out: f64,
+    /// Largest corrected p of its terms.
+    pub p_value: f64,
+    pub accepted: bool,
+}

@@ -1,0 +1,322 @@
+//! Cutting trials into windows, each simulated on its own from a start of its own.
+//!
+//! - *Flight*: one body between contacts. Its initial position and velocity are nuisances; nothing else is in the
+//!   scene, so that no perturbed start can hit anything.
+//! - *Contact*: a few observations before and after one bounce on a static. Nuisances: position, velocity, spin, and
+//!   where along its normal the surface really is (tables are level to millimetres at best).
+//! - *Run*: a whole trial whose start is known exactly; no nuisance, up to the horizon at which the start's smallest
+//!   error would show.
+//!
+//! Source: multiple shooting (Bock, 1983), with starts taken as nuisances instead of being tied together: what happens
+//! in a contact then cannot leak into what is said about the motion.
+
+use super::noise::{Smooth, smooth};
+use super::stats::median;
+use crate::reality::Trial;
+use crate::task::Scene;
+use crate::task::scene::Shape;
+use crate::trajectory::Track;
+
+/// What a window is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    Flight,
+    Contact,
+    Run,
+}
+
+/// One observed position.
+#[derive(Clone, Copy, Debug)]
+pub struct Point {
+    /// Index into the window's bodies.
+    pub body: usize,
+    /// s since the window's start
+    pub time: f64,
+    /// m
+    pub seen: [f64; 2],
+    /// 1, or 0 for an outlier.
+    pub weight: f64,
+}
+
+/// A piece of a trial.
+#[derive(Clone, Debug)]
+pub struct Window {
+    /// Index of the trial.
+    pub trial: usize,
+    /// Index of the setting.
+    pub setting: usize,
+    pub kind: Kind,
+    /// What is simulated.
+    pub scene: Scene,
+    /// Clock time at the start, s.
+    pub start: f64,
+    /// In order of time.
+    pub points: Vec<Point>,
+    /// Initial values of the nuisances: none, or x, y, vx, vy (flight), and omega and offset (contact).
+    pub nuisances: Vec<f64>,
+    /// Direction of the offset.
+    pub normal: [f64; 2],
+    /// The data's own smooth, for the noise floor.
+    pub smooth: Option<Smooth>,
+}
+
+/// Fewest observations of a flight: 4 nuisances for 2n coordinates must leave something to test.
+pub const FLIGHT: usize = 7;
+/// Observations on each side of a bounce.
+const AROUND: usize = 8;
+/// Longest gap between observations within a window, as a multiple of the usual one.
+const GAP: f64 = 6.0;
+
+/// All windows of all trials; `settings[i]` is the setting index of trial i.
+pub fn cut(base: &Scene, trials: &[Trial], settings: &[usize]) -> Vec<Window> {
+    let mut windows = Vec::new();
+    for (i, trial) in trials.iter().enumerate() {
+        if start_is_known(base, trial) {
+            windows.extend(run(trial, i, settings[i]));
+            continue;
+        }
+        for body in 0..trial.scene.bodies.len() {
+            flights(trial, i, settings[i], body, &mut windows);
+        }
+    }
+    windows
+}
+
+/// Whether the scene says where everything starts and the first observation says exactly the same.
+fn start_is_known(base: &Scene, trial: &Trial) -> bool {
+    let Ok(placed) = base.in_setting(trial.setting.as_deref().unwrap_or_default()) else { return false };
+    let from_run = trial.setting.is_none() && base.action.is_some();
+    trial.observed.bodies.iter().enumerate().all(|(k, track)| {
+        let expected = if from_run { trial.scene.bodies[k].position } else { placed.bodies[k].position };
+        match (expected, track.x.first(), track.y.first()) {
+            (Some(p), Some(x), Some(y)) => (p[0] - x).abs() < 1e-9 && (p[1] - y).abs() < 1e-9,
+            _ => false,
+        }
+    })
+}
+
+fn run(trial: &Trial, index: usize, setting: usize) -> Option<Window> {
+    let mut scene = trial.scene.clone();
+    scene.stop = Some(false);
+    let start = *trial.observed.times.first()?;
+    let mut points = Vec::new();
+    for (i, t) in trial.observed.times.iter().enumerate().skip(1) {
+        for (body, track) in trial.observed.bodies.iter().enumerate() {
+            if let Some(seen) = seen(track, i) {
+                points.push(Point { body, time: t - start, seen, weight: 1.0 });
+            }
+        }
+    }
+    let last = points.last()?.time;
+    let every = scene.observe_every.max(1);
+    let on_grid = points.iter().all(|p| {
+        let steps = p.time / (scene.time_step * f64::from(every));
+        (steps - steps.round()).abs() < 1e-6 || (p.time - last).abs() < 1e-9
+    });
+    if !on_grid {
+        scene.observe_every = 1;
+    }
+    scene.steps = (last / scene.time_step).round().max(1.0) as u32 + u32::from(!on_grid);
+    let (nuisances, normal) = (Vec::new(), [0.0, 1.0]);
+    Some(Window {
+        trial: index,
+        setting,
+        kind: Kind::Run,
+        scene,
+        start,
+        points,
+        nuisances,
+        normal,
+        smooth: None,
+    })
+}
+
+/// Flights of one body, and the bounces between them.
+fn flights(trial: &Trial, index: usize, setting: usize, body: usize, out: &mut Vec<Window>) {
+    let track = &trial.observed.bodies[body];
+    let rows: Vec<(f64, [f64; 2])> =
+        trial.observed.times.iter().enumerate().filter_map(|(i, t)| Some((*t, seen(track, i)?))).collect();
+    if rows.len() < 3 {
+        return;
+    }
+    let touches = touches(trial, body, &rows);
+    let usual = median(&rows.windows(2).map(|w| w[1].0 - w[0].0).collect::<Vec<_>>());
+    // Pieces of flight: runs of rows without touch and without a long gap.
+    let mut pieces: Vec<(usize, usize)> = Vec::new();
+    let mut first = None;
+    for i in 0..=rows.len() {
+        let broken = i == rows.len()
+            || touches[i].is_some()
+            || (i > 0 && first.is_some() && rows[i].0 - rows[i - 1].0 > GAP * usual);
+        if broken && let Some(from) = first.take() {
+            pieces.push((from, i));
+        }
+        if i < rows.len() && touches[i].is_none() && first.is_none() {
+            first = Some(i);
+        }
+    }
+    let alone = |with: bool| {
+        let mut scene = trial.scene.clone();
+        scene.bodies = vec![trial.scene.bodies[body].clone()];
+        if !with {
+            scene.statics = Vec::new();
+        }
+        (scene.goal, scene.action, scene.carriers) = (None, None, scene.carriers.filter(|_| with));
+        scene.settings.clear();
+        scene.observe_every = 1;
+        scene
+    };
+    for (from, to) in pieces.iter().filter(|(a, b)| b - a >= FLIGHT) {
+        let rows = &rows[*from..*to];
+        let smooth = smooth(rows);
+        let mut window = shoot(rows, alone(false), Kind::Flight, &[]);
+        for (point, kept) in window.points.iter_mut().zip(&smooth.kept) {
+            point.weight = if *kept { 1.0 } else { 0.0 };
+        }
+        let n = rows.len().min(12);
+        window.nuisances = start_of(&rows[..n], window.scene.gravity);
+        window.smooth = Some(smooth);
+        out.push(Window { trial: index, setting, ..window });
+    }
+    for pair in pieces.windows(2) {
+        let ((a, b), (c, d)) = (pair[0], pair[1]);
+        let touch = (b..c).find_map(|i| touches[i]);
+        let single = c == b + 1 && rows[c].0 - rows[b - 1].0 < 3.0 * usual;
+        let (Some(Touch { normal, fixed: true }), true) = (touch, single && b - a >= 5 && d - c >= 5) else {
+            continue;
+        };
+        let (from, to) = (b - AROUND.min(b - a), c + AROUND.min(d - c));
+        let mut chosen: Vec<(f64, [f64; 2])> = rows[from..b].to_vec();
+        chosen.extend(&rows[c..to]);
+        let mut window = shoot(&chosen, alone(true), Kind::Contact, &[]);
+        window.scene.time_step = (usual / 8.0).min(window.scene.time_step).min(1e-3);
+        window.scene.steps = steps(chosen[chosen.len() - 1].0 - chosen[0].0, window.scene.time_step);
+        window.nuisances = start_of(&rows[from..b], window.scene.gravity);
+        window.nuisances.extend([0.0, 0.0]);
+        window.normal = normal;
+        out.push(Window { trial: index, setting, ..window });
+    }
+}
+
+fn shoot(rows: &[(f64, [f64; 2])], mut scene: Scene, kind: Kind, nuisances: &[f64]) -> Window {
+    let start = rows[0].0;
+    let points = rows
+        .iter()
+        .map(|(t, seen)| Point { body: 0, time: t - start, seen: *seen, weight: 1.0 })
+        .collect::<Vec<_>>();
+    scene.steps = steps(points[points.len() - 1].time, scene.time_step);
+    Window {
+        trial: 0,
+        setting: 0,
+        kind,
+        scene,
+        start,
+        points,
+        nuisances: nuisances.to_vec(),
+        normal: [0.0, 1.0],
+        smooth: None,
+    }
+}
+
+/// Steps that cover a time.
+fn steps(time: f64, step: f64) -> u32 {
+    (time / step + 1e-9).ceil().max(1.0) as u32 + 1
+}
+
+/// Position and velocity at the first of some rows: least squares on a parabola with the scene's gravity.
+fn start_of(rows: &[(f64, [f64; 2])], gravity: [f64; 2]) -> Vec<f64> {
+    let n = rows.len() as f64;
+    let t0 = rows[0].0;
+    let mean_t = rows.iter().map(|r| r.0 - t0).sum::<f64>() / n;
+    let mut out = vec![0.0; 4];
+    for axis in 0..2 {
+        let fallen = |t: f64| 0.5 * gravity[axis] * t * t;
+        let mean = rows.iter().map(|r| r.1[axis] - fallen(r.0 - t0)).sum::<f64>() / n;
+        let (mut up, mut down) = (0.0, 0.0);
+        for (t, p) in rows {
+            let t = t - t0;
+            up += (t - mean_t) * (p[axis] - fallen(t) - mean);
+            down += (t - mean_t).powi(2);
+        }
+        let slope = if down > 0.0 { up / down } else { 0.0 };
+        (out[axis], out[2 + axis]) = (mean - slope * mean_t, slope);
+    }
+    out
+}
+
+/// A row at which the body touches something.
+#[derive(Clone, Copy, Debug)]
+struct Touch {
+    /// Away from the surface.
+    normal: [f64; 2],
+    /// Whether the other is a static.
+    fixed: bool,
+}
+
+/// For each row whether the body touches something about then: the gap to it has a low minimum where approach turns
+/// into departure, or stays low.
+fn touches(trial: &Trial, body: usize, rows: &[(f64, [f64; 2])]) -> Vec<Option<Touch>> {
+    let mut out = vec![None; rows.len()];
+    let scene = &trial.scene;
+    let Some(shape) = scene.bodies[body].shape.convex() else { return out };
+    let extent = match &scene.bodies[body].shape {
+        Shape::Disc { radius } => *radius,
+        _ => {
+            let b = shape.bounds();
+            0.5 * (b[2] - b[0]).max(b[3] - b[1])
+        }
+    };
+    let near = 0.15 * extent;
+    for fixed in &scene.statics {
+        let gap = |p: [f64; 2]| fixed.gap_to(&shape.placed(p, 0.0));
+        let gaps: Vec<f64> = rows.iter().map(|(_, p)| gap(*p)).collect();
+        let h = 1e-3 * extent;
+        let normal = |p: [f64; 2]| {
+            let n = [
+                gap([p[0] + h, p[1]]) - gap([p[0] - h, p[1]]),
+                gap([p[0], p[1] + h]) - gap([p[0], p[1] - h]),
+            ];
+            let length = n[0].hypot(n[1]);
+            if length > 0.0 { [n[0] / length, n[1] / length] } else { [0.0, 1.0] }
+        };
+        mark(&gaps, near, |i| out[i] = Some(Touch { normal: normal(rows[i].1), fixed: true }));
+    }
+    for (k, other) in trial.observed.bodies.iter().enumerate().filter(|(k, _)| *k != body) {
+        let Some(theirs) = scene.bodies[k].shape.convex() else { continue };
+        let at = |t: f64| trial.observed.times.iter().position(|s| *s == t);
+        let gaps: Vec<f64> = rows
+            .iter()
+            .map(|(t, p)| match at(*t).and_then(|i| seen(other, i)) {
+                Some(q) => crate::task::geometry::gap(&shape.placed(*p, 0.0), &theirs.placed(q, 0.0)),
+                None => f64::INFINITY,
+            })
+            .collect();
+        mark(&gaps, near, |i| out[i] = Some(Touch { normal: [0.0, 1.0], fixed: false }));
+    }
+    out
+}
+
+/// Calls `touch` for every row about which a series of gaps shows contact.
+fn mark(gaps: &[f64], near: f64, mut touch: impl FnMut(usize)) {
+    let n = gaps.len();
+    for i in 0..n {
+        if !gaps[i].is_finite() {
+            continue;
+        }
+        let before = gaps[i.saturating_sub(1)];
+        let after = gaps[(i + 1).min(n - 1)];
+        // How far the gap changes from one row to the next: a bounce can hide in as much.
+        let far = gaps[i.saturating_sub(2)].max(before);
+        let reach =
+            if i >= 2 && far.is_finite() { (far - gaps[i]).max(0.0) } else { (after - gaps[i]).abs() };
+        let turns = i > 0 && i + 1 < n && gaps[i] <= before && gaps[i] <= after;
+        let low = gaps[i] < near;
+        if low || (turns && gaps[i] < near + 0.8 * reach) {
+            touch(i);
+        }
+    }
+}
+
+fn seen(track: &Track, i: usize) -> Option<[f64; 2]> {
+    (track.x[i].is_finite() && track.y[i].is_finite()).then(|| [track.x[i], track.y[i]])
+}
