@@ -10,7 +10,6 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::library;
 use super::model::{Layout, Pass, State, Sums, What};
 use super::stats::{f_above, inverse, mean_error, solve, t_above, t_quantile};
 use crate::world::effect::Effect;
@@ -26,6 +25,9 @@ pub struct Fitted {
     pub held: Vec<f64>,
     /// Jackknife covariance.
     pub covariance: DMatrix<f64>,
+    /// The same with the parameters that only shape an effect held: under the hypothesis of no effect they mean
+    /// nothing, so a test must not pay for not knowing them. It pays for their choice by counting the starts tried.
+    given_shapes: DMatrix<f64>,
     /// Corrected p by term, filled in by the search.
     pub p_values: Vec<f64>,
 }
@@ -34,19 +36,16 @@ impl Fitted {
     /// Judges a fit; `settings[i]` is the setting of trial i.
     pub fn new(layout: Layout, state: State, pass: Pass, settings: &[usize]) -> Fitted {
         let groups: Vec<usize> = (0..pass.trials.len()).collect();
-        let (held, moved) = leave_out(&layout, &state.values, &pass.trials, settings, &groups);
-        let g = moved.len() as f64;
-        let q = layout.slots.len();
-        let mean = moved.iter().fold(DVector::zeros(q), |a, m| a + m) / g;
-        let mut covariance = DMatrix::zeros(q, q);
-        for m in &moved {
-            let d = m - &mean;
-            covariance += &d * d.transpose();
-        }
-        covariance *= (g - 1.0) / g;
+        let left_out = |frozen: &[usize]| {
+            let (held, moved) = leave_out(&layout, &state.values, &pass.trials, settings, &groups, frozen);
+            (held, jackknife(&moved, layout.slots.len()))
+        };
+        let (held, covariance) = left_out(&[]);
+        let shapes: Vec<usize> = (0..layout.slots.len()).filter(|i| layout.shapes(*i)).collect();
+        let given_shapes = if shapes.is_empty() { covariance.clone() } else { left_out(&shapes).1 };
         let set = layout.terms.iter().map(|t| t.effect).collect();
         let p_values = vec![1.0; layout.terms.len()];
-        Fitted { set, layout, state, pass, held, covariance, p_values }
+        Fitted { set, layout, state, pass, held, covariance, given_shapes, p_values }
     }
 
     /// Names, sorted.
@@ -63,15 +62,8 @@ impl Fitted {
 
     /// p of the hypothesis that a term's amplitudes are all nothing; not corrected for the search.
     pub fn p_value(&self, term: usize, settings: &[usize]) -> f64 {
-        let amplitudes: Vec<usize> = self
-            .layout
-            .of_term(term)
-            .into_iter()
-            .filter(|i| match self.layout.slots[*i].what {
-                What::Parameter(t, p) => !library::shapes(&self.layout.terms[t].effect.parameters[p]),
-                What::Latent(_) => false,
-            })
-            .collect();
+        let amplitudes: Vec<usize> =
+            self.layout.of_term(term).into_iter().filter(|i| !self.layout.shapes(*i)).collect();
         let value = |i: usize| match self.layout.slots[i].what {
             What::Parameter(t, p) => self.state.values[i] - self.layout.terms[t].effect.parameters[p].neutral,
             What::Latent(_) => 0.0,
@@ -99,7 +91,7 @@ impl Fitted {
         let p = amplitudes.len();
         let g = self.pass.trials.len() as f64;
         let theta = DVector::from_fn(p, |i, _| value(amplitudes[i]));
-        let v = DMatrix::from_fn(p, p, |i, j| self.covariance[(amplitudes[i], amplitudes[j])]);
+        let v = DMatrix::from_fn(p, p, |i, j| self.given_shapes[(amplitudes[i], amplitudes[j])]);
         let wald = (theta.transpose() * inverse(&v) * &theta)[(0, 0)];
         f_above(wald * (g - p as f64) / (p as f64 * (g - 1.0)), p as f64, g - p as f64)
     }
@@ -122,13 +114,27 @@ impl Fitted {
     }
 }
 
-/// Held-out losses by trial and parameter changes by group left out; `groups[i]` is the group of trial i.
+/// Covariance from the changes that leaving out each trial makes.
+fn jackknife(moved: &[DVector<f64>], q: usize) -> DMatrix<f64> {
+    let g = moved.len() as f64;
+    let mean = moved.iter().fold(DVector::zeros(q), |a, m| a + m) / g;
+    let mut covariance = DMatrix::zeros(q, q);
+    for m in moved {
+        let d = m - &mean;
+        covariance += &d * d.transpose();
+    }
+    covariance * ((g - 1.0) / g)
+}
+
+/// Held-out losses by trial and parameter changes by group left out; `groups[i]` is the group of trial i, `frozen`
+/// slots stay where they are.
 pub fn leave_out(
     layout: &Layout,
     values: &[f64],
     trials: &[Sums],
     settings: &[usize],
     groups: &[usize],
+    frozen: &[usize],
 ) -> (Vec<f64>, Vec<DVector<f64>>) {
     let q = layout.slots.len();
     let mut held = vec![0.0; trials.len()];
@@ -162,7 +168,7 @@ pub fn leave_out(
         // Values at a bound that are pushed outwards stay.
         for k in 0..q {
             let [low, high] = layout.slots[k].bounds;
-            if (values[k] <= low && b[k] < 0.0) || (values[k] >= high && b[k] > 0.0) {
+            if frozen.contains(&k) || (values[k] <= low && b[k] < 0.0) || (values[k] >= high && b[k] > 0.0) {
                 a.row_mut(k).fill(0.0);
                 a.column_mut(k).fill(0.0);
                 b[k] = 0.0;
@@ -207,4 +213,17 @@ pub fn paired(worse: &[f64], better: &[f64]) -> (f64, f64) {
     let gains: Vec<f64> = worse.iter().zip(better).map(|(a, b)| a - b).collect();
     let (mean, error) = mean_error(&gains);
     if mean == 0.0 { (0.0, 0.0) } else { (mean, mean / error.max(1e-300)) }
+}
+
+/// Wilcoxon's signed-rank statistic of `worse - better` as a normal deviate; 0 below eight trials. A few wild trials do
+/// not sway it as they do a mean.
+pub fn ranked(worse: &[f64], better: &[f64]) -> f64 {
+    let mut gains: Vec<f64> = worse.iter().zip(better).map(|(a, b)| a - b).filter(|g| *g != 0.0).collect();
+    let n = gains.len() as f64;
+    if gains.len() < 8 {
+        return 0.0;
+    }
+    gains.sort_by(|a, b| a.abs().total_cmp(&b.abs()));
+    let up: f64 = gains.iter().enumerate().filter(|(_, g)| **g > 0.0).map(|(i, _)| i as f64 + 1.0).sum();
+    (up - n * (n + 1.0) / 4.0) / (n * (n + 1.0) * (2.0 * n + 1.0) / 24.0).sqrt()
 }

@@ -102,7 +102,7 @@ const FEWEST_TRIALS: usize = 4;
 /// p below which a lack of fit counts.
 const MISFIT: f64 = 0.01;
 /// Share of the base's excess that may remain under a named set.
-const REMAINS: f64 = 0.25;
+const REMAINS: f64 = 0.10;
 /// Excess below this share of the noise floor (mean square) is too small to speak of.
 const SLIGHT: f64 = 0.03;
 
@@ -195,6 +195,8 @@ pub fn diagnose(
 /// Expected sum of squares by trial, and its variance, if only noise were left; units of the noise.
 pub(crate) struct Expected {
     pub mean: Vec<f64>,
+    /// Sum of squares that contact windows leave in all trials, if contacts are as good as the usual one.
+    pub contacts: f64,
     pub variance: Vec<f64>,
     /// Number of coordinates by trial.
     pub coordinates: Vec<f64>,
@@ -203,26 +205,48 @@ pub(crate) struct Expected {
 }
 
 impl Expected {
-    /// Sum over trials.
+    /// Sum over trials, contacts and all.
     pub fn total(&self) -> f64 {
-        self.mean.iter().sum()
+        self.mean.iter().sum::<f64>() + self.contacts
+    }
+
+    /// [`Expected::misfit`] of a fit, by its flights and runs: what a contact leaves is not what noise leaves.
+    pub fn misfit_of(&self, fit: &Fitted, windows: &[Window]) -> (f64, f64) {
+        let mut squares = vec![0.0; self.mean.len()];
+        for (w, window) in windows.iter().enumerate().filter(|(_, w)| w.kind != Kind::Contact) {
+            squares[window.trial] += fit.pass.squares[w];
+        }
+        self.misfit(&squares)
     }
 
     /// Excess over the floor as a share of it, and the one-sided p of the hypothesis that there is none.
-    pub fn misfit(&self, squares: &[f64]) -> (f64, f64) {
+    /// How far the middle trial's flights and runs are above the floor, as a share of it.
+    pub fn middle_excess(&self, fit: &Fitted, windows: &[Window]) -> f64 {
+        let mut squares = vec![0.0; self.mean.len()];
+        for (w, window) in windows.iter().enumerate().filter(|(_, w)| w.kind != Kind::Contact) {
+            squares[window.trial] += fit.pass.squares[w];
+        }
+        let shares: Vec<f64> = squares.iter().zip(&self.mean).map(|(s, m)| (s - m) / m.max(1.0)).collect();
+        median(&shares).max(0.0)
+    }
+
+    /// Excess over the floor as a share of it, and p, by trial.
+    fn misfit(&self, squares: &[f64]) -> (f64, f64) {
         let excess: Vec<f64> = squares.iter().zip(&self.mean).map(|(s, m)| s - m).collect();
         let g = excess.len() as f64;
         let (mean, error) = mean_error(&excess);
         let expected_error = self.variance.iter().sum::<f64>().sqrt() / g;
-        let floor = self.total() / g * self.floor_error;
+        let all = self.mean.iter().sum::<f64>();
+        let floor = all / g * self.floor_error;
         let se = (error.max(expected_error).powi(2) + floor * floor).sqrt();
-        (mean * g / self.total().max(1e-9), t_above(mean / se.max(1e-12), g - 1.0))
+        (mean * g / all.max(1e-9), t_above(mean / se.max(1e-12), g - 1.0))
     }
 }
 
 fn expected(windows: &[Window], trials: usize, noise: &Noise) -> Expected {
     let mut out = Expected {
         mean: vec![0.0; trials],
+        contacts: 0.0,
         variance: vec![0.0; trials],
         coordinates: vec![0.0; trials],
         floor_error: (2.0 / noise.freedom * (1.0 + noise.rho.powi(2)) / (1.0 - noise.rho.powi(2))).sqrt(),
@@ -236,7 +260,11 @@ fn expected(windows: &[Window], trials: usize, noise: &Noise) -> Expected {
                 let weights: Vec<f64> = w.points.iter().map(|p| p.weight).collect();
                 expected_squares(&times, &weights, axes, noise.rho)
             }
-            Kind::Contact => (2.0 * n - 5.0, 4.0 * n),
+            Kind::Contact => {
+                out.contacts += 2.0 * n - 5.0;
+                out.coordinates[w.trial] += 2.0 * n;
+                continue;
+            }
             Kind::Run => (2.0 * n, 4.0 * n),
         };
         out.mean[w.trial] += mean.max(0.0);
@@ -394,10 +422,10 @@ fn conclude(
     let search::Found { base, fits, champion, rivals, considered, data } = found;
     let (names, settings, noise, expected) = (judged.names, judged.settings, judged.noise, judged.expected);
     let squares = |f: &Fitted| f.pass.trials.iter().map(|t| t.square).collect::<Vec<_>>();
-    let (base_excess, base_p) = expected.misfit(&squares(&base));
+    let (base_excess, base_p) = expected.misfit_of(&base, windows);
     let best = champion.map(|c| &fits[c]);
     let model = best.unwrap_or(&base);
-    let (left_excess, left_p) = expected.misfit(&squares(model));
+    let (left_excess, left_p) = expected.misfit_of(model, windows);
     let unexplained = (base_excess > SLIGHT).then(|| (left_excess / base_excess).clamp(0.0, 1.0));
     let misfit = base_p < MISFIT && base_excess > SLIGHT;
     let remains = left_p < MISFIT && left_excess > SLIGHT && unexplained.is_some_and(|u| u > REMAINS);
@@ -474,7 +502,7 @@ fn conclude(
         enough.then(|| {
             let loss = |f: &Fitted| {
                 let (held, _) =
-                    judge::leave_out(&f.layout, &f.state.values, &f.pass.trials, settings, &groups);
+                    judge::leave_out(&f.layout, &f.state.values, &f.pass.trials, settings, &groups, &[]);
                 held.iter().sum::<f64>()
             };
             gain_of(loss(&base), loss(f), expected.total(), coordinates, kept.len())

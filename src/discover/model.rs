@@ -107,7 +107,8 @@ const HUBER: f64 = 3.0;
 impl Slot {
     /// Information below which the data say nothing of the slot's value: one noise scale over all that is allowed.
     pub fn ridge(&self) -> f64 {
-        (self.bounds[1] - self.bounds[0]).min(1e3).powi(-2)
+        let most = if matches!(self.what, What::Latent(_)) { 2.0 } else { 1e3 };
+        (self.bounds[1] - self.bounds[0]).min(most).powi(-2)
     }
 }
 
@@ -148,6 +149,14 @@ impl Layout {
     /// Number of latent slots; they come first.
     pub fn latents(&self) -> usize {
         self.slots.iter().filter(|s| matches!(s.what, What::Latent(_))).count()
+    }
+
+    /// Whether a slot only shapes its effect.
+    pub fn shapes(&self, slot: usize) -> bool {
+        match self.slots[slot].what {
+            What::Parameter(t, p) => library::shapes(&self.terms[t].effect.parameters[p]),
+            What::Latent(_) => false,
+        }
     }
 
     /// Slots of a term.
@@ -192,7 +201,7 @@ struct Job {
 pub fn pass(data: &Data, layout: &Layout, state: &State) -> Result<Pass> {
     let mut jobs = Vec::new();
     // For each window: the slots that concern it, and for each column its difference.
-    let mut plans: Vec<(Vec<usize>, Vec<f64>)> = Vec::with_capacity(data.windows.len());
+    let mut plans: Vec<(Vec<usize>, Vec<(f64, f64)>)> = Vec::with_capacity(data.windows.len());
     for (w, window) in data.windows.iter().enumerate() {
         let nuisances = &state.nuisances[w];
         jobs.push(job(w, window, layout, &state.values, nuisances));
@@ -207,7 +216,7 @@ pub fn pass(data: &Data, layout: &Layout, state: &State) -> Result<Pass> {
             };
             let mut moved = nuisances.clone();
             moved[k] += h;
-            differences.push(h);
+            differences.push((0.0, h));
             jobs.push(job(w, window, layout, &state.values, &moved));
         }
         let relevant: Vec<usize> = (0..layout.slots.len())
@@ -219,13 +228,17 @@ pub fn pass(data: &Data, layout: &Layout, state: &State) -> Result<Pass> {
             let value = state.values[*i];
             let wide = slot.step * if window.kind == Kind::Flight { 1.0 } else { 3.0 };
             let h = wide.max(1e-4 * value.abs());
-            let (low, high) = ((value - h).max(slot.bounds[0]), (value + h).min(slot.bounds[1]));
-            for end in [low, high] {
+            let (mut low, mut high) = ((value - h).max(slot.bounds[0]), (value + h).min(slot.bounds[1]));
+            if window.kind != Kind::Run {
+                // Paths through the air are smooth: one side is enough.
+                if value + h <= slot.bounds[1] { low = value } else { high = value }
+            }
+            for end in [low, high].into_iter().filter(|e| *e != value) {
                 let mut moved = state.values.clone();
                 moved[*i] = end;
                 jobs.push(job(w, window, layout, &moved, nuisances));
             }
-            differences.push(high - low);
+            differences.push((low - value, high - value));
         }
         plans.push((relevant, differences));
     }
@@ -260,7 +273,7 @@ pub fn pass(data: &Data, layout: &Layout, state: &State) -> Result<Pass> {
         let moved = nuisances.len().min(5);
         let extra = nuisances.len().saturating_sub(5);
         let mut start = DMatrix::zeros(n, moved + extra);
-        for (k, h) in differences.iter().enumerate().take(moved) {
+        for (k, (_, h)) in differences.iter().enumerate().take(moved) {
             let other = next();
             for i in 0..n {
                 start[(i, k)] = (other[i] - base[i]) / h * weighted(i);
@@ -272,10 +285,11 @@ pub fn pass(data: &Data, layout: &Layout, state: &State) -> Result<Pass> {
             }
         }
         let mut columns = DMatrix::zeros(n, q);
-        for (slot, h) in relevant.iter().zip(&differences[moved..]) {
-            let (low, high) = (next(), next());
+        for (slot, (down, up)) in relevant.iter().zip(&differences[moved..]) {
+            let low = if *down == 0.0 { base.clone() } else { next() };
+            let high = if *up == 0.0 { base.clone() } else { next() };
             for i in 0..n {
-                columns[(i, *slot)] = (high[i] - low[i]) / h * weighted(i);
+                columns[(i, *slot)] = (high[i] - low[i]) / (up - down) * weighted(i);
             }
         }
         for i in 0..n {

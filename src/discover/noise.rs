@@ -43,7 +43,7 @@ const OUTLIER: f64 = 4.5;
 /// Fits a flight's rows (t, position).
 pub fn smooth(rows: &[(f64, [f64; 2])]) -> Smooth {
     let n = rows.len();
-    let degree = (n / 5).clamp(3, 10).min(n.saturating_sub(3));
+    let degree = (n / 4).clamp(3, 12).min(n.saturating_sub(3));
     let (first, last) = (rows[0].0, rows[n - 1].0);
     let full = DMatrix::from_fn(n, degree + 1, |i, k| {
         let u = 2.0 * (rows[i].0 - first) / (last - first).max(1e-12) - 1.0;

@@ -2,20 +2,20 @@
 //!
 //! A set is accepted if every one of its terms passes: p, corrected for the size of the library and the number of
 //! places its search started from, below 0.01; leaving the term out costs more than one standard error of held-out
-//! loss; and at least a tenth of the base's excess error. Of the accepted sets those that no other beats (paired by
+//! loss; and at least a tenth of the excess error that the set without it leaves. Of the accepted sets those that no other beats (paired by
 //! trial, one-sided p < 0.01) tie. Occam: a tied set with more parameters than the simplest is a rival only if it is
-//! better by more than a standard error; a set within an accepted larger one gives way to it.
+//! better by more than chance would make it; a set within an accepted larger one gives way to it.
 //!
-//! Larger sets are tried only while the best smaller one does not reach the noise floor: a set at the floor cannot be
-//! beaten by more than chance.
+//! Pairs are tried wherever there is misfit (for whole runs, which cost more, while the best single does not reach the
+//! noise floor), triples while the best pair does not reach it.
 
-use super::judge::{Fitted, paired};
+use super::judge::{Fitted, paired, ranked};
 use super::library;
 use super::model::{self, Data, Layout, Pass, State, Term};
 use super::noise::Noise;
 use super::report::Considered;
 use super::stats::t_quantile;
-use super::window::Kind;
+use super::window::{Kind, Window};
 use super::{Config, Expected};
 use crate::error::Result;
 use crate::progress::Progress;
@@ -43,12 +43,77 @@ pub struct Judged<'a> {
 
 /// Corrected p below which a term is accepted.
 const ACCEPT: f64 = 0.01;
-/// Share of the base's excess that a term must remove.
+/// Share that a term must remove of the excess that the set without it leaves.
 const TENTH: f64 = 0.1;
+/// Share that a term must remove of the base's excess: real recordings have errors of their own, and some effect always
+/// helps against them a little.
+const HUNDREDTH: f64 = 0.01;
+/// Excess of the middle trial (share of the floor) from which the best set is known to be wrong itself: a set that
+/// leaves no more than [`AGAIN`] times as much is then as good, whatever the statistics of the difference say.
+const WRONG: f64 = 0.5;
+/// Twice the error is four times the square.
+const AGAIN: f64 = 4.0;
 /// Pairs are built from this many of the best singles with every other effect.
 const BEST_SINGLES: usize = 4;
+/// Standard errors by which a set with more parameters than the simplest must be better to be a rival. Many effects
+/// hold simpler ones within them (a gust of long period is wind): chance alone makes those a little better.
+const OCCAM: f64 = 1.65;
 /// Triples are built from this many of the best pairs.
 const BEST_PAIRS: usize = 2;
+/// Trials on which starts and larger sets are tried before the best are fitted to all.
+const SCREEN: usize = 16;
+/// Pairs, and triples, that are fitted to all trials.
+const FITTED: usize = 6;
+/// Share of the base's excess below which what is left is for no further effect to explain.
+const NEGLIGIBLE: f64 = 0.02;
+
+/// Some of the trials, evenly spread, for trying things out.
+struct Screen {
+    windows: Vec<Window>,
+    settings: Vec<usize>,
+    sd: Vec<f64>,
+    /// Which of all windows these are.
+    chosen: Vec<usize>,
+}
+
+impl Screen {
+    fn of(data: &Data) -> Screen {
+        let stride = data.trials.div_ceil(SCREEN);
+        let trials: Vec<usize> = (0..data.trials).step_by(stride.max(1)).collect();
+        let place = |t: usize| trials.iter().position(|k| *k == t);
+        let chosen: Vec<usize> =
+            (0..data.windows.len()).filter(|w| place(data.windows[*w].trial).is_some()).collect();
+        let windows = chosen.iter().map(|w| {
+            let window = &data.windows[*w];
+            Window { trial: place(window.trial).unwrap_or(0), ..window.clone() }
+        });
+        Screen {
+            windows: windows.collect(),
+            settings: trials.iter().map(|t| data.settings[*t]).collect(),
+            sd: chosen.iter().map(|w| data.sd[*w]).collect(),
+            chosen,
+        }
+    }
+
+    fn data(&self, of: &Data) -> Data<'_> {
+        Data {
+            windows: &self.windows,
+            trials: self.settings.len(),
+            settings: &self.settings,
+            sd: self.sd.clone(),
+            horizon: 1.0,
+            engine: of.engine,
+        }
+    }
+
+    /// A state of all windows, for these.
+    fn state(&self, full: &State) -> State {
+        State {
+            values: full.values.clone(),
+            nuisances: self.chosen.iter().map(|w| full.nuisances[*w].clone()).collect(),
+        }
+    }
+}
 
 /// Fits a layout, runs from their beginnings to their ends little by little: far from the right model a late
 /// collision says nothing.
@@ -79,26 +144,32 @@ pub fn search<'a>(
     let count = data.settings.iter().max().map_or(1, |m| m + 1);
     let settings = data.settings.to_vec();
     let library_size = candidates.len();
+    let screen = Screen::of(&data);
     let mut fits: Vec<Fitted> = Vec::new();
     let mut starts_of: Vec<(&'static str, usize)> = Vec::new();
     for (i, (effect, terms)) in candidates.iter().enumerate() {
         progress.report("trying single effects", i as u64, library_size as u64)?;
         starts_of.push((effect.name, terms.len()));
-        let mut tried: Vec<(f64, Layout, State)> = Vec::new();
+        let mut tried: Vec<(f64, Layout, Vec<f64>)> = Vec::new();
         for term in terms {
             let layout = Layout::new(latents, vec![term.clone()], count);
             let start = extended(&base, &layout);
-            let (state, pass) = if terms.len() == 1 {
-                settle(&mut data, &layout, start)?
-            } else {
-                model::fit(&data, &layout, start, 2)?
-            };
-            tried.push((model::total(&pass), layout, state));
+            if terms.len() == 1 {
+                tried.push((0.0, layout, start.values));
+                continue;
+            }
+            let (state, pass) = model::fit(&screen.data(&data), &layout, screen.state(&start), 3)?;
+            tried.push((model::total(&pass), layout, state.values));
         }
         tried.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut best: Option<(Layout, State, Pass)> = None;
-        for (_, layout, state) in tried.into_iter().take(2) {
-            let (state, pass) = model::fit(&data, &layout, state, 12)?;
+        for (_, layout, values) in tried.into_iter().take(2) {
+            let start = State { values, nuisances: base.state.nuisances.clone() };
+            let (state, pass) = if terms.len() == 1 {
+                settle(&mut data, &layout, start)?
+            } else {
+                model::fit(&data, &layout, start, 8)?
+            };
             if best.as_ref().is_none_or(|b| model::total(&pass) < model::total(&b.2)) {
                 best = Some((layout, state, pass));
             }
@@ -108,25 +179,26 @@ pub fn search<'a>(
         }
     }
     let singles = fits.len();
+    let windows = data.windows;
+    let misfit = |f: &Fitted| expected.misfit_of(f, windows);
+    let enough = NEGLIGIBLE * misfit(&base).0;
     let at_floor = |f: &Fitted| {
-        let squares: Vec<f64> = f.pass.trials.iter().map(|t| t.square).collect();
-        let (excess, p) = expected.misfit(&squares);
-        p > 0.05 || excess < super::SLIGHT
+        let (excess, p) = misfit(f);
+        p > 0.05 || excess < super::SLIGHT.max(enough)
     };
     let floor_of_base = at_floor(&base);
     let mut order: Vec<usize> = (0..singles).collect();
     order.sort_by(|a, b| held(&fits[*a]).total_cmp(&held(&fits[*b])));
     let reached = floor_of_base || order.first().is_some_and(|b| at_floor(&fits[*b]));
-    if config.most_effects >= 2 && !reached {
+    let runs = windows.iter().any(|w| w.kind == Kind::Run);
+    if config.most_effects >= 2 && !floor_of_base && !(reached && runs) {
         let mut pairs = Vec::new();
         for (rank, a) in order.iter().enumerate().take(BEST_SINGLES) {
             pairs.extend(order.iter().skip(rank + 1).map(|b| (*a, *b)));
         }
-        for (i, (a, b)) in pairs.iter().enumerate() {
-            progress.report("trying pairs of effects", i as u64, pairs.len() as u64)?;
-            let joined = join(&mut data, &fits[*a], &fits[*b], latents, count, &settings)?;
-            fits.push(joined);
-        }
+        let joined =
+            best_joined(&mut data, &screen, &fits, &pairs, latents, "trying pairs of effects", progress)?;
+        fits.extend(joined);
         let mut order: Vec<usize> = (singles..fits.len()).collect();
         order.sort_by(|a, b| held(&fits[*a]).total_cmp(&held(&fits[*b])));
         let reached = order.first().is_some_and(|b| at_floor(&fits[*b]));
@@ -147,11 +219,16 @@ pub fn search<'a>(
                     }
                 }
             }
-            for (i, (pair, single)) in triples.iter().enumerate() {
-                progress.report("trying triples of effects", i as u64, triples.len() as u64)?;
-                let joined = join(&mut data, &fits[*pair], &fits[*single], latents, count, &settings)?;
-                fits.push(joined);
-            }
+            let joined = best_joined(
+                &mut data,
+                &screen,
+                &fits,
+                &triples,
+                latents,
+                "trying triples of effects",
+                progress,
+            )?;
+            fits.extend(joined);
         }
     }
     for fit in &mut fits {
@@ -195,32 +272,44 @@ pub fn search<'a>(
                     if names.is_empty() { Some(&base) } else { find(&fits, &names).map(|k| &fits[k]) };
                 let Some(other) = other else { return false };
                 let (gain, t_value) = paired(&other.held, &f.held);
-                f.p_values[t] < ACCEPT && t_value > 1.0 && gain * other.held.len() as f64 >= TENTH * excess
+                let gain = gain * other.held.len() as f64;
+                let left = (held(other) - expected.total()).max(0.0);
+                f.p_values[t] < ACCEPT && t_value > 1.0 && gain >= (TENTH * left).max(HUNDREDTH * excess)
             })
         })
         .filter(|_| !floor_of_base)
         .collect();
-    let (champion, rivals) = choose(&fits, &accepted);
+    let (champion, rivals) = choose(&fits, &accepted, |f| expected.middle_excess(f, windows));
     let considered = considered(&fits, &accepted, expected);
     Ok(Found { base, fits, champion, rivals, considered, data })
 }
 
 /// The simplest of the best sets, and all that tie.
-fn choose(fits: &[Fitted], accepted: &[usize]) -> (Option<usize>, Vec<usize>) {
+fn choose(
+    fits: &[Fitted],
+    accepted: &[usize],
+    excess: impl Fn(&Fitted) -> f64,
+) -> (Option<usize>, Vec<usize>) {
     let Some(best) = accepted.iter().copied().min_by(|a, b| held(&fits[*a]).total_cmp(&held(&fits[*b])))
     else {
         return (None, Vec::new());
     };
-    // Two-sided 2 % is one-sided 1 %.
-    let beats = t_quantile(0.02, fits[best].held.len() as f64 - 1.0);
-    let mut tied: Vec<usize> = accepted
-        .iter()
-        .copied()
-        .filter(|i| *i == best || paired(&fits[*i].held, &fits[best].held).1 < beats)
-        .collect();
+    // Two tests, each at one-sided 0.5 %: the mean, and the ranks.
+    let beats = t_quantile(0.01, fits[best].held.len() as f64 - 1.0);
+    let beaten = |i: usize| {
+        let (gain, t) = paired(&fits[i].held, &fits[best].held);
+        gain > 0.0 && (t > beats || ranked(&fits[i].held, &fits[best].held) > 2.576)
+    };
+    let wrong = excess(&fits[best]);
+    let no_worse = |i: usize| {
+        let simple = fits[i].parameters() <= fits[best].parameters();
+        wrong > WRONG && simple && excess(&fits[i]) < AGAIN * wrong
+    };
+    let mut tied: Vec<usize> =
+        accepted.iter().copied().filter(|i| *i == best || !beaten(*i) || no_worse(*i)).collect();
     let within = |small: usize, large: usize| {
         let large = fits[large].names();
-        small_names(&fits[small]).iter().all(|n| large.contains(n))
+        fits[small].names().iter().all(|n| large.contains(n))
     };
     let all = tied.clone();
     tied.retain(|i| !all.iter().any(|j| fits[*j].set.len() > fits[*i].set.len() && within(*i, *j)));
@@ -231,13 +320,9 @@ fn choose(fits: &[Fitted], accepted: &[usize]) -> (Option<usize>, Vec<usize>) {
     let Some(champion) = tied.first().copied() else { return (None, Vec::new()) };
     tied.retain(|i| {
         fits[*i].parameters() <= fits[champion].parameters()
-            || paired(&fits[champion].held, &fits[*i].held).1 > 1.0
+            || paired(&fits[champion].held, &fits[*i].held).1 > OCCAM
     });
     (Some(champion), tied)
-}
-
-fn small_names(f: &Fitted) -> Vec<&'static str> {
-    f.names()
 }
 
 fn considered(fits: &[Fitted], accepted: &[usize], expected: &Expected) -> Vec<Considered> {
@@ -278,45 +363,45 @@ fn extended(base: &Fitted, layout: &Layout) -> State {
     State { values, nuisances: base.state.nuisances.clone() }
 }
 
-/// Two fits as one model, fitted from where the first stands.
-fn join(
+/// Unions of two fits each, tried on some trials; the best of them fitted to all.
+fn best_joined(
     data: &mut Data,
-    first: &Fitted,
-    second: &Fitted,
+    screen: &Screen,
+    fits: &[Fitted],
+    unions: &[(usize, usize)],
     latents: &[usize],
-    count: usize,
-    settings: &[usize],
-) -> Result<Fitted> {
-    let mut best: Option<Fitted> = None;
-    // The second effect starts weak, and, where that ends badly, the other way about.
-    for (strong, weak) in [(first, second), (second, first)] {
-        let mut terms: Vec<Term> = strong.layout.terms.clone();
-        terms.extend(weak.layout.terms.iter().cloned());
-        let layout = Layout::new(latents, terms, count);
-        let own = strong.layout.slots.len();
-        let mut values = strong.state.values.clone();
-        let skip = weak.layout.latents();
-        for (slot, value) in weak.layout.slots.iter().zip(&weak.state.values).skip(skip) {
-            let model::What::Parameter(t, p) = slot.what else { continue };
-            let parameter = &weak.layout.terms[t].effect.parameters[p];
-            let start = if library::shapes(parameter) {
-                *value
-            } else {
-                parameter.neutral + 0.1 * (value - parameter.neutral)
-            };
-            values.push(start);
-        }
-        debug_assert_eq!(values.len(), own + weak.layout.slots.len() - skip);
-        let start = State { values, nuisances: strong.state.nuisances.clone() };
-        let (state, pass) = model::fit(data, &layout, start, 10)?;
-        let fitted = Fitted::new(layout, state, pass, settings);
-        if best.as_ref().is_none_or(|b| model::total(&fitted.pass) < model::total(&b.pass)) {
-            best = Some(fitted);
-        }
-        // One way about is enough for effects that need no start.
-        if strong.layout.terms.iter().chain(&weak.layout.terms).all(|t| t.free.len() <= 2) {
-            break;
-        }
+    stage: &str,
+    progress: &dyn Progress,
+) -> Result<Vec<Fitted>> {
+    let total = (unions.len() + FITTED) as u64;
+    let mut tried = Vec::new();
+    for (i, (a, b)) in unions.iter().enumerate() {
+        progress.report(stage, i as u64, total)?;
+        let (layout, start) = joined(&fits[*a], &fits[*b], latents, data);
+        let (state, pass) = model::fit(&screen.data(data), &layout, screen.state(&start), 4)?;
+        tried.push((model::total(&pass), layout, State { values: state.values, ..start }));
     }
-    Ok(best.expect("at least one of the two ways was fitted"))
+    tried.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut out = Vec::new();
+    for (i, (_, layout, start)) in tried.into_iter().take(FITTED).enumerate() {
+        progress.report(stage, (unions.len() + i) as u64, total)?;
+        let (state, pass) = model::fit(data, &layout, start, 8)?;
+        out.push(Fitted::new(layout, state, pass, data.settings));
+    }
+    Ok(out)
+}
+
+/// Two fits as one model that starts where the first stands, the second's effects weak.
+fn joined(strong: &Fitted, weak: &Fitted, latents: &[usize], data: &Data) -> (Layout, State) {
+    let mut terms: Vec<Term> = strong.layout.terms.clone();
+    terms.extend(weak.layout.terms.iter().cloned());
+    let layout = Layout::new(latents, terms, data.settings.iter().max().map_or(1, |m| m + 1));
+    let mut values = strong.state.values.clone();
+    for (slot, value) in weak.layout.slots.iter().zip(&weak.state.values).skip(weak.layout.latents()) {
+        let model::What::Parameter(t, p) = slot.what else { continue };
+        let parameter = &weak.layout.terms[t].effect.parameters[p];
+        let amplitude = !library::shapes(parameter);
+        values.push(if amplitude { parameter.neutral + 0.1 * (value - parameter.neutral) } else { *value });
+    }
+    (layout, State { values, nuisances: strong.state.nuisances.clone() })
 }

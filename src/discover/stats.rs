@@ -68,6 +68,9 @@ pub fn solve(a: &DMatrix<f64>, b: &DVector<f64>) -> DVector<f64> {
 /// Pseudo-inverse of a symmetric positive semidefinite matrix, scaled to a unit diagonal first.
 pub fn inverse(a: &DMatrix<f64>) -> DMatrix<f64> {
     let n = a.nrows();
+    if n == 0 {
+        return DMatrix::zeros(0, 0);
+    }
     let scale = DVector::from_fn(n, |i, _| if a[(i, i)] > 0.0 { 1.0 / a[(i, i)].sqrt() } else { 0.0 });
     let scaled = DMatrix::from_fn(n, n, |i, j| a[(i, j)] * scale[i] * scale[j]);
     if !scaled.iter().all(|v| v.is_finite()) {

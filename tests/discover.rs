@@ -1,0 +1,100 @@
+//! Discovery: effects hidden by an integrator of the tests' own are named, nothing is not, and reports keep their form.
+
+#[path = "discover_worlds/mod.rs"]
+mod worlds;
+
+use iplw::discover::report::{Diagnosis, Verdict};
+use iplw::discover::{Config, Finding, diagnose};
+use iplw::progress::Silent;
+use iplw::world::{Engine, Latents, Rollout, simulate};
+use worlds::{Hidden, NOISES, Noise, SINGLES};
+
+fn look(hidden: &Hidden, noise: Noise, seed: u64) -> Finding {
+    let trials = worlds::trials(hidden, noise, 10, 30, 8.0, seed);
+    diagnose(&worlds::scene(), &trials, &Config::standard(seed), &Silent).unwrap()
+}
+
+fn holds(d: &Diagnosis, hidden: &Hidden) -> bool {
+    let mut truth = hidden.names.clone();
+    truth.sort_unstable();
+    d.rivals.iter().any(|r| r.iter().map(String::as_str).eq(truth.iter().copied()))
+}
+
+#[test]
+fn nothing_is_found_in_noise_of_any_kind() {
+    for (i, noise) in NOISES.into_iter().enumerate() {
+        let d = look(&worlds::nothing(), noise, 100 + i as u64).diagnosis;
+        assert_eq!(d.verdict, Verdict::None, "{noise:?}: {}", d.reason);
+        assert!(d.effects.is_empty() && d.rivals.is_empty());
+    }
+}
+
+/// Every hidden effect is noticed, and what is named with confidence is what was hidden.
+#[test]
+fn hidden_effects_are_noticed_and_never_misnamed() {
+    let mut named = 0;
+    for kind in 0..SINGLES {
+        let hidden = worlds::single(kind, 7);
+        let d = look(&hidden, NOISES[kind % 4], 200 + kind as u64).diagnosis;
+        let sets = &d.rivals;
+        assert_ne!(d.verdict, Verdict::None, "{:?} was not noticed", hidden.names);
+        if d.verdict == Verdict::Named {
+            assert!(holds(&d, &hidden), "{:?} was named {sets:?}", hidden.names);
+            named += 1;
+        }
+    }
+    assert!(named >= SINGLES / 2, "only {named} of {SINGLES} were named");
+}
+
+#[test]
+fn a_report_keeps_its_form_and_the_extended_scene_rolls_out() {
+    let hidden = worlds::single(1, 3);
+    let found = look(&hidden, Noise::White, 5);
+    let json = serde_json::to_value(&found.diagnosis).unwrap();
+    let fields = [
+        "format",
+        "verdict",
+        "effects",
+        "rivals",
+        "calibrated",
+        "residual",
+        "gain",
+        "unexplained_share",
+        "next_experiment",
+    ];
+    for field in fields {
+        assert!(json.get(field).is_some(), "{field} is missing");
+    }
+    assert_eq!(json["format"], "iplw.diagnosis/1");
+    let excess = found.diagnosis.gain.held_out.as_ref().unwrap().excess_removed.unwrap();
+    assert!(excess > 0.9, "{excess}");
+    found.extended.validate().unwrap();
+    let rollout = Rollout { scene: &found.extended, latents: Latents::default(), effects: &[], stop: true };
+    let path = simulate(&[rollout], Engine::Auto).unwrap();
+    assert!(path[0].times.len() > 1);
+    assert!(!found.extended.effects.is_empty());
+    assert!(!found.evidence.points.is_empty());
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bits_on_any_number_of_threads() {
+    let hidden = worlds::single(2, 4);
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let found = pool.install(|| look(&hidden, Noise::Correlated, 9));
+        serde_json::to_string(&found.diagnosis).unwrap()
+    };
+    assert_eq!(on(1), on(3));
+}
+
+#[test]
+fn too_little_is_said_to_be_too_little() {
+    let hidden = worlds::single(2, 4);
+    let few = worlds::trials(&hidden, Noise::White, 3, 40, 8.0, 1);
+    let short = worlds::trials(&hidden, Noise::White, 10, 5, 8.0, 1);
+    for trials in [few, short] {
+        let d = diagnose(&worlds::scene(), &trials, &Config::standard(0), &Silent).unwrap().diagnosis;
+        assert_eq!(d.verdict, Verdict::InsufficientData);
+        assert!(!d.reason.is_empty());
+    }
+}

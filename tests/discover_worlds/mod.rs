@@ -1,0 +1,262 @@
+//! Hidden worlds for trying discovery on: balls thrown through the air, pushed by something the scene does not say.
+//!
+//! The integrator is its own: fourth-order Runge-Kutta at 1/2000 s over forces written here, so that nothing that fits
+//! is used to make the data. Noise is white, autoregressive (0.6), rounded, or white with 3 % outliers.
+
+use iplw::reality::{Trial, trials_from_csv};
+use iplw::rng;
+use iplw::task::Scene;
+use rand::RngExt;
+use rand_distr::{Distribution, StandardNormal};
+
+/// A push of the hidden world: (t, x, y, vx, vy) -> (ax, ay), m/s^2.
+pub type Force = Box<dyn Fn(f64, [f64; 4]) -> [f64; 2]>;
+
+/// How observations err.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Noise {
+    White,
+    Correlated,
+    Rounded,
+    Outliers,
+}
+
+pub const NOISES: [Noise; 4] = [Noise::White, Noise::Correlated, Noise::Rounded, Noise::Outliers];
+
+/// What is hidden.
+pub struct Hidden {
+    /// Names of the effects; empty for none.
+    pub names: Vec<&'static str>,
+    /// A parameter to compare: effect, name, true value.
+    pub parameter: Option<(&'static str, &'static str, f64)>,
+    pub force: Force,
+}
+
+/// The single effects of the library, at strengths drawn from `seed`.
+pub fn single(kind: usize, seed: u64) -> Hidden {
+    let mut r = rng::stream(seed, "hidden effect");
+    let share: f64 = r.random_range(0.7..1.4);
+    let sign = if r.random::<bool>() { 1.0 } else { -1.0 };
+    let make = |name, parameter: &'static str, value: f64, force: Force| Hidden {
+        names: vec![name],
+        parameter: Some((name, parameter, value)),
+        force,
+    };
+    match kind {
+        0 => {
+            let c = 0.4 * share;
+            make("linear_drag", "c", c, Box::new(move |_, s| [-c * s[2], -c * s[3]]))
+        }
+        1 => {
+            let k = 0.08 * share;
+            make(
+                "quadratic_drag",
+                "k",
+                k,
+                Box::new(move |_, s| {
+                    let v = s[2].hypot(s[3]);
+                    [-k * v * s[2], -k * v * s[3]]
+                }),
+            )
+        }
+        2 => {
+            let a = [0.6 * share * sign, 0.3 * share];
+            make("wind", "ax", a[0], Box::new(move |_, _| a))
+        }
+        3 => {
+            let (u, k) = ([3.0 * sign, 0.5], 0.1 * share);
+            make(
+                "moving_air",
+                "k",
+                k,
+                Box::new(move |_, s| {
+                    let w = [s[2] - u[0], s[3] - u[1]];
+                    let v = w[0].hypot(w[1]);
+                    [-k * v * w[0], -k * v * w[1]]
+                }),
+            )
+        }
+        4 => {
+            let dg = 0.5 * share * sign;
+            make("gravity_error", "dg", dg, Box::new(move |_, _| [0.0, -dg]))
+        }
+        5 => {
+            let l = 0.3 * share * sign;
+            make("lift", "s", l, Box::new(move |_, s| [-l * s[3], l * s[2]]))
+        }
+        6 => {
+            let (a, period, phase) = ([1.5 * share, 0.8 * share * sign], 0.7 * share, 1.0);
+            make(
+                "gust",
+                "period",
+                period,
+                Box::new(move |t, _| {
+                    let swing = (std::f64::consts::TAU * t / period + phase).sin();
+                    [a[0] * swing, a[1] * swing]
+                }),
+            )
+        }
+        7 => {
+            let k = [1.2 * share, 0.8 * share * sign];
+            make(
+                "position_field",
+                "kx",
+                k[0],
+                Box::new(move |_, s| [k[0] * (2.0 - s[0]), k[1] * (2.0 - s[1])]),
+            )
+        }
+        _ => {
+            let (c, at) = (1.2 * share, 1.0 + 0.5 * share);
+            make(
+                "sticky_patch",
+                "c",
+                c,
+                Box::new(
+                    move |_, s| {
+                        if s[0] >= at && s[0] <= at + 1.5 { [-c * s[2], -c * s[3]] } else { [0.0, 0.0] }
+                    },
+                ),
+            )
+        }
+    }
+}
+
+/// Number of kinds of [`single`].
+pub const SINGLES: usize = 9;
+
+/// Two effects at once.
+pub fn double(kind: usize, seed: u64) -> Hidden {
+    let pairs = [(0, 2), (1, 5), (4, 5), (1, 2), (5, 6)];
+    let (a, b) = pairs[kind % pairs.len()];
+    let (a, b) = (single(a, seed), single(b, seed + 1));
+    let (fa, fb) = (a.force, b.force);
+    Hidden {
+        names: vec![a.names[0], b.names[0]],
+        parameter: a.parameter,
+        force: Box::new(move |t, s| {
+            let (p, q) = (fa(t, s), fb(t, s));
+            [p[0] + q[0], p[1] + q[1]]
+        }),
+    }
+}
+
+/// What the library does not have.
+pub fn outside(kind: usize, seed: u64) -> Hidden {
+    let mut r = rng::stream(seed, "outside effect");
+    let share: f64 = r.random_range(0.8..1.3);
+    let force: Force = match kind % 4 {
+        // Bumps over the ground, 1.6 m apart.
+        0 => Box::new(move |_, s| [0.0, 3.0 * share * (4.0 * s[0]).sin()]),
+        // A gust front that chirps.
+        1 => Box::new(move |t, _| [2.0 * share * (9.0 * t * t + 2.0 * t).sin(), 0.0]),
+        // A swirl about a point, falling off with distance.
+        2 => Box::new(move |_, s| {
+            let d = [s[0] - 1.5, s[1] - 1.5];
+            let f = 6.0 * share / (0.15 + d[0] * d[0] + d[1] * d[1]);
+            [-f * d[1], f * d[0]]
+        }),
+        // A wall of air: a push only above a height that depends on place.
+        _ => Box::new(move |_, s| {
+            if (3.0 * s[0]).sin() * (3.0 * s[1]).sin() > 0.0 { [4.0 * share, 0.0] } else { [0.0; 2] }
+        }),
+    };
+    Hidden { names: vec!["outside"], parameter: None, force }
+}
+
+/// Nothing.
+pub fn nothing() -> Hidden {
+    Hidden { names: Vec::new(), parameter: None, force: Box::new(|_, _| [0.0; 2]) }
+}
+
+/// The scene a diagnosis is given: a ball in the air, and nothing else.
+pub fn scene() -> Scene {
+    Scene::from_json(
+        r#"{"format": "iplw.scene/1", "gravity": [0, -9.81], "time_step": 0.005,
+            "bodies": [{"name": "ball", "shape": {"type": "disc", "radius": 0.05}, "mass": 0.1}]}"#,
+    )
+    .expect("the scene is valid")
+}
+
+/// Trials of a hidden world. The noise's standard deviation is `1 / shift` of the root-mean-square path shift that the
+/// hidden effect causes (2 mm where there is none).
+pub fn trials(hidden: &Hidden, noise: Noise, count: usize, rows: usize, shift: f64, seed: u64) -> Vec<Trial> {
+    let mut r = rng::stream(seed, "launches");
+    let mut paths = Vec::new();
+    let (mut square, mut number) = (0.0, 0.0);
+    for _ in 0..count {
+        let (speed, angle): (f64, f64) = (r.random_range(2.5..8.0), r.random_range(0.2..1.35));
+        let side = if r.random_range(0.0..1.0) < 0.3 { -1.0 } else { 1.0 };
+        let start: [f64; 4] = [
+            if side > 0.0 { 0.0 } else { 4.0 },
+            r.random_range(0.5..1.5),
+            side * speed * angle.cos(),
+            speed * angle.sin(),
+        ];
+        let duration = r.random_range(0.7..1.3);
+        let path = flight(start, duration, rows, &hidden.force);
+        let plain = flight(start, duration, rows, &nothing().force);
+        for (p, q) in path.iter().zip(&plain) {
+            square += (p.1[0] - q.1[0]).powi(2) + (p.1[1] - q.1[1]).powi(2);
+            number += 2.0;
+        }
+        paths.push(path);
+    }
+    let sd = if square > 0.0 { f64::sqrt(square / number) / shift } else { 0.002 };
+    let mut csv = String::from("trial,t,body,x,y\n");
+    let mut r = rng::stream(seed, "noise");
+    for (i, path) in paths.iter().enumerate() {
+        let mut carried: [f64; 2] = [normal(&mut r), normal(&mut r)];
+        for (t, p) in path {
+            let mut seen = *p;
+            for axis in 0..2 {
+                match noise {
+                    Noise::White => seen[axis] += sd * normal(&mut r),
+                    Noise::Correlated => {
+                        carried[axis] = 0.6 * carried[axis] + 0.8 * normal(&mut r);
+                        seen[axis] += sd * carried[axis];
+                    }
+                    Noise::Rounded => {
+                        // A grain as wide as makes the whole error's deviation sd.
+                        let grain = sd * (12.0f64 * 0.75).sqrt();
+                        seen[axis] = ((seen[axis] + 0.5 * sd * normal(&mut r)) / grain).round() * grain;
+                    }
+                    Noise::Outliers => {
+                        let wide = if r.random_range(0.0..1.0) < 0.03 { 15.0 } else { 1.0 };
+                        seen[axis] += sd * wide * normal(&mut r);
+                    }
+                }
+            }
+            csv += &format!("{i},{t},ball,{},{}\n", seen[0], seen[1]);
+        }
+    }
+    trials_from_csv(&csv, &scene()).expect("generated trials are valid")
+}
+
+fn normal(r: &mut rng::Stream) -> f64 {
+    StandardNormal.sample(r)
+}
+
+/// Positions at `rows` equal times.
+fn flight(start: [f64; 4], duration: f64, rows: usize, force: &Force) -> Vec<(f64, [f64; 2])> {
+    let slope = |t: f64, s: [f64; 4]| {
+        let a = force(t, s);
+        [s[2], s[3], a[0], a[1] - 9.81]
+    };
+    let add = |s: [f64; 4], k: [f64; 4], h: f64| -> [f64; 4] { std::array::from_fn(|i| s[i] + h * k[i]) };
+    let (mut state, mut out) = (start, vec![(0.0, [start[0], start[1]])]);
+    let gap = duration / (rows - 1) as f64;
+    let steps = (gap / 5e-4).ceil() as usize;
+    let h = gap / steps as f64;
+    for row in 1..rows {
+        for k in 0..steps {
+            let t = gap * (row - 1) as f64 + h * k as f64;
+            let k1 = slope(t, state);
+            let k2 = slope(t + h / 2.0, add(state, k1, h / 2.0));
+            let k3 = slope(t + h / 2.0, add(state, k2, h / 2.0));
+            let k4 = slope(t + h, add(state, k3, h));
+            state = std::array::from_fn(|i| state[i] + h / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]));
+        }
+        out.push((gap * row as f64, [state[0], state[1]]));
+    }
+    out
+}
