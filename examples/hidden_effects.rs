@@ -72,6 +72,10 @@ fn main() {
                     errors.push((p.value / value - 1.0).abs());
                     if let [Some(a), Some(b)] = p.ci95 {
                         count("95 % intervals that hold the truth".into(), a <= value && value <= b);
+                        count(
+                            format!("95 % intervals that hold the truth, {effect}"),
+                            a <= value && value <= b,
+                        );
                     }
                 }
             }

@@ -328,14 +328,20 @@ pub fn pass(data: &Data, layout: &Layout, state: &State) -> Result<Pass> {
     Ok(out)
 }
 
+/// Steps at the beginning of a fit that leave the shapes of effects alone: while an effect is weak its shape is told by
+/// nothing, and a step in it would be wild.
+const HELD: usize = 2;
+
 /// Fits a layout: damped Gauss-Newton steps from `state` (Levenberg's damping grows when a step fails).
 pub fn fit(data: &Data, layout: &Layout, start: State, most: usize) -> Result<(State, Pass)> {
     let mut state = start;
     let mut here = pass(data, layout, &state)?;
     let mut damping = 1e-4;
     let mut settled = 0;
-    for _ in 0..most {
-        let step = step(layout, &state.values, &here, damping);
+    let shaped = (0..layout.slots.len()).any(|i| layout.shapes(i));
+    let held = if shaped { HELD } else { 0 };
+    for round in 0..most + held {
+        let step = step(layout, &state.values, &here, damping, round < held);
         let mut tried = state.clone();
         let mut taken = DVector::zeros(step.len());
         for (i, slot) in layout.slots.iter().enumerate() {
@@ -353,7 +359,7 @@ pub fn fit(data: &Data, layout: &Layout, start: State, most: usize) -> Result<(S
                 if old - new < 1e-4 * old.min(50.0 * data.trials as f64) + 1e-6 { settled + 1 } else { 0 };
             (state, here) = (tried, there);
             damping = (damping * 0.1).max(1e-8);
-            if settled >= 1 {
+            if settled >= 1 && round >= held {
                 break;
             }
         } else {
@@ -371,7 +377,7 @@ pub fn total(pass: &Pass) -> f64 {
     pass.trials.iter().map(|t| t.square).sum()
 }
 
-fn step(layout: &Layout, values: &[f64], pass: &Pass, damping: f64) -> DVector<f64> {
+fn step(layout: &Layout, values: &[f64], pass: &Pass, damping: f64, hold_shapes: bool) -> DVector<f64> {
     let q = layout.slots.len();
     let (mut gram, mut score) = (DMatrix::zeros(q, q), DVector::zeros(q));
     for t in &pass.trials {
@@ -381,7 +387,8 @@ fn step(layout: &Layout, values: &[f64], pass: &Pass, damping: f64) -> DVector<f
     // A value at its bound that is pushed outwards stays there, and the others step without it.
     for i in 0..q {
         let [low, high] = layout.slots[i].bounds;
-        if (values[i] <= low && score[i] < 0.0) || (values[i] >= high && score[i] > 0.0) {
+        let stuck = (values[i] <= low && score[i] < 0.0) || (values[i] >= high && score[i] > 0.0);
+        if stuck || (hold_shapes && layout.shapes(i)) {
             gram.row_mut(i).fill(0.0);
             gram.column_mut(i).fill(0.0);
             score[i] = 0.0;
