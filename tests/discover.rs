@@ -1,6 +1,7 @@
 //! Discovery: effects hidden by an integrator of the tests' own are named, nothing is not, and reports keep their form.
 
 #[path = "discover_worlds/mod.rs"]
+#[allow(dead_code, reason = "shared with others, which use the rest")]
 mod worlds;
 
 use iplw::discover::report::{Diagnosis, Verdict};
@@ -78,10 +79,9 @@ fn a_report_keeps_its_form_and_the_extended_scene_rolls_out() {
 
 #[test]
 fn the_same_seed_gives_the_same_bits_on_any_number_of_threads() {
-    let hidden = worlds::single(2, 4);
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let found = pool.install(|| look(&hidden, Noise::Correlated, 9));
+        let found = pool.install(|| look(&worlds::single(2, 4), Noise::Correlated, 9));
         serde_json::to_string(&found.diagnosis).unwrap()
     };
     assert_eq!(on(1), on(3));

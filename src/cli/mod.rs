@@ -1,7 +1,7 @@
 //! Commands, their shared options, and what they print.
 
-mod effects;
 mod diagnose;
+mod effects;
 mod estimate;
 mod experiment;
 mod measure;

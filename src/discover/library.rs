@@ -23,7 +23,10 @@ pub struct Span {
     pub speed: f64,
     /// Usual time between observations, s
     pub interval: f64,
+    /// Whether anything touches anything.
     pub contacts: bool,
+    /// Whether there are trials whose start is known.
+    pub runs: bool,
 }
 
 /// Where to start fitting each candidate: for every effect at least one start.
@@ -31,7 +34,12 @@ pub fn candidates(scene: &Scene, span: &Span) -> Vec<(&'static Effect, Vec<Term>
     REGISTRY
         .iter()
         .copied()
-        .filter(|e| e.acts_on != "contact" || span.contacts)
+        .filter(|e| match e.acts_on {
+            "contact" => span.contacts,
+            // A free start takes up whatever a placement does.
+            "action" => span.runs,
+            _ => true,
+        })
         .map(|e| {
             let per_setting = scene.per_setting.iter().any(|n| n == e.name);
             let terms = starts(e, span)
@@ -66,6 +74,16 @@ pub fn difference(parameter: &Parameter) -> f64 {
         "s" => 1e-4,
         _ => 2e-3,
     }
+}
+
+/// Values that a search may try: a sensor that is off by more than a fifth (or a fifth of a second or radian) is not an
+/// error to discover but another sensor.
+pub fn bounds(effect: &Effect, parameter: &Parameter) -> [f64; 2] {
+    let [low, high] = parameter.bounds;
+    if effect.acts_on == "sensor" {
+        return [low.max(parameter.neutral - 0.2), high.min(parameter.neutral + 0.2)];
+    }
+    [low, high]
 }
 
 /// Whether a parameter only shapes its effect, which vanishes by others: it is not what a test of the effect tests.
@@ -151,5 +169,6 @@ pub fn span(windows: &[Window]) -> Span {
         speed: if time > 0.0 { path / time } else { 1.0 },
         interval: time / count.max(1) as f64,
         contacts: windows.iter().any(|w| w.kind != Kind::Flight),
+        runs: windows.iter().any(|w| w.kind == Kind::Run),
     }
 }

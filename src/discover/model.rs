@@ -130,7 +130,8 @@ impl Layout {
                     if term.per_setting { (0..settings).map(Some).collect() } else { vec![None] };
                 for setting in owners {
                     let step = library::difference(parameter);
-                    slots.push(Slot { what: What::Parameter(t, p), setting, bounds: parameter.bounds, step });
+                    let bounds = library::bounds(term.effect, parameter);
+                    slots.push(Slot { what: What::Parameter(t, p), setting, bounds, step });
                 }
             }
         }

@@ -17,7 +17,7 @@ use super::report::Considered;
 use super::stats::t_quantile;
 use super::window::{Kind, Window};
 use super::{Config, Expected};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::task::Scene;
 
@@ -158,18 +158,21 @@ pub fn search<'a>(
                 tried.push((0.0, layout, start.values));
                 continue;
             }
-            let (state, pass) = model::fit(&screen.data(&data), &layout, screen.state(&start), 3)?;
+            let fitted = model::fit(&screen.data(&data), &layout, screen.state(&start), 3);
+            let Some((state, pass)) = simulated(fitted)? else { continue };
             tried.push((model::total(&pass), layout, state.values));
         }
         tried.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut best: Option<(Layout, State, Pass)> = None;
         for (_, layout, values) in tried.into_iter().take(2) {
             let start = State { values, nuisances: base.state.nuisances.clone() };
-            let (state, pass) = if terms.len() == 1 {
-                settle(&mut data, &layout, start)?
+            let fitted = if terms.len() == 1 {
+                settle(&mut data, &layout, start)
             } else {
-                model::fit(&data, &layout, start, 8)?
+                model::fit(&data, &layout, start, 8)
             };
+            data.horizon = 1.0;
+            let Some((state, pass)) = simulated(fitted)? else { continue };
             if best.as_ref().is_none_or(|b| model::total(&pass) < model::total(&b.2)) {
                 best = Some((layout, state, pass));
             }
@@ -255,7 +258,9 @@ pub fn search<'a>(
                         .collect();
                     let layout = Layout::new(latents, terms, count);
                     let start = extended(&base, &layout);
-                    let (state, pass) = settle(&mut data, &layout, start)?;
+                    let fitted = settle(&mut data, &layout, start);
+                    data.horizon = 1.0;
+                    let Some((state, pass)) = simulated(fitted)? else { continue };
                     fits.push(Fitted::new(layout, state, pass, &settings));
                 }
             }
@@ -363,6 +368,15 @@ fn extended(base: &Fitted, layout: &Layout) -> State {
     State { values, nuisances: base.state.nuisances.clone() }
 }
 
+/// A candidate that a world refuses to simulate is no candidate; any other error ends the search.
+fn simulated(fitted: Result<(State, Pass)>) -> Result<Option<(State, Pass)>> {
+    match fitted {
+        Ok(found) => Ok(Some(found)),
+        Err(Error::Input(_) | Error::Failed(_)) => Ok(None),
+        Err(other) => Err(other),
+    }
+}
+
 /// Unions of two fits each, tried on some trials; the best of them fitted to all.
 fn best_joined(
     data: &mut Data,
@@ -378,14 +392,15 @@ fn best_joined(
     for (i, (a, b)) in unions.iter().enumerate() {
         progress.report(stage, i as u64, total)?;
         let (layout, start) = joined(&fits[*a], &fits[*b], latents, data);
-        let (state, pass) = model::fit(&screen.data(data), &layout, screen.state(&start), 4)?;
+        let fitted = model::fit(&screen.data(data), &layout, screen.state(&start), 4);
+        let Some((state, pass)) = simulated(fitted)? else { continue };
         tried.push((model::total(&pass), layout, State { values: state.values, ..start }));
     }
     tried.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut out = Vec::new();
     for (i, (_, layout, start)) in tried.into_iter().take(FITTED).enumerate() {
         progress.report(stage, (unions.len() + i) as u64, total)?;
-        let (state, pass) = model::fit(data, &layout, start, 8)?;
+        let Some((state, pass)) = simulated(model::fit(data, &layout, start, 8))? else { continue };
         out.push(Fitted::new(layout, state, pass, data.settings));
     }
     Ok(out)
