@@ -1,6 +1,7 @@
 //! Hides effects in worlds of its own making, has them diagnosed, and counts how often the diagnosis is right.
 //!
 //! `cargo run --release --example hidden_effects -- --worlds 5`: that many worlds of every kind.
+//! `... -- --worlds 0 --nothing 50`: that many worlds with nothing hidden for each kind of noise.
 
 #[path = "../tests/discover_worlds/mod.rs"]
 mod worlds;
@@ -45,6 +46,13 @@ fn main() {
     let mut counts: BTreeMap<String, Count> = BTreeMap::new();
     let mut count = |name: String, right: bool| counts.entry(name).or_default().add(right);
     let (mut errors, mut removed) = (Vec::new(), Vec::new());
+    for w in 0..number("--nothing", 0) as u64 {
+        for (k, noise) in NOISES.iter().enumerate() {
+            let d = look(&worlds::nothing(), *noise, iplw::rng::derive(first, "nothing", 4 * w + k as u64));
+            count(format!("false alarms, {noise:?} noise"), d.verdict != Verdict::None);
+            note(&mut table, "nothing", &d);
+        }
+    }
     for w in 0..worlds as u64 {
         let seed = |kind: u64| iplw::rng::derive(first, "world", 100 * w + kind);
         for (k, noise) in NOISES.iter().enumerate() {

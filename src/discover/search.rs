@@ -43,6 +43,9 @@ pub struct Judged<'a> {
 
 /// Corrected p below which a term is accepted.
 const ACCEPT: f64 = 0.01;
+/// The same where the base model is at the noise floor as far as a test without direction can see. Correlated noise can
+/// hide a slow push from that test, but not from the push's own.
+const ACCEPT_AT_FLOOR: f64 = 0.001;
 /// Share that a term must remove of the excess that the set without it leaves.
 const TENTH: f64 = 0.1;
 /// Share that a term must remove of the base's excess: real recordings have errors of their own, and some effect always
@@ -267,6 +270,7 @@ pub fn search<'a>(
         }
         i += 1;
     }
+    let accept = if floor_of_base { ACCEPT_AT_FLOOR } else { ACCEPT };
     let excess = (held(&base) - expected.total()).max(0.0);
     let accepted: Vec<usize> = (0..fits.len())
         .filter(|i| {
@@ -279,10 +283,9 @@ pub fn search<'a>(
                 let (gain, t_value) = paired(&other.held, &f.held);
                 let gain = gain * other.held.len() as f64;
                 let left = (held(other) - expected.total()).max(0.0);
-                f.p_values[t] < ACCEPT && t_value > 1.0 && gain >= (TENTH * left).max(HUNDREDTH * excess)
+                f.p_values[t] < accept && t_value > 1.0 && gain >= (TENTH * left).max(HUNDREDTH * excess)
             })
         })
-        .filter(|_| !floor_of_base)
         .collect();
     let (champion, rivals) = choose(&fits, &accepted, |f| expected.middle_excess(f, windows));
     let considered = considered(&fits, &accepted, expected);
