@@ -14,7 +14,6 @@ use crate::world::{Rollout, simulate};
 const ACTIONS: usize = 24;
 
 /// The next experiment; `None` where nothing is left to separate.
-#[expect(clippy::too_many_arguments, reason = "everything found so far")]
 pub fn next(
     scene: &Scene,
     windows: &[Window],

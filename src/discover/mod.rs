@@ -101,6 +101,8 @@ pub struct Bounce {
 const FEWEST_TRIALS: usize = 4;
 /// p below which a lack of fit counts.
 const MISFIT: f64 = 0.01;
+/// The same where no effect was found: to call physics unknown takes more than one odd trial.
+const UNKNOWN: f64 = 0.001;
 /// Share of the base's excess that may remain under a named set.
 const REMAINS: f64 = 0.10;
 /// Excess below this share of the noise floor (mean square) is too small to speak of.
@@ -281,9 +283,9 @@ fn run_noise(windows: &[Window]) -> Option<f64> {
         for body in 0..w.scene.bodies.len() {
             let own: Vec<[f64; 2]> = w.points.iter().filter(|p| p.body == body).map(|p| p.seen).collect();
             for k in own.windows(4) {
-                for axis in 0..2 {
-                    thirds.push((k[3][axis] - 3.0 * k[2][axis] + 3.0 * k[1][axis] - k[0][axis]).abs());
-                }
+                let third =
+                    |axis: usize| (k[3][axis] - 3.0 * k[2][axis] + 3.0 * k[1][axis] - k[0][axis]).abs();
+                thirds.extend([third(0), third(1)]);
             }
         }
     }
@@ -427,7 +429,7 @@ fn conclude(
     let model = best.unwrap_or(&base);
     let (left_excess, left_p) = expected.misfit_of(model, windows);
     let unexplained = (base_excess > SLIGHT).then(|| (left_excess / base_excess).clamp(0.0, 1.0));
-    let misfit = base_p < MISFIT && base_excess > SLIGHT;
+    let misfit = base_p < UNKNOWN && base_excess > SLIGHT;
     let remains = left_p < MISFIT && left_excess > SLIGHT && unexplained.is_some_and(|u| u > REMAINS);
     let (verdict, reason) = match best {
         None if !misfit => (Verdict::None, "the base model explains the data to its noise floor".to_string()),

@@ -190,6 +190,9 @@ impl Layout {
     }
 }
 
+/// The slots that concern a window, and for each of its columns how far down and up it is moved.
+type Plan = (Vec<usize>, Vec<(f64, f64)>);
+
 /// One rollout of a window.
 struct Job {
     window: usize,
@@ -202,7 +205,7 @@ struct Job {
 pub fn pass(data: &Data, layout: &Layout, state: &State) -> Result<Pass> {
     let mut jobs = Vec::new();
     // For each window: the slots that concern it, and for each column its difference.
-    let mut plans: Vec<(Vec<usize>, Vec<(f64, f64)>)> = Vec::with_capacity(data.windows.len());
+    let mut plans: Vec<Plan> = Vec::with_capacity(data.windows.len());
     for (w, window) in data.windows.iter().enumerate() {
         let nuisances = &state.nuisances[w];
         jobs.push(job(w, window, layout, &state.values, nuisances));

@@ -57,7 +57,7 @@ pub fn smooth(rows: &[(f64, [f64; 2])]) -> Smooth {
         let Some(q) = orthonormal(&basis) else { break };
         projector = DMatrix::from_fn(n, n, |i, j| f64::from(i == j && kept[i])) - &q * q.transpose();
         let mut scaled = vec![0.0f64; n];
-        for axis in 0..2 {
+        for (axis, residual) in residual.iter_mut().enumerate() {
             let y = DVector::from_fn(n, |i, _| rows[i].1[axis]);
             let mean = y.mean();
             let centred = y.map(|v| v - mean);
@@ -74,7 +74,7 @@ pub fn smooth(rows: &[(f64, [f64; 2])]) -> Smooth {
                 let leverage = projector[(i, i)].max(0.05).sqrt();
                 let leverage = if kept[i] { leverage } else { 1.0 };
                 scaled[i] = scaled[i].max(off[i].abs() / scale / leverage);
-                residual[axis][i] = if kept[i] { off[i] } else { 0.0 };
+                residual[i] = if kept[i] { off[i] } else { 0.0 };
             }
         }
         // The worst first: one large outlier bends the fit and makes its neighbours look bad.

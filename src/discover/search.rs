@@ -46,6 +46,9 @@ const ACCEPT: f64 = 0.01;
 /// The same where the base model is at the noise floor as far as a test without direction can see. Correlated noise can
 /// hide a slow push from that test, but not from the push's own.
 const ACCEPT_AT_FLOOR: f64 = 0.001;
+/// The same there for effects whose shape was chosen by the data as well: the correction by the number of starts is
+/// only a guess at how free that choice was.
+const ACCEPT_SHAPED_AT_FLOOR: f64 = 1e-6;
 /// Share that a term must remove of the excess that the set without it leaves.
 const TENTH: f64 = 0.1;
 /// Share that a term must remove of the base's excess: real recordings have errors of their own, and some effect always
@@ -270,7 +273,12 @@ pub fn search<'a>(
         }
         i += 1;
     }
-    let accept = if floor_of_base { ACCEPT_AT_FLOOR } else { ACCEPT };
+    let accept = |f: &Fitted, t: usize| match (floor_of_base, f.set[t].parameters.iter().any(library::shapes))
+    {
+        (true, true) => ACCEPT_SHAPED_AT_FLOOR,
+        (true, false) => ACCEPT_AT_FLOOR,
+        (false, _) => ACCEPT,
+    };
     let excess = (held(&base) - expected.total()).max(0.0);
     let accepted: Vec<usize> = (0..fits.len())
         .filter(|i| {
@@ -283,7 +291,9 @@ pub fn search<'a>(
                 let (gain, t_value) = paired(&other.held, &f.held);
                 let gain = gain * other.held.len() as f64;
                 let left = (held(other) - expected.total()).max(0.0);
-                f.p_values[t] < accept && t_value > 1.0 && gain >= (TENTH * left).max(HUNDREDTH * excess)
+                f.p_values[t] < accept(f, t)
+                    && t_value > 1.0
+                    && gain >= (TENTH * left).max(HUNDREDTH * excess)
             })
         })
         .collect();
