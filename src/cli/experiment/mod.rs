@@ -49,6 +49,9 @@ pub struct ExperimentArgs {
     /// Number of seeds, the first of the experiment's own; the experiment's number if not given.
     #[arg(long)]
     seeds: Option<u64>,
+    /// Of `strategies`: the hidden worlds, damped, no-drag or both.
+    #[arg(long, default_value = "both")]
+    hidden: String,
     /// Directory for the report and its data.
     #[arg(long)]
     out: PathBuf,

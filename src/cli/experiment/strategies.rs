@@ -23,6 +23,12 @@ pub fn run(args: &ExperimentArgs) -> Result<()> {
         let own = config.seeds.clone();
         config.seeds = (0..seeds as usize).map(|i| own.get(i).copied().unwrap_or(2000 + i as u64)).collect();
     }
+    config.natures = match args.hidden.as_str() {
+        "both" => config.natures,
+        "damped" => vec![Nature::Damped],
+        "no-drag" => vec![Nature::Matching],
+        other => return Err(Error::input("--hidden", format!("{other:?}"), "damped, no-drag or both")),
+    };
     config.validate()?;
     let all = config.cells();
     let mut cells = Cells::new(&args.out, all.len())?;
