@@ -61,7 +61,18 @@ enum Command {
 
 /// Parses the command line, runs the command, turns errors into exit codes.
 pub fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error)
+            if error.use_stderr()
+                && error.kind() != clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand =>
+        {
+            eprintln!("iplw: {}", one_line(&error.to_string()));
+            return ExitCode::from(2);
+        }
+        // Help and version, wanted or needed.
+        Err(error) => error.exit(),
+    };
     let done = match cli.command {
         Command::Run(args) => experiment::run(&args),
         Command::Experiment(args) => experiment::experiment(&args),
@@ -84,6 +95,14 @@ pub fn main() -> ExitCode {
             ExitCode::from(exit_code(&error))
         }
     }
+}
+
+/// A parser's message without its usage, which `--help` tells better.
+fn one_line(message: &str) -> String {
+    let said =
+        message.split("\n\nUsage:").next().unwrap_or(message).split("\n\nFor more").next().unwrap_or(message);
+    let parts: Vec<&str> = said.lines().map(str::trim).filter(|l| !l.is_empty()).collect();
+    format!("{}; see --help", parts.join(" ").trim_start_matches("error: "))
 }
 
 /// 2 for what the user can put right in the input, 1 for the rest.
