@@ -150,9 +150,14 @@ impl StrategiesConfig {
 
     /// Whether any arm's strategy needs a performance surface.
     pub fn needs_importance(&self) -> bool {
-        let needs =
-            |a: &Arm| crate::explore::strategy(&a.estimate.strategy).is_ok_and(|s| s.needs_importance());
-        self.arms.iter().any(needs)
+        self.arms.iter().any(Arm::needs_importance)
+    }
+}
+
+impl Arm {
+    /// Whether its strategy needs a performance surface.
+    pub fn needs_importance(&self) -> bool {
+        crate::explore::strategy(&self.estimate.strategy).is_ok_and(|s| s.needs_importance())
     }
 }
 
@@ -217,16 +222,11 @@ pub fn cell(
     let mut workflow = Workflow::new(&training, &config, importance)?;
     run(&mut workflow, &mut reality, progress, &mut |_| Ok(()))?;
     let report = workflow.report(progress)?;
-    let mut spent = 0;
-    let interactions = workflow.rounds().iter().map(|r| {
-        spent += r.answers.len() as u64;
-        spent
-    });
     Ok(Cell {
         arm: arm.name.clone(),
         nature,
         seed,
-        interactions: interactions.collect(),
+        interactions: workflow.interactions(),
         estimates: report.estimates,
         latents: report.latents,
         choices: report.choices,

@@ -201,9 +201,7 @@ impl Study {
 
     /// Whether any arm's strategy needs a performance surface.
     pub fn needs_importance(&self) -> bool {
-        let needs =
-            |a: &Arm| crate::explore::strategy(&a.estimate.strategy).is_ok_and(|s| s.needs_importance());
-        self.arms.iter().any(needs)
+        self.arms.iter().any(Arm::needs_importance)
     }
 
     /// The policies to make, given what was estimated: `estimated[arm][seed]`.
@@ -374,12 +372,7 @@ pub fn estimated(
     let config = EstimateConfig { seed, ..arm.estimate.clone() };
     let mut workflow = Workflow::new(&training, &config, importance)?;
     run(&mut workflow, &mut world, progress, &mut |_| Ok(()))?;
-    let mut spent = 0;
-    let interactions = workflow.rounds().iter().map(|r| {
-        spent += r.answers.len() as u64;
-        spent
-    });
-    Ok(Estimated { interactions: interactions.collect(), estimates: workflow.estimates() })
+    Ok(Estimated { interactions: workflow.interactions(), estimates: workflow.estimates() })
 }
 
 /// Makes and tries one policy.

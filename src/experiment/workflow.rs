@@ -231,6 +231,15 @@ impl Workflow {
         self.rounds.iter().map(|r| self.estimate_at(r)).collect()
     }
 
+    /// Real interactions after each round.
+    pub fn interactions(&self) -> Vec<u64> {
+        let sum = |spent: &mut u64, round: &Round| {
+            *spent += round.answers.len() as u64;
+            Some(*spent)
+        };
+        self.rounds.iter().scan(0, sum).collect()
+    }
+
     /// All trials so far.
     pub fn trials(&self) -> &[Trial] {
         &self.trials

@@ -9,8 +9,10 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use iplw::error::{Error, Result};
+use iplw::experiment::statistics::Claim;
 use iplw::experiment::surface;
 use iplw::explore::Importance;
+use iplw::picture::Block;
 use iplw::task::Family;
 
 use super::output;
@@ -60,6 +62,32 @@ pub struct ExperimentArgs {
     quick: bool,
 }
 
+impl ExperimentArgs {
+    /// As many seeds as were asked for, an experiment's own first; its own if no number was.
+    fn seeds(&self, own: &[u64]) -> Vec<u64> {
+        let wanted = self.seeds.map_or(own.len(), |n| n as usize);
+        (0..wanted).map(|i| own.get(i).copied().unwrap_or(2000 + i as u64)).collect()
+    }
+}
+
+/// Claims for people, a line each.
+fn claims_text(claims: &[Claim]) -> String {
+    let line = |c: &Claim| format!("{:<15} {}: {}\n", c.verdict.title(), c.text, c.figure);
+    format!("\nclaims\n{}", claims.iter().map(line).collect::<String>())
+}
+
+/// Claims as a table of a report.
+fn claims_table(claims: &[Claim]) -> Block {
+    Block::Table {
+        columns: ["claim", "verdict", "figure"].map(String::from).to_vec(),
+        rows: claims
+            .iter()
+            .map(|c| vec![c.text.clone(), c.verdict.title().into(), c.figure.clone()])
+            .collect(),
+        note: "Paired by seed; undecided where the 95 % interval of the difference holds zero.".into(),
+    }
+}
+
 pub fn run(args: &RunArgs) -> Result<()> {
     quickstart::story(&args.task, vec![args.seed], args.quick, &args.out)
 }
@@ -77,7 +105,7 @@ pub fn experiment(args: &ExperimentArgs) -> Result<()> {
         other => Err(Error::NotFound {
             kind: "experiment",
             id: other.into(),
-            known: ["quickstart", "strategies", "latents", "bowling", "basketball"]
+            known: ["quickstart", "strategies", "latents", "bowling", "basketball", "harder"]
                 .map(String::from)
                 .to_vec(),
         }),

@@ -12,17 +12,14 @@ use iplw::world::latent::FACTORS;
 use serde_json::json;
 
 use super::cells::Cells;
-use super::{ExperimentArgs, importance};
+use super::{ExperimentArgs, claims_table, claims_text, importance};
 use crate::cli::output;
 
 pub fn run(args: &ExperimentArgs) -> Result<()> {
     let family = family(&args.task)?;
     let mut config =
         if args.quick { StrategiesConfig::quick(family) } else { StrategiesConfig::paper(family) };
-    if let Some(seeds) = args.seeds {
-        let own = config.seeds.clone();
-        config.seeds = (0..seeds as usize).map(|i| own.get(i).copied().unwrap_or(2000 + i as u64)).collect();
-    }
+    config.seeds = args.seeds(&config.seeds);
     config.natures = match args.hidden.as_str() {
         "both" => config.natures,
         "damped" => vec![Nature::Damped],
@@ -92,11 +89,7 @@ fn text_table(family: &Family, config: &StrategiesConfig, rows: &[ErrorRow], cla
             );
         }
     }
-    text += "\nclaims\n";
-    for claim in claims {
-        text += &format!("{:<15} {}: {}\n", claim.verdict.title(), claim.text, claim.figure);
-    }
-    text
+    text + &claims_text(claims)
 }
 
 fn write_all(
@@ -206,15 +199,7 @@ fn html(
     seconds: &[f64],
 ) -> Result<String> {
     let columns = |names: &[&str]| names.iter().map(|n| n.to_string()).collect::<Vec<_>>();
-    let judged = Block::Table {
-        columns: columns(&["claim", "verdict", "figure"]),
-        rows: claims
-            .iter()
-            .map(|c| vec![c.text.clone(), c.verdict.title().into(), c.figure.clone()])
-            .collect(),
-        note: "Paired by seed; undecided where the 95 % interval of the difference holds zero.".into(),
-    };
-    let mut sections = vec![Section { heading: "Claims".into(), blocks: vec![judged] }];
+    let mut sections = vec![Section { heading: "Claims".into(), blocks: vec![claims_table(claims)] }];
     for nature in &config.natures {
         let table = config.arms.iter().filter_map(|arm| {
             let [Some(friction), Some(restitution)] = told().map(|f| last(rows, &arm.name, *nature, f))

@@ -15,7 +15,7 @@ use iplw::task::{Family, Split, Task, ValidAction, family, split};
 use serde_json::json;
 
 use super::cells::Cells;
-use super::{ExperimentArgs, importance};
+use super::{ExperimentArgs, claims_table, claims_text, importance};
 use crate::cli::output;
 
 pub fn run(args: &ExperimentArgs) -> Result<()> {
@@ -34,10 +34,7 @@ fn carry_out(args: &ExperimentArgs, family: &Family, mut study: Study, out: &Pat
     if args.quick {
         study = study.quick(family);
     }
-    if let Some(seeds) = args.seeds {
-        let own = study.seeds.clone();
-        study.seeds = (0..seeds as usize).map(|i| own.get(i).copied().unwrap_or(2000 + i as u64)).collect();
-    }
+    study.seeds = args.seeds(&study.seeds);
     study.validate()?;
     let importance = importance(family, study.needs_importance())?;
     let estimates = study.arms.len() * study.seeds.len();
@@ -111,11 +108,7 @@ fn text_table(study: &Study, rows: &[Row], claims: &[Claim]) -> String {
             interval(&row.jump_start)
         );
     }
-    text += "\nclaims\n";
-    for claim in claims {
-        text += &format!("{:<15} {}: {}\n", claim.verdict.title(), claim.text, claim.figure);
-    }
-    text
+    text + &claims_text(claims)
 }
 
 #[expect(clippy::too_many_arguments, reason = "everything that is written down")]
@@ -322,17 +315,8 @@ fn html(
                the interval is Student's over estimates."
             .into(),
     };
-    let judged = Block::Table {
-        columns: columns(&["claim", "verdict", "figure"]),
-        rows: claims
-            .iter()
-            .map(|c| vec![c.text.clone(), c.verdict.title().into(), c.figure.clone()])
-            .collect(),
-        note: "Paired by estimate seed; undecided where the 95 % interval of the difference holds zero."
-            .into(),
-    };
     let mut sections = vec![
-        Section { heading: "Claims".into(), blocks: vec![judged] },
+        Section { heading: "Claims".into(), blocks: vec![claims_table(claims)] },
         Section { heading: "Jump start".into(), blocks: plots.iter().map(svg).chain([table]).collect() },
     ];
     if !pictures.is_empty() {
