@@ -1,5 +1,9 @@
 //! The server over real sockets: every endpoint, every kind of bad input, restart, lock, idling out.
 
+#[path = "discover_worlds/mod.rs"]
+#[allow(dead_code, reason = "shared with others, which use the rest")]
+mod worlds;
+
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::sync::Arc;
@@ -597,7 +601,59 @@ fn bad_input_is_a_problem_that_names_it() {
         row("POST", iplw, r#"{"task": "curling"}"#, 404, missing, ""),
         row("POST", iplw, r#"{"task": "bowling", "strategy": "psychic"}"#, 422, wrong, "strategy"),
         row("POST", iplw, r#"{"task": "bowling", "residual": "x"}"#, 422, wrong, "residual"),
-        row("POST", iplw, r#"{"task": "bowling", "strategy": "gradient"}"#, 422, wrong, "strategy"),
+        row("POST", iplw, r#"{"task": "bowling", "surface": "surface-9"}"#, 404, missing, ""),
+        row("POST", iplw, r#"{"task": "bowling", "surface": "hill"}"#, 404, missing, ""),
+        row("POST", "/v1/surfaces", "{}", 400, bad, ""),
+        row("POST", "/v1/surfaces", r#"{"task": "curling"}"#, 404, missing, ""),
+        row("POST", "/v1/surfaces", r#"{"task": "bowling", "route": "scenic"}"#, 422, wrong, "route"),
+        row("POST", "/v1/surfaces", r#"{"task": "bowling", "points": 2}"#, 422, wrong, "points"),
+        row("POST", "/v1/surfaces", r#"{"task": "bowling", "actions": 0}"#, 422, wrong, "actions"),
+        row("POST", "/v1/surfaces", r#"{"task": "bowling", "factors": ["grip"]}"#, 422, wrong, "factors"),
+        row("POST", "/v1/surfaces", r#"{"task": "bowling", "factors": []}"#, 422, wrong, "factors"),
+        row(
+            "POST",
+            "/v1/surfaces",
+            r#"{"task": "bowling", "factors": ["friction", "friction"]}"#,
+            422,
+            wrong,
+            "factors",
+        ),
+        row("GET", "/v1/surfaces/surface-1", "", 404, missing, ""),
+        row("GET", "/v1/surfaces/surface--1/picture", "", 404, missing, ""),
+        row("DELETE", "/v1/surfaces/1", "", 404, missing, ""),
+        row("POST", "/v1/diagnoses", "{}", 422, wrong, "scene"),
+        row("POST", "/v1/diagnoses", r#"{"job": "job-99"}"#, 404, missing, ""),
+        row("POST", "/v1/diagnoses", r#"{"job": "job-99", "trials": ""}"#, 422, wrong, "job"),
+        row("POST", "/v1/diagnoses", json!({"scene": scene()}).to_string(), 422, wrong, "trials"),
+        row(
+            "POST",
+            "/v1/diagnoses",
+            json!({"scene": scene(), "trials": "trial,t,body,x,y\n1,0,moon,0,0\n"}).to_string(),
+            422,
+            wrong,
+            "trials",
+        ),
+        row("POST", "/v1/policies/untrained/learn", "{}", 400, bad, ""),
+        row("POST", "/v1/policies/untrained/learn", r#"{"world": "nope"}"#, 404, missing, ""),
+        row("POST", "/v1/policies/nobody/learn", r#"{"world": "bowling-sim"}"#, 404, missing, ""),
+        row(
+            "POST",
+            "/v1/policies/untrained/learn",
+            r#"{"world": "bowling-sim", "attempts": 0}"#,
+            422,
+            wrong,
+            "attempts",
+        ),
+        row(
+            "POST",
+            "/v1/policies/untrained/learn",
+            r#"{"world": "bowling-sim", "learning_rate": 7}"#,
+            422,
+            wrong,
+            "learning_rate",
+        ),
+        row("PUT", "/v1/policies/random/weights", "x", 422, wrong, "id"),
+        row("PUT", "/v1/policies/untrained/weights", "x", 422, wrong, "id"),
         row("POST", iplw, r#"{"task": "bowling", "rounds": 0}"#, 422, wrong, "rounds"),
         row("POST", iplw, r#"{"task": "bowling", "actions": 0}"#, 422, wrong, "actions"),
         row("POST", iplw, r#"{"task": "bowling", "actions": 18446744073709551615}"#, 422, wrong, "actions"),
@@ -846,6 +902,101 @@ fn policies_are_trained_act_are_evaluated_and_travel() {
     assert_eq!(server.get("/v1/worlds/bowling-real")["interactions"], spent);
     assert_eq!(server.send(Method::DELETE, "/v1/policies/copy", "").status(), 204);
     problem(server.send(Method::GET, "/v1/policies/copy", ""), 404, "not-found");
+}
+
+/// The baselines without a simulation: actions at random, and learning in the real world alone.
+#[test]
+fn baselines_need_no_simulation() {
+    let server = Running::start();
+    let evaluate = |id: &str| {
+        let body = json!({"world": "bowling-real", "attempts": 3});
+        server.finish(&server.post(&format!("/v1/policies/{id}/evaluate"), &body, 202))["result"].clone()
+    };
+    let chance = evaluate("random");
+    assert!(chance["auccess"].as_f64().unwrap() < 0.5, "{chance}");
+    let before = server.get("/v1/worlds/bowling-real")["interactions"].as_u64().unwrap();
+    assert_eq!(before, chance["interactions"].as_u64().unwrap());
+    let body = json!({"world": "bowling-real", "attempts": 120, "batches": 10, "seed": 2});
+    let learned = server.finish(&server.post("/v1/policies/untrained/learn", &body, 202));
+    assert_eq!(learned["state"], "succeeded", "{learned}");
+    assert_eq!(learned["config"]["policy"], "untrained");
+    let result = &learned["result"];
+    assert_eq!((&result["interactions"], &result["world_kind"]), (&json!(120), &json!("real")));
+    assert_eq!(server.get("/v1/worlds/bowling-real")["interactions"], before + 120);
+    let id = result["policy"].as_str().unwrap();
+    assert_eq!(server.get(&format!("/v1/policies/{id}"))["training"], "direct");
+    // It learns on, and becomes another policy.
+    let on = server.finish(&server.post(&format!("/v1/policies/{id}/learn"), &body, 202));
+    let next = on["result"]["policy"].as_str().unwrap();
+    assert_ne!(next, id);
+    assert_eq!(server.get(&format!("/v1/policies/{next}"))["training"], "learned_on");
+    let other =
+        server.send(Method::POST, &format!("/v1/policies/{id}/learn"), r#"{"world": "basketball-sim"}"#);
+    assert_eq!(problem(other, 422, "invalid-value")["field"], "world");
+    let poor = server.post("/v1/worlds", &json!({"task": "bowling", "kind": "real", "budget": 5}), 201);
+    let poor = json!({"world": poor["id"], "attempts": 6}).to_string();
+    let refused = server.send(Method::POST, "/v1/policies/untrained/learn", poor);
+    assert_eq!(problem(refused, 422, "invalid-value")["field"], "attempts");
+}
+
+#[test]
+fn surfaces_are_found_kept_and_used() {
+    let directory = tempfile::tempdir().unwrap();
+    let body = json!({"task": "basketball", "points": 4, "actions": 150, "seed": 5});
+    let server = Running::on(directory.path()).unwrap();
+    let find = |server: &Running| server.finish(&server.post("/v1/surfaces", &body, 202))["result"].clone();
+    let found = find(&server);
+    let id = found["surface"].as_str().unwrap().to_string();
+    let whole = server.get(&format!("/v1/surfaces/{id}"));
+    assert_eq!(whole["surface"]["points"].as_array().unwrap().len(), 4);
+    assert_eq!((&whole["task"], &whole["route"]), (&json!("basketball"), &json!("ideal")));
+    let drawn = server.send(Method::GET, &format!("/v1/surfaces/{id}/picture"), "");
+    assert_eq!(drawn.headers()["content-type"], "image/svg+xml");
+    assert!(drawn.text().unwrap().starts_with("<svg"));
+    drop(server);
+    // It outlives the server, and is not found twice.
+    let server = Running::on(directory.path()).unwrap();
+    assert_eq!(find(&server), found);
+    assert_eq!(server.get("/v1/surfaces")["surfaces"].as_array().unwrap().len(), 1);
+    let ask = |surface: &str| json!({"task": "basketball", "strategy": "gradient", "surface": surface, "rounds": 1, "actions": 4, "samples": 12});
+    let done = server.finish(&server.post("/v1/iplw", &ask(&id), 202));
+    assert_eq!(done["state"], "succeeded", "{done}");
+    let groups = &done["result"]["choices"][0]["groups"];
+    assert_eq!(groups["collisions"].as_u64().unwrap() + groups["rolling"].as_u64().unwrap(), 4, "{groups}");
+    let other = json!({"task": "bowling", "strategy": "gradient", "surface": id});
+    let refused = server.send(Method::POST, "/v1/iplw", other.to_string());
+    assert_eq!(problem(refused, 422, "invalid-value")["field"], "surface");
+    assert_eq!(server.send(Method::DELETE, &format!("/v1/surfaces/{id}"), "").status(), 204);
+    problem(server.send(Method::POST, "/v1/iplw", ask(&id).to_string()), 404, "not-found");
+    // Without one, the strategy has a small one found, which is kept.
+    let mut unnamed = ask(&id);
+    unnamed.as_object_mut().unwrap().remove("surface");
+    let done = server.finish(&server.post("/v1/iplw", &unnamed, 202));
+    assert_eq!(done["state"], "succeeded", "{done}");
+    assert_eq!(server.get("/v1/surfaces")["surfaces"][0]["task"], "basketball");
+}
+
+/// Trials sent, and trials that an estimation measured, are diagnosed as they are.
+#[test]
+fn measured_trials_are_diagnosed() {
+    let server = Running::start();
+    let trials = worlds::trials(&worlds::single(1, 3), worlds::Noise::White, 10, 30, 8.0, 5);
+    let scene: Value = serde_json::from_str(&worlds::scene().to_json()).unwrap();
+    let body = json!({"scene": scene, "trials": iplw::reality::trials_to_csv(&trials)});
+    let done = server.finish(&server.post("/v1/diagnoses", &body, 202));
+    assert_eq!(done["state"], "succeeded", "{done}");
+    assert_eq!(done["config"]["trials"], 10);
+    let result = &done["result"];
+    assert_eq!(result["format"], "iplw.diagnosis/1");
+    let sets = result["rivals"].as_array().unwrap();
+    assert!(sets.contains(&json!(["quadratic_drag"])), "{sets:?}");
+    assert_eq!(result["extended_scene"]["format"], "iplw.scene/1");
+    let run = json!({"task": "basketball", "rounds": 1, "actions": 4, "samples": 12});
+    let run = server.finish(&server.post("/v1/iplw", &run, 202));
+    let of_run = server.finish(&server.post("/v1/diagnoses", &json!({"job": run["id"]}), 202));
+    assert_eq!((&of_run["state"], &of_run["config"]["trials"]), (&json!("succeeded"), &json!(4)), "{of_run}");
+    let untrialled = server.send(Method::POST, "/v1/diagnoses", json!({"job": of_run["id"]}).to_string());
+    problem(untrialled, 409, "refused");
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use iplw::discover::report::{Diagnosis, FoundParameter, HeldOut, Verdict};
+use iplw::discover::report::{Diagnosis, FoundParameter, HeldOut};
 use iplw::discover::{Config, Evidence, EvidencePoint, Finding, diagnose};
 use iplw::error::{Error, Result};
 use iplw::picture::plot::{Series, lines, scatter};
@@ -44,17 +44,22 @@ pub fn run(args: &Args) -> Result<()> {
     bar.report("cutting trials into windows", 0, 1)?;
     let found = diagnose(&scene, &trials, &Config::standard(args.seed), &bar)?;
     bar.clear();
-    output::directory(&args.out)?;
-    let json = serde_json::to_string_pretty(&found.diagnosis).map_err(|e| Error::Failed(e.to_string()))?;
-    output::write_whole(&args.out.join("report.json"), (json + "\n").as_bytes())?;
-    output::write_whole(&args.out.join("extended_scene.json"), (found.extended.to_json() + "\n").as_bytes())?;
-    let plots = plots(&found);
-    for (name, _, svg) in &plots {
-        output::write_whole(&args.out.join(format!("{name}.svg")), svg.as_bytes())?;
-    }
-    let page = page(&scene, &found.diagnosis, &plots).to_html();
-    output::write_whole(&args.out.join("report.html"), page.as_bytes())?;
+    write_report(&args.out, &scene, &found)?;
     output::print(&summary(&found.diagnosis, &args.out))
+}
+
+/// Writes report.json, report.html, extended_scene.json and the plots.
+pub fn write_report(out: &Path, scene: &Scene, found: &Finding) -> Result<()> {
+    output::directory(out)?;
+    let json = serde_json::to_string_pretty(&found.diagnosis).map_err(|e| Error::Failed(e.to_string()))?;
+    output::write_whole(&out.join("report.json"), (json + "\n").as_bytes())?;
+    output::write_whole(&out.join("extended_scene.json"), (found.extended.to_json() + "\n").as_bytes())?;
+    let plots = plots(found);
+    for (name, _, svg) in &plots {
+        output::write_whole(&out.join(format!("{name}.svg")), svg.as_bytes())?;
+    }
+    let page = page(scene, &found.diagnosis, &plots).to_html();
+    output::write_whole(&out.join("report.html"), page.as_bytes())
 }
 
 /// A file that the user named and that cannot be read is bad input.
@@ -64,7 +69,7 @@ fn unreadable(path: &Path, error: &std::io::Error) -> Error {
 
 /// For a terminal.
 fn summary(d: &Diagnosis, out: &Path) -> String {
-    let mut text = format!("verdict: {}\n{}\n", verdict(d.verdict), d.reason);
+    let mut text = format!("verdict: {}\n{}\n", d.verdict.name(), d.reason);
     for effect in &d.effects {
         text += &format!("  {} (acts on {}), p = {:.1e}\n", effect.name, effect.acts_on, effect.p_value);
         for p in &effect.parameters {
@@ -100,16 +105,6 @@ fn summary(d: &Diagnosis, out: &Path) -> String {
         text += &format!("next: {} ({})\n", next.action, next.why);
     }
     text + &format!("report: {}\n", out.join("report.html").display())
-}
-
-fn verdict(v: Verdict) -> &'static str {
-    match v {
-        Verdict::None => "none",
-        Verdict::Named => "named",
-        Verdict::Ambiguous => "ambiguous",
-        Verdict::Unknown => "unknown",
-        Verdict::InsufficientData => "insufficient_data",
-    }
 }
 
 fn parameter(p: &FoundParameter) -> String {
@@ -263,7 +258,7 @@ fn accelerations(evidence: &Evidence, axis: usize) -> Vec<(f64, f64)> {
 fn page(scene: &Scene, d: &Diagnosis, plots: &[Plot]) -> Report {
     let number = |v: f64| format!("{v:.6}");
     let mut found = vec![Block::KeyValues(vec![
-        ("verdict".into(), verdict(d.verdict).into()),
+        ("verdict".into(), d.verdict.name().into()),
         ("why".into(), d.reason.clone()),
         ("error of the base model, m".into(), number(d.residual.base_rmse)),
         ("noise floor, m".into(), number(d.residual.floor_rmse)),

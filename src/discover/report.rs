@@ -21,6 +21,19 @@ pub enum Verdict {
     InsufficientData,
 }
 
+impl Verdict {
+    /// The name used in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Verdict::None => "none",
+            Verdict::Named => "named",
+            Verdict::Ambiguous => "ambiguous",
+            Verdict::Unknown => "unknown",
+            Verdict::InsufficientData => "insufficient_data",
+        }
+    }
+}
+
 /// A diagnosis.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Diagnosis {

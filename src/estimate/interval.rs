@@ -2,7 +2,9 @@
 //!
 //! Identifiability: a latent is moved across its prior's width with the others held; where not even the median
 //! trial's residual notices, no amount of such trials will tell it. (Of trials cut into stretches, in which chance
-//! does not grow, one in five must notice.) The interval is then infinite. Else it is [`Refined::interval`], which
+//! does not grow, one in five must notice.) The interval is then infinite, as it is where it would reach from one limit
+//! of the latent to the other: trials that contradict each other, as those of a world that the simulation cannot match
+//! may. Else it is [`Refined::interval`], which
 //! says what it covers.
 
 use serde::{Deserialize, Serialize};
@@ -71,8 +73,10 @@ pub fn intervals(estimate: Sample, refined: &Refined, field: &Field) -> Vec<Late
     (0..4)
         .filter(|i| field.prior[*i] > 0.0)
         .map(|i| {
-            let identifiable = field.told[i] && refined.error[i].is_finite();
             let [low, high] = refined.interval(i, field);
+            // An interval from end to end of what is allowed says nothing, whatever single trials react to.
+            let everything = low <= field.limits[i][0] && high >= field.limits[i][1];
+            let identifiable = field.told[i] && refined.error[i].is_finite() && !everything;
             LatentEstimate {
                 name: FACTORS.get(i).map_or("linear_drag.c", |f| f.name).into(),
                 value: estimate[i],

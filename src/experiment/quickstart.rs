@@ -5,21 +5,25 @@
 //!
 //! Differences from the source: policies rank the test tasks' actions right after transfer (the jump start)
 //! and do not learn on; a row for random ranking shows the floor, and one for the true latents *and* the true
-//! unmodelled effect shows what a perfect simulation would bring.
+//! unmodelled effect shows what a perfect simulation would bring. Past the paper, the trials are diagnosed: what the
+//! simulation lacks is named, added, and its worth in transfer shown.
 
 use serde::{Deserialize, Serialize};
 
 use super::{EstimateConfig, EstimateReport, estimate, refit};
-use crate::error::{Result, within};
+use crate::discover::report::Verdict;
+use crate::discover::{self, Finding, diagnose};
+use crate::error::{Error, Result, within};
 use crate::policy::{
     EvaluateConfig, Evaluation, LabelConfig, Policy, Random, TrainConfig, Training, evaluate, label, train,
 };
 use crate::progress::Progress;
-use crate::reality::{HiddenConfig, HiddenWorld, Reality, Trial, Truth};
+use crate::reality::{HiddenConfig, HiddenWorld, Reality, Trial, Truth, settled};
 use crate::rng;
 use crate::task::scene::EffectTerm;
-use crate::task::{Split, Task, split};
+use crate::task::{Scene, Split, Task, split};
 use crate::world::Latents;
+use crate::world::latent::FACTORS;
 
 /// What is run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -47,12 +51,31 @@ pub struct QuickstartReport {
     pub estimates: Vec<EstimateReport>,
     /// The same trials fitted again with linear drag in the simulation, per seed.
     pub extensions: Vec<EstimateReport>,
+    /// What the same trials' diagnosis says the simulation lacks, per seed.
+    pub diagnoses: Vec<Extension>,
     /// What was hidden, revealed after everything else was done.
     pub truth: Truth,
     /// (stage, seconds), summed over seeds.
     pub seconds: Vec<(String, f64)>,
     pub config: QuickstartConfig,
     pub version: String,
+}
+
+/// A simulation as a diagnosis extended it.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Extension {
+    /// As in `iplw.diagnosis/1`.
+    pub verdict: String,
+    /// Why, for people.
+    pub reason: String,
+    /// Every set of effects that the trials cannot tell from the best.
+    pub rivals: Vec<Vec<String>>,
+    /// What is added to the simulation: the simplest of those sets.
+    pub effects: Vec<EffectTerm>,
+    /// As estimated along with the effects; those that the trials do not tell are the workflow's.
+    pub latents: Latents,
+    /// Share of the excess error on held-out trials that goes away.
+    pub excess_removed: Option<f64>,
 }
 
 /// One way of getting a policy, and how it did on the test tasks of the real world.
@@ -80,6 +103,9 @@ pub enum Method {
     Iplw,
     /// Trained in a simulation grounded by the workflow with linear drag fitted along: past the paper.
     IplwWithDrag,
+    /// Trained in a simulation grounded by the workflow and extended by what a diagnosis of its trials named: past the
+    /// paper. Where nothing was named it is the workflow's simulation.
+    IplwDiagnosed,
     /// Trained in a simulation with the true latents.
     TrueLatents,
     /// Trained in a simulation with the true latents and the true unmodelled effects.
@@ -90,6 +116,8 @@ pub enum Method {
 pub struct Keepsakes {
     /// Trials of the exploration.
     pub trials: Vec<Trial>,
+    /// The scene that goes with all of them, and what their diagnosis found.
+    pub diagnosed: (Scene, Finding),
     /// The policy trained in the grounded simulation.
     pub policy: Box<dyn Policy>,
 }
@@ -102,6 +130,7 @@ impl Method {
             Method::DomainRandomisation => "domain randomisation",
             Method::Iplw => "IPLW",
             Method::IplwWithDrag => "IPLW, drag fitted along",
+            Method::IplwDiagnosed => "IPLW, extended by diagnosis",
             Method::TrueLatents => "true latents",
             Method::TruePhysics => "true latents and effects",
         }
@@ -133,7 +162,9 @@ pub fn quickstart(
     let mut stopwatch = Stopwatch { clock, laps: Vec::new() };
     let truth = HiddenWorld::new(hidden.clone())?.reveal();
     let mut rows: Vec<(Row, Vec<Evaluation>)> = Vec::new();
-    let (mut estimates, mut extensions, mut keepsakes) = (Vec::new(), Vec::new(), None);
+    let (mut estimates, mut extensions, mut diagnoses, mut keepsakes) =
+        (Vec::new(), Vec::new(), Vec::new(), None);
+    let mut first_finding = None;
     for (n, seed) in config.seeds.iter().enumerate() {
         let staged = Named { inner: progress, name: format!("seed {} of {}", n + 1, config.seeds.len()) };
         let mut world = HiddenWorld::new(HiddenConfig { seed: *seed, ..hidden.clone() })?;
@@ -143,11 +174,16 @@ pub fn quickstart(
         let spent = world.interactions();
         let extended = extend(&trials, &setup, &mut stopwatch, &staged)?;
         let found = Latents::of(report.values());
+        let named = Named { inner: &staged, name: "what the simulation lacks".into() };
+        let (scene, finding) = stopwatch.time("diagnose", || diagnosed(&trials, &setup, &named))?;
+        let extension = extension(&finding, found);
+        first_finding = first_finding.or(Some((scene, finding)));
         for (method, schooling) in [
             (Method::Random, None),
             (Method::DomainRandomisation, Some(Training::paper_randomised())),
             (Method::Iplw, Some(fixed(found, &[]))),
             (Method::IplwWithDrag, Some(fixed(Latents::of(extended.values()), &extended.extension()))),
+            (Method::IplwDiagnosed, Some(fixed(extension.latents, &extension.effects))),
             (Method::TrueLatents, Some(fixed(truth.latents, &[]))),
             (Method::TruePhysics, Some(fixed(truth.latents, &truth.effects))),
         ] {
@@ -166,26 +202,31 @@ pub fn quickstart(
             let evaluation = stopwatch.time("transfer and evaluate", || {
                 try_out(policy.as_ref(), &test, hidden, &config.evaluate, &named)
             })?;
-            let interactions = if matches!(method, Method::Iplw | Method::IplwWithDrag) { spent } else { 0 };
+            let from_trials = [Method::Iplw, Method::IplwWithDrag, Method::IplwDiagnosed].contains(&method);
+            let interactions = if from_trials { spent } else { 0 };
             take_down(&mut rows, method, evaluation, interactions);
             if method == Method::Iplw && keepsakes.is_none() {
-                keepsakes = Some(Keepsakes { trials: trials.clone(), policy });
+                keepsakes = Some((trials.clone(), policy));
             }
         }
         estimates.push(report);
         extensions.push(extended);
+        diagnoses.push(extension);
     }
     let rows = rows.into_iter().map(|(row, evaluations)| averaged(row, &evaluations)).collect();
     let report = QuickstartReport {
         rows,
         estimates,
         extensions,
+        diagnoses,
         truth,
         seconds: stopwatch.laps,
         config: config.clone(),
         version: env!("CARGO_PKG_VERSION").into(),
     };
-    Ok((report, keepsakes.expect("at least one seed was run")))
+    let (trials, policy) = keepsakes.expect("at least one seed was run");
+    let diagnosed = first_finding.expect("at least one seed was run");
+    Ok((report, Keepsakes { trials, diagnosed, policy }))
 }
 
 /// Tries a policy's ranking on the real world; attempts are the agent's own, on a world of its own.
@@ -216,6 +257,37 @@ fn extend(
     config.cem.drag = Some(DRAG_PRIOR);
     let named = Named { inner: progress, name: "with drag".into() };
     stopwatch.time("fit again with drag", || refit(trials, &config, &named))
+}
+
+/// What the trials say the simulation lacks; costs no further real interaction.
+fn diagnosed(trials: &[Trial], config: &EstimateConfig, progress: &dyn Progress) -> Result<(Scene, Finding)> {
+    let first = trials.first().ok_or_else(|| Error::input("trials", "none", "at least one"))?;
+    let (scene, trials) = settled(&first.scene.clone(), trials.to_vec())?;
+    let setup = discover::Config { engine: config.engine, ..discover::Config::standard(config.seed) };
+    let finding = diagnose(&scene, &trials, &setup, progress)?;
+    Ok((scene, finding))
+}
+
+/// The simulation that a finding asks for, where nothing better is known with `found` latents.
+fn extension(finding: &Finding, found: Latents) -> Extension {
+    let d = &finding.diagnosis;
+    let named = matches!(d.verdict, Verdict::Named | Verdict::Ambiguous);
+    let mut values = found.values();
+    for (i, factor) in FACTORS.iter().enumerate() {
+        let told = d.calibrated.iter().find(|c| c.name == factor.name && c.identifiable);
+        if let Some(c) = told.filter(|_| named) {
+            values[i] = Some(c.value);
+        }
+    }
+    let [density, friction, restitution] = values;
+    Extension {
+        verdict: d.verdict.name().into(),
+        reason: d.reason.clone(),
+        rivals: d.rivals.clone(),
+        effects: if named { finding.extended.effects.clone() } else { Vec::new() },
+        latents: Latents { density, friction, restitution },
+        excess_removed: d.gain.held_out.as_ref().and_then(|g| g.excess_removed),
+    }
 }
 
 /// Mean and standard deviation of c (1/s): half a second to half a minute of memory are all likely.

@@ -89,6 +89,13 @@ impl SurfaceConfig {
         })
     }
 
+    /// The one that stands in where none is given: the ideal route at few points. A few seconds for basketball, half a
+    /// minute for bowling.
+    pub fn quick(family: &Family) -> Result<SurfaceConfig> {
+        let config = SurfaceConfig::new(family, Route::Ideal)?;
+        Ok(SurfaceConfig { points: 24, actions: config.actions / 2, ..config })
+    }
+
     /// Errors name what is out of range.
     pub fn validate(&self) -> Result<()> {
         within("points", self.points as f64, 3.0, 5000.0)?;
@@ -117,11 +124,9 @@ impl SurfaceConfig {
     }
 }
 
-/// The surface that stands in where none is given: the ideal route at few points. A few seconds for basketball, half
-/// a minute for bowling.
+/// [`SurfaceConfig::quick`]'s surface.
 pub fn quick(family: &Family, progress: &dyn Progress) -> Result<Surface> {
-    let config = SurfaceConfig::new(family, Route::Ideal)?;
-    surface(family, &SurfaceConfig { points: 24, actions: config.actions / 2, ..config }, progress)
+    surface(family, &SurfaceConfig::quick(family)?, progress)
 }
 
 /// Finds the surface of a family.

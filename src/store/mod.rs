@@ -14,6 +14,7 @@ mod jobs;
 mod policies;
 mod requests;
 mod rounds;
+mod surfaces;
 mod worlds;
 
 use std::fs::{File, OpenOptions, TryLockError};
@@ -29,6 +30,7 @@ pub use jobs::{JobRow, JobState};
 pub use policies::PolicyRow;
 pub use requests::Answered;
 pub use rounds::{Measured, RoundRow};
+pub use surfaces::SurfaceRow;
 use worlds::Pending;
 pub use worlds::WorldRow;
 
@@ -45,7 +47,7 @@ pub struct Store {
 }
 
 /// What makes the tables, step by step; a file that has had the first n is of version n.
-const STEPS: [&str; 2] = [
+const STEPS: [&str; 3] = [
     "
     CREATE TABLE job (
         number INTEGER PRIMARY KEY AUTOINCREMENT,
@@ -110,6 +112,17 @@ const STEPS: [&str; 2] = [
         status INTEGER NOT NULL,
         location TEXT,
         body BLOB NOT NULL
+    ) STRICT;
+",
+    "
+    CREATE TABLE surface (
+        number INTEGER PRIMARY KEY AUTOINCREMENT,
+        task TEXT NOT NULL,
+        config TEXT NOT NULL,
+        body TEXT NOT NULL,
+        job TEXT,
+        version TEXT NOT NULL,
+        UNIQUE (task, config)
     ) STRICT;
 ",
 ];

@@ -6,7 +6,9 @@ use std::time::Instant;
 use iplw::error::{Error, Result};
 use iplw::estimate::LatentEstimate;
 use iplw::experiment::EstimateConfig;
-use iplw::experiment::quickstart::{Keepsakes, Method, QuickstartConfig, QuickstartReport, quickstart};
+use iplw::experiment::quickstart::{
+    Extension, Keepsakes, Method, QuickstartConfig, QuickstartReport, quickstart,
+};
 use iplw::picture::plot::{self, Series};
 use iplw::picture::{Block, Report, Section, Style, filmstrip_svg, trails_svg};
 use iplw::policy::{EvaluateConfig, LabelConfig, TrainConfig};
@@ -16,6 +18,7 @@ use iplw::world::Engine;
 use iplw::world::latent::FACTORS;
 use serde_json::json;
 
+use crate::cli::diagnose::write_report;
 use crate::cli::output;
 
 /// Runs the story and writes it down.
@@ -98,11 +101,36 @@ fn text_table(report: &QuickstartReport, test_tasks: usize) -> String {
     for l in report.extensions.iter().flat_map(|e| e.latents[1..].iter().chain(&e.effects)) {
         text += &format!("{:<24} {:<15.3} {}\n", l.name, l.value, interval(l));
     }
+    text += "\nwhat the trials say the simulation lacks\n";
+    for d in &report.diagnoses {
+        text += &format!("  {}\n", lacks(d));
+    }
     text += "\nstage                          seconds\n";
     for (stage, seconds) in &report.seconds {
         text += &format!("{stage:<30} {seconds:>7.1}\n");
     }
     text
+}
+
+/// What a diagnosis found, in a line.
+fn lacks(d: &Extension) -> String {
+    let terms: Vec<String> = d
+        .effects
+        .iter()
+        .map(|e| {
+            let parameters: Vec<String> = e.parameters.iter().map(|(k, v)| format!("{k} = {v:.3}")).collect();
+            format!("{} ({})", e.name, parameters.join(", "))
+        })
+        .collect();
+    let sets: Vec<String> = d.rivals.iter().map(|r| r.join(" + ")).collect();
+    let tie = if sets.len() > 1 { format!("; sets that tie: {}", sets.join(" | ")) } else { String::new() };
+    let gain = d.excess_removed.map_or(String::new(), |e| {
+        format!("; {:.0} % of the excess error goes away on held-out trials", 100.0 * e)
+    });
+    match terms.is_empty() {
+        true => format!("{}: {}", d.verdict, d.reason),
+        false => format!("{}: {}{tie}{gain}", d.verdict, terms.join(" + ")),
+    }
 }
 
 /// A 95 % interval for people.
@@ -143,6 +171,8 @@ fn write_all(
     output::write_whole(&out.join("result.json"), json.as_bytes())?;
     output::write_whole(&out.join("solved.svg"), solved_plot.as_bytes())?;
     output::write_whole(&out.join("table.txt"), table.trim_start().as_bytes())?;
+    let (scene, finding) = &keepsakes.diagnosed;
+    write_report(&out.join("diagnosis"), scene, finding)?;
     if let Some(weights) = keepsakes.policy.to_safetensors() {
         output::write_whole(&out.join("policy.safetensors"), &weights)?;
     }
@@ -174,10 +204,11 @@ fn html(
         report.estimates.iter().map(|e| e.real_interactions).sum::<u64>() / report.estimates.len() as u64;
     let lead = format!(
         "A policy trained in a simulation grounded by {spent} measurements of a hidden world reaches AUCCESS {:.3} \
-         on tasks it has never seen, and {:.3} where the drag that the simulation lacked is fitted along; {:.3} with \
+         on tasks it has never seen, and {:.3} where the simulation is extended by what a diagnosis of the same \
+         measurements found; {:.3} with \
          domain randomisation, {:.3} with the true latents, {:.3} by chance.",
         of(Method::Iplw),
-        of(Method::IplwWithDrag),
+        of(Method::IplwDiagnosed),
         of(Method::DomainRandomisation),
         of(Method::TrueLatents),
         of(Method::Random),
@@ -221,6 +252,13 @@ fn html(
             caption: format!("Measured: {}", trial.name),
         });
     }
+    let found = report.diagnoses.iter().map(|d| Block::Text(lacks(d)));
+    let pointer =
+        "The first seed's diagnosis in full, with its pictures: diagnosis/report.html beside this page.";
+    let lacking = Section {
+        heading: "What the simulation lacks".into(),
+        blocks: found.chain([Block::Text(pointer.into())]).collect(),
+    };
     let exploration = Section { heading: "Trials spent on exploration".into(), blocks: explored };
     let setup = Section {
         heading: "How it was run".into(),
@@ -239,7 +277,7 @@ fn html(
     let page = Report {
         title: format!("From a hidden world to a policy: {}", report.config.family),
         lead,
-        sections: vec![transfer, latents, films, exploration, setup],
+        sections: vec![transfer, lacking, latents, films, exploration, setup],
     };
     Ok(page.to_html())
 }

@@ -14,9 +14,9 @@ use super::extract::{Pairs, Params, Sent};
 use super::{Keep, answer, answer_once, answer_page, json_bytes, json_response};
 use crate::error::Error;
 use crate::serve::app::App;
-use crate::serve::operations::{estimation, job, trials};
+use crate::serve::operations::{diagnosis, estimation, job, trials};
 use crate::serve::problem::{Answer, Problem};
-use crate::serve::wire::{Estimation, Event, JobOut, Jobs, Trials};
+use crate::serve::wire::{DiagnosisIn, Estimation, Event, JobOut, Jobs, Trials};
 
 /// Estimates the latents of a real world: explore in simulation, measure, fit. A job.
 #[utoipa::path(post, path = "/v1/iplw", tag = "workflow", operation_id = "start_iplw",
@@ -32,6 +32,25 @@ use crate::serve::wire::{Estimation, Event, JobOut, Jobs, Trials};
 pub async fn iplw(State(app): State<Arc<App>>, sent: Sent) -> Answer<Response> {
     let (body, kept) = sent.json::<Estimation>()?;
     let work = move |app: &App, keep: Keep<JobOut>| estimation::begin(app, body, &kept, keep);
+    answer_once(&app, sent.once, StatusCode::ACCEPTED, place, work).await
+}
+
+/// Diagnoses measured trials: what the simulation gets wrong, by name. A job; its result is an `iplw.diagnosis/1`
+/// document with the `extended_scene`.
+#[utoipa::path(post, path = "/v1/diagnoses", tag = "workflow", operation_id = "start_diagnosis",
+    params(("Idempotency-Key" = Option<String>, Header, description = "Repeated under the same key, the request has no further effect and is answered the same")),
+    request_body = DiagnosisIn,
+    responses(
+        (status = 202, body = JobOut, headers(("Location" = String, description = "Where the job is"))),
+        (status = 400, body = Problem, content_type = "application/problem+json"),
+        (status = 404, body = Problem, content_type = "application/problem+json", description = "Unknown job"),
+        (status = 409, body = Problem, content_type = "application/problem+json", description = "A job without trials"),
+        (status = 422, body = Problem, content_type = "application/problem+json"),
+        (status = 429, body = Problem, content_type = "application/problem+json", description = "Too many waiting jobs"),
+    ))]
+pub async fn diagnose(State(app): State<Arc<App>>, sent: Sent) -> Answer<Response> {
+    let (body, _) = sent.json::<DiagnosisIn>()?;
+    let work = move |app: &App, keep: Keep<JobOut>| diagnosis::begin(app, body, keep);
     answer_once(&app, sent.once, StatusCode::ACCEPTED, place, work).await
 }
 

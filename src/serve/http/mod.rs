@@ -4,6 +4,7 @@ mod asked;
 mod extract;
 mod jobs;
 mod policies;
+mod surfaces;
 mod system;
 mod tasks;
 mod worlds;
@@ -71,12 +72,17 @@ pub fn routes() -> (Router<Arc<App>>, utoipa::openapi::OpenApi) {
         .routes(routes!(tasks::family))
         .routes(routes!(tasks::task))
         .routes(routes!(jobs::iplw))
+        .routes(routes!(jobs::diagnose))
         .routes(routes!(asked::proposals))
         .routes(routes!(asked::tell))
+        .routes(routes!(surfaces::find, surfaces::list))
+        .routes(routes!(surfaces::get, surfaces::delete))
+        .routes(routes!(surfaces::draw))
         .routes(routes!(policies::train, policies::list))
         .routes(routes!(policies::get, policies::delete))
         .routes(routes!(policies::weights, policies::put_weights))
         .routes(routes!(policies::act))
+        .routes(routes!(policies::learn))
         .routes(routes!(policies::evaluate))
         .routes(routes!(jobs::list))
         .routes(routes!(jobs::get, jobs::delete))

@@ -10,9 +10,9 @@ use super::extract::{JsonBody, Pairs, Params, RawBody, Sent};
 use super::jobs::place;
 use super::{Keep, answer, answer_once, answer_page, json_bytes, json_response};
 use crate::serve::app::App;
-use crate::serve::operations::policy;
+use crate::serve::operations::{learning, policy};
 use crate::serve::problem::{Answer, Problem};
-use crate::serve::wire::{ActIn, Acted, EvaluateIn, JobOut, Policies, PolicyOut, TrainIn};
+use crate::serve::wire::{ActIn, Acted, EvaluateIn, JobOut, LearnIn, Policies, PolicyOut, TrainIn};
 
 /// Trains a policy in simulation. A job; its result names the policy.
 #[utoipa::path(post, path = "/v1/policies", tag = "policies", operation_id = "train_policy",
@@ -123,7 +123,32 @@ pub async fn act(
     answer(&app, StatusCode::OK, move |app| policy::act(app, &id, &body)).await
 }
 
-/// Tries a policy's ranking in a world: AUCCESS. A job; its attempts are counted in the world.
+/// Lets a policy learn on in a world, from random attempts on its training tasks. A job; its result names the new
+/// policy. From the policy `untrained`, which is always there, this is direct learning: no simulation.
+#[utoipa::path(post, path = "/v1/policies/{id}/learn", tag = "policies", operation_id = "learn_policy",
+    params(
+        ("id" = String, Path),
+        ("Idempotency-Key" = Option<String>, Header, description = "Repeated under the same key, the request has no further effect and is answered the same"),
+    ),
+    request_body = LearnIn,
+    responses(
+        (status = 202, body = JobOut, headers(("Location" = String, description = "Where the job is"))),
+        (status = 400, body = Problem, content_type = "application/problem+json"),
+        (status = 404, body = Problem, content_type = "application/problem+json", description = "Unknown policy or world"),
+        (status = 422, body = Problem, content_type = "application/problem+json"),
+        (status = 429, body = Problem, content_type = "application/problem+json", description = "Too many waiting jobs"),
+    ))]
+pub async fn learn(State(app): State<Arc<App>>, Params(id): Params<String>, sent: Sent) -> Answer<Response> {
+    let (body, mut kept) = sent.json::<LearnIn>()?;
+    if let Some(fields) = kept.as_object_mut() {
+        fields.insert("policy".into(), id.clone().into());
+    }
+    let work = move |app: &App, keep: Keep<JobOut>| learning::begin(app, &id, &body, &kept, keep);
+    answer_once(&app, sent.once, StatusCode::ACCEPTED, place, work).await
+}
+
+/// Tries a policy's ranking in a world: AUCCESS. A job; its attempts are counted in the world. The policy `random`
+/// is always there.
 #[utoipa::path(post, path = "/v1/policies/{id}/evaluate", tag = "policies", operation_id = "evaluate_policy",
     params(
         ("id" = String, Path),

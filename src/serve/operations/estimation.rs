@@ -13,9 +13,11 @@ use std::time::Instant;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::{Keep, json, text};
+use super::{Keep, json, surface, text};
 use crate::error::{Error, Result};
+use crate::estimate::Surface;
 use crate::experiment::{Answer, Asked, EstimateConfig, Proposal, ResidualKind, Round, Workflow};
+use crate::explore::{self, Importance};
 use crate::job::{Context, New, Outcome, Work};
 use crate::json::{from_value, parse};
 use crate::progress::Progress;
@@ -37,6 +39,9 @@ pub struct Plan {
     pub task: String,
     pub setup: EstimateConfig,
     pub real: Real,
+    /// Id of the surface that says which latents matter.
+    #[serde(default)]
+    pub surface: Option<String>,
     /// Most real interactions of this job.
     pub budget: Option<u64>,
 }
@@ -80,7 +85,10 @@ pub fn begin(app: &App, body: Estimation, config: &Value, keep: Keep<JobOut>) ->
     setup.seed = body.seed.unwrap_or(0);
     setup.validate().map_err(named)?;
     // What cannot be begun is better refused now than failed later.
-    Workflow::new(&explored(&tasks), &setup, None).map_err(named)?;
+    if let Some(id) = &body.surface {
+        surface::of_family(&app.store, family, id)?;
+    }
+    Workflow::new(&explored(&tasks), &setup, Some(Arc::new(Unfound))).map_err(named)?;
     let seed = setup.seed;
     let real = match (body.world, body.real) {
         (Some(_), Some(_)) => {
@@ -98,7 +106,7 @@ pub fn begin(app: &App, body: Estimation, config: &Value, keep: Keep<JobOut>) ->
         (None, Some(RealChoice::World(real))) => Real::Own(Box::new(own(tasks, *real, seed)?)),
         (None, None) => Real::Own(Box::new(own(tasks, RealIn::default(), seed)?)),
     };
-    let plan = json(&Plan { task: body.task, setup, real, budget: body.budget })?;
+    let plan = json(&Plan { task: body.task, setup, real, surface: body.surface, budget: body.budget })?;
     let new = New { kind: KIND, config, plan: &plan, seed };
     Ok(app.jobs.submit(new, &|job| keep(&job.into()))?.into())
 }
@@ -138,8 +146,10 @@ pub fn same_family(tasks: &TaskSet, other: &TaskSet, field: &str, id: &str) -> R
 fn run(base: &Base, context: &Context, plan: &Plan, shared: Option<&World>) -> Result<Outcome> {
     let started = Instant::now();
     let (store, job) = (&*base.store, context.number);
-    let tasks = explored(&base.catalogue.named(&plan.task)?);
-    let mut workflow = resumed(store, job, &tasks, &plan.setup)?;
+    let named = base.catalogue.named(&plan.task)?;
+    let tasks = explored(&named);
+    let importance = importance(store, job, &named, plan, context)?;
+    let mut workflow = resumed(store, job, &tasks, &plan.setup, importance)?;
     let spent = || Ok(store.measured(job, 0)?.values().filter(|m| m.is_some()).count() as u64);
     let own = match &plan.real {
         Real::Own(saved) => {
@@ -200,8 +210,48 @@ fn run(base: &Base, context: &Context, plan: &Plan, shared: Option<&World>) -> R
     Ok(Outcome::Done(json(&report)?))
 }
 
+/// What the strategy is told of what matters: nothing, unless it asks or a surface is named.
+fn importance(
+    store: &Store,
+    job: i64,
+    tasks: &TaskSet,
+    plan: &Plan,
+    progress: &dyn Progress,
+) -> Result<Option<Arc<dyn Importance>>> {
+    let Some(family) = tasks.family else { return Ok(None) };
+    if plan.surface.is_none() && !explore::strategy(&plan.setup.strategy)?.needs_importance() {
+        return Ok(None);
+    }
+    // The job's own from then on: a surface may be forgotten meanwhile.
+    if let Some(kept) = store.artifact(job, SURFACE)? {
+        let kept = String::from_utf8(kept).map_err(|e| Error::Failed(format!("a stored surface: {e}")))?;
+        return Ok(Some(Arc::new(Surface::from_json(&kept)?)));
+    }
+    let found = surface::importance(store, family, plan.surface.as_deref(), progress)?;
+    store.put_artifact(job, SURFACE, found.to_json().as_bytes())?;
+    Ok(Some(Arc::new(found)))
+}
+
+/// The artifact that holds the surface an estimation began with.
+const SURFACE: &str = "surface";
+
+/// Stands in for a surface while a request is checked.
+struct Unfound;
+
+impl Importance for Unfound {
+    fn gradient(&self, _: [f64; 3]) -> [f64; 3] {
+        [f64::NAN; 3]
+    }
+}
+
 /// The workflow as it stands in the store.
-fn resumed(store: &Store, job: i64, tasks: &[Task], setup: &EstimateConfig) -> Result<Workflow> {
+fn resumed(
+    store: &Store,
+    job: i64,
+    tasks: &[Task],
+    setup: &EstimateConfig,
+    importance: Option<Arc<dyn Importance>>,
+) -> Result<Workflow> {
     let measured = store.measured(job, 0)?;
     let (mut rounds, mut open) = (Vec::new(), None);
     for row in store.rounds(job)? {
@@ -213,7 +263,7 @@ fn resumed(store: &Store, job: i64, tasks: &[Task], setup: &EstimateConfig) -> R
             None => open = Some(asked(&row.asked)?),
         }
     }
-    let workflow = Workflow::new(tasks, setup, None)?.resume(rounds)?;
+    let workflow = Workflow::new(tasks, setup, importance)?.resume(rounds)?;
     Ok(match open {
         Some(asked) => workflow.reopen(asked),
         None => workflow,

@@ -1,11 +1,14 @@
 //! What a client can ask for, as functions over wire structs: one dispatch for every transport.
 
 pub mod asked;
+pub mod diagnosis;
 pub mod estimation;
 pub mod job;
+pub mod learning;
 mod page;
 pub mod policy;
 pub mod render;
+pub mod surface;
 pub mod task;
 pub mod trials;
 pub mod world;
@@ -31,8 +34,11 @@ pub fn recipes(base: &Arc<Base>) -> Recipes {
         Box::new(move |plan| make(&base, plan))
     };
     Recipes::from([
+        (diagnosis::KIND, recipe(diagnosis::work)),
         (estimation::KIND, recipe(estimation::work)),
+        (surface::KIND, recipe(surface::work)),
         (policy::TRAIN, recipe(policy::training_work)),
+        (learning::KIND, recipe(learning::work)),
         (policy::EVALUATE, recipe(policy::evaluation_work)),
     ])
 }

@@ -6,12 +6,14 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::estimation::explored;
+use super::learning::UNTRAINED;
 use super::{Keep, Page, json, text};
 use crate::error::{Error, Result};
 use crate::job::{New, Outcome, Work};
 use crate::json::{from_value, parse};
 use crate::policy::{
-    CHUNK, Dqn, EvaluateConfig, LabelConfig, Policy, TrainConfig, Training, evaluate, label, rank, train,
+    CHUNK, Dqn, EvaluateConfig, LabelConfig, Policy, Random, TrainConfig, Training, evaluate, label, rank,
+    train,
 };
 use crate::serve::app::{App, Base};
 use crate::serve::wire::{
@@ -26,6 +28,8 @@ use crate::world::Latents;
 /// Kinds of jobs.
 pub const TRAIN: &str = "train";
 pub const EVALUATE: &str = "evaluate";
+/// The policy that tries actions in random order; always there.
+pub const RANDOM: &str = "random";
 
 /// Queues a training.
 pub fn training(app: &App, body: TrainIn, config: &Value, keep: Keep<JobOut>) -> Result<JobOut> {
@@ -135,6 +139,10 @@ pub fn put_weights(app: &App, id: &str, bytes: &[u8]) -> Result<(PolicyOut, bool
         let allowed = "1 to 64 letters, digits, `.`, `_` or `-`, the first a letter or digit";
         return Err(Error::input("id", format!("{id:?}"), allowed));
     }
+    if [RANDOM, UNTRAINED].contains(&id) {
+        let allowed = "another name: this policy is always there and has no weights to replace";
+        return Err(Error::input("id", format!("{id:?}"), allowed));
+    }
     let dqn = Dqn::from_safetensors(bytes).map_err(|e| match e {
         e @ Error::Input(_) => e,
         other => Error::input("body", other, "the safetensors weights of a policy"),
@@ -179,7 +187,6 @@ pub fn evaluation(
     config: &Value,
     keep: Keep<JobOut>,
 ) -> Result<JobOut> {
-    let dqn = load(app, id)?;
     let world = app.worlds.get(&body.world, app.now())?;
     let part = body.split.unwrap_or(SplitIn::Test);
     let tasks = split(&world.tasks().tasks, part.into());
@@ -187,10 +194,12 @@ pub fn evaluation(
         let name = Split::from(part).name();
         return Err(Error::input("split", format!("{name:?}"), "a split of which the world has tasks"));
     }
-    dqn.fits(&tasks[0]).map_err(|e| match e {
-        Error::Input(input) => Error::input("world", format!("{:?}", body.world), input.allowed),
-        other => other,
-    })?;
+    if id != RANDOM {
+        load(app, id)?.fits(&tasks[0]).map_err(|e| match e {
+            Error::Input(input) => Error::input("world", format!("{:?}", body.world), input.allowed),
+            other => other,
+        })?;
+    }
     let attempts = body.attempts.unwrap_or(100);
     if !(1..=100).contains(&attempts) {
         return Err(Error::input("attempts", attempts, "a whole number from 1 to 100"));
@@ -217,15 +226,15 @@ pub fn evaluation_work(base: &Arc<Base>, plan: &Value) -> Result<Work> {
     let now = base.store.weights(&plan.policy)?;
     Ok(Box::new(move |context| {
         let (store, job) = (&*base.store, context.number);
-        let weights = match (store.artifact(job, WEIGHTS)?, now) {
-            (Some(kept), _) => kept,
+        let policy: Box<dyn Policy> = match (store.artifact(job, WEIGHTS)?, now) {
+            _ if plan.policy == RANDOM => Box::new(Random { seed: plan.setup.seed }),
+            (Some(kept), _) => Box::new(Dqn::from_safetensors(&kept)?),
             (None, Some(now)) => {
                 store.put_artifact(job, WEIGHTS, &now)?;
-                now
+                Box::new(Dqn::from_safetensors(&now)?)
             }
             (None, None) => return Err(unknown(&plan.policy)),
         };
-        let dqn = Dqn::from_safetensors(&weights)?;
         let tasks = split(&world.tasks().tasks, plan.split);
         let real = world.kind() == Kind::Real;
         let kept = store.measured(job, 0)?;
@@ -266,7 +275,7 @@ pub fn evaluation_work(base: &Arc<Base>, plan: &Value) -> Result<Work> {
             let mut solved = solved.into_iter();
             Ok(tried.into_iter().map(|tried| if tried { solved.next().flatten() } else { None }).collect())
         };
-        let evaluation = evaluate(&dqn, &tasks, &plan.setup, &mut attempt, context)?;
+        let evaluation = evaluate(policy.as_ref(), &tasks, &plan.setup, &mut attempt, context)?;
         let rows = tasks.iter().zip(&evaluation.solved_at);
         Ok(Outcome::Done(json!({
             "auccess": evaluation.auccess,
@@ -318,7 +327,7 @@ struct Spent {
 
 /// `policy-3` for `job-3`, or that with a number behind it if a client has stored weights under it. What an
 /// interrupted run of the same job stored is its own.
-fn free_id(store: &Store, job: &str) -> Result<String> {
+pub fn free_id(store: &Store, job: &str) -> Result<String> {
     let wanted = job.replace("job", "policy");
     let mut id = wanted.clone();
     let mut n = 1;
@@ -329,11 +338,13 @@ fn free_id(store: &Store, job: &str) -> Result<String> {
     Ok(id)
 }
 
-fn load(app: &App, id: &str) -> Result<Dqn> {
-    Dqn::from_safetensors(&weights(app, id)?)
+/// A stored policy.
+pub fn load(base: &Base, id: &str) -> Result<Dqn> {
+    Dqn::from_safetensors(&base.store.weights(id)?.ok_or_else(|| unknown(id))?)
 }
 
-fn row(id: &str, dqn: &Dqn, bytes: usize) -> PolicyRow {
+/// A policy's row; it says that the weights were uploaded.
+pub fn row(id: &str, dqn: &Dqn, bytes: usize) -> PolicyRow {
     PolicyRow {
         id: id.into(),
         task: dqn.card().family.clone(),
@@ -346,6 +357,7 @@ fn row(id: &str, dqn: &Dqn, bytes: usize) -> PolicyRow {
     }
 }
 
-fn unknown(id: &str) -> Error {
+/// No policy has this id.
+pub fn unknown(id: &str) -> Error {
     Error::NotFound { kind: "policy", id: id.to_string(), known: Vec::new() }
 }

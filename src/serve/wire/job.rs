@@ -26,8 +26,11 @@ pub struct Estimation {
     pub world: Option<String>,
     /// A real world for this job alone, or `ask_tell`.
     pub real: Option<RealChoice>,
-    /// `collisions`, `rolling`, `random`, `informative` or `mixed` (the default).
+    /// `collisions`, `rolling`, `random`, `gradient`, `informative` or `mixed` (the default).
     pub strategy: Option<String>,
+    /// Id of the family's performance surface, for `gradient` and `informative`; `gradient` finds a small one itself
+    /// if none is named.
+    pub surface: Option<String>,
     /// `trajectory` (the default): simulated from the start to the end; `shooting`: anew from where things were seen,
     /// a stretch at a time, which bears noise, chance in collisions and a simulation that is not quite the world.
     pub residual: Option<String>,
@@ -80,7 +83,7 @@ pub struct RealIn {
 #[derive(Serialize, ToSchema)]
 pub struct JobOut {
     pub id: String,
-    /// `iplw`, `train` or `evaluate`.
+    /// `iplw`, `diagnose`, `surface`, `train`, `learn` or `evaluate`.
     pub kind: String,
     /// `queued`, `running`, `waiting` (for answers to its proposals), `succeeded`, `failed` or `cancelled`.
     pub state: &'static str,

@@ -4,16 +4,20 @@
 //! made from core types by `From`.
 
 mod asked;
+mod diagnosis;
 mod job;
 mod policy;
 mod strict;
+mod surface;
 mod task;
 mod world;
 
 pub use asked::{ProposalOut, Proposals, TellIn, TellQuery, Told, TrialIn, TrialOut, Trials};
+pub use diagnosis::DiagnosisIn;
 pub use job::{Estimation, Event, JobOut, Jobs, RealChoice, RealIn};
-pub use policy::{ActIn, Acted, EvaluateIn, Policies, PolicyOut, Scored, TrainIn, TrainingIn};
+pub use policy::{ActIn, Acted, EvaluateIn, LearnIn, Policies, PolicyOut, Scored, TrainIn, TrainingIn};
 pub use strict::Object;
+pub use surface::{SensitivityOut, SurfaceIn, SurfaceOut, SurfaceWhole, Surfaces};
 pub use task::{Families, FamilyOut, FamilyTasks, TaskOut};
 pub use world::{
     ActionSpaceOut, BatchOut, CreateWorld, EffectIn, LatentsIn, ObservationSpaceOut, ResetIn, ResetOut,

@@ -42,7 +42,7 @@ pub struct PolicyOut {
     pub id: String,
     /// Family it scores actions of.
     pub task: String,
-    /// `fixed`, `randomised` or `uploaded`.
+    /// `fixed`, `randomised`, `direct` (in a real world alone), `learned_on` or `uploaded`.
     pub training: String,
     /// What it is and how it came about.
     pub about: String,
@@ -101,6 +101,23 @@ pub struct EvaluateIn {
     /// Most valid attempts a task, 1 to 100 (the default).
     pub attempts: Option<u64>,
     /// Decides which 10,000 discrete actions are ranked.
+    pub seed: Option<u64>,
+}
+
+/// Learning on in a world.
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct LearnIn {
+    /// Id of a world of the policy's family; attempts are counted there.
+    pub world: String,
+    /// Random valid attempts to learn from; default: as many as the batches hold.
+    pub attempts: Option<u64>,
+    /// Updates; default 125.
+    pub batches: Option<u64>,
+    /// Examples per update, half of them solving; default 32.
+    pub batch_size: Option<u64>,
+    /// Adam's step size at the start; default 0.0005.
+    pub learning_rate: Option<f64>,
     pub seed: Option<u64>,
 }
 

@@ -1,0 +1,175 @@
+//! Learning on in a world: random attempts on its training tasks, then further batches for a policy. From the policy
+//! [`UNTRAINED`] this is direct learning, the baseline without a simulation.
+//!
+//! Attempts in a real world are kept as they are made, in one transaction with its counter, and not made again by a
+//! job that is begun again.
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+use super::estimation::explored;
+use super::policy::{free_id, load, row};
+use super::{Keep, json, text};
+use crate::error::{Error, Result};
+use crate::experiment::transfer::LearnConfig;
+use crate::explore;
+use crate::job::{Context, New, Outcome, Work};
+use crate::json::{from_value, parse};
+use crate::policy::{Dataset, Dqn, Example, Policy, TrainConfig};
+use crate::progress::Progress;
+use crate::rng;
+use crate::serve::app::{App, Base};
+use crate::serve::wire::{JobOut, LearnIn};
+use crate::session::{Kind, Tried, World};
+use crate::store::{Measured, PolicyRow};
+use crate::task::{Task, ValidAction};
+
+/// The kind of job.
+pub const KIND: &str = "learn";
+/// The policy that knows nothing; always there.
+pub const UNTRAINED: &str = "untrained";
+/// The artifact that holds the weights the job began with.
+const WEIGHTS: &str = "weights";
+
+/// Learning with everything decided.
+#[derive(Serialize, Deserialize)]
+struct Plan {
+    policy: String,
+    world: String,
+    /// Valid attempts in the world.
+    attempts: usize,
+    setup: TrainConfig,
+    /// As asked for; kept with the policy.
+    config: Value,
+}
+
+/// Queues learning on.
+pub fn begin(app: &App, id: &str, body: &LearnIn, config: &Value, keep: Keep<JobOut>) -> Result<JobOut> {
+    let world = app.worlds.get(&body.world, app.now())?;
+    let tasks = explored(world.tasks());
+    let seed = body.seed.unwrap_or(0);
+    let usual = LearnConfig::paper();
+    let paper = TrainConfig::paper_bowling();
+    let whole = |field: &str, value: Option<u64>, default: usize, most: u64| match value {
+        None => Ok(default),
+        Some(v) if (1..=most).contains(&v) => Ok(v as usize),
+        Some(v) => Err(Error::input(field, v, format!("a whole number from 1 to {most}"))),
+    };
+    let setup = TrainConfig {
+        batches: whole("batches", body.batches, usual.batches, 100_000)?,
+        batch_size: whole("batch_size", body.batch_size, usual.batch_size, 4096)?,
+        learning_rate: body.learning_rate.unwrap_or(usual.learning_rate),
+        seed,
+        ..paper
+    };
+    setup.validate()?;
+    let first = start(app, id, &tasks, &setup)?;
+    first.fits(&tasks[0]).map_err(|e| match e {
+        Error::Input(input) => Error::input("world", format!("{:?}", body.world), input.allowed),
+        other => other,
+    })?;
+    let attempts =
+        whole("attempts", body.attempts, (setup.batches * setup.batch_size).min(100_000), 100_000)?;
+    if let Some(left) = world.remaining().filter(|left| *left < attempts as u64) {
+        let allowed = format!("at most {left}, what is left of the world's budget");
+        return Err(Error::input("attempts", attempts, allowed));
+    }
+    let plan = Plan { policy: id.into(), world: body.world.clone(), attempts, setup, config: config.clone() };
+    let new = New { kind: KIND, config, plan: &json(&plan)?, seed };
+    Ok(app.jobs.submit(new, &|job| keep(&job.into()))?.into())
+}
+
+/// The work of learning on.
+pub fn work(base: &Arc<Base>, plan: &Value) -> Result<Work> {
+    let plan: Plan = from_value(plan.clone())?;
+    let base = base.clone();
+    // Held from now on, so that it does not idle out.
+    let world = base.worlds.get(&plan.world, base.now())?;
+    Ok(Box::new(move |context| run(&base, context, &plan, &world)))
+}
+
+fn run(base: &Base, context: &Context, plan: &Plan, world: &World) -> Result<Outcome> {
+    let (store, job) = (&*base.store, context.number);
+    let tasks = explored(world.tasks());
+    // With the weights it began with, also if the policy is replaced meanwhile.
+    let dqn = match (store.artifact(job, WEIGHTS)?, plan.policy.as_str()) {
+        (Some(kept), _) => Dqn::from_safetensors(&kept)?,
+        (None, UNTRAINED) => start(base, UNTRAINED, &tasks, &plan.setup)?,
+        (None, id) => {
+            let weights = store.weights(id)?.ok_or_else(|| super::policy::unknown(id))?;
+            store.put_artifact(job, WEIGHTS, &weights)?;
+            Dqn::from_safetensors(&weights)?
+        }
+    };
+    let data = gathered(base, context, plan, world, tasks)?;
+    if data.solving() == 0 {
+        return Err(Error::Failed(format!(
+            "none of {} attempts in {} solved its task, so there is nothing to learn; ask for more attempts",
+            data.rows.len(),
+            plan.world
+        )));
+    }
+    let (learned, log) = dqn.learn_more(&data, &plan.setup, context)?;
+    let weights =
+        learned.to_safetensors().ok_or_else(|| Error::Failed("the policy has no weights".into()))?;
+    let id = free_id(store, context.id)?;
+    let training = if plan.policy == UNTRAINED { "direct" } else { "learned_on" };
+    let stored = PolicyRow {
+        id: id.clone(),
+        training: training.into(),
+        config: plan.config.clone(),
+        job: Some(context.id.into()),
+        ..row(&id, &learned, weights.len())
+    };
+    store.put_policy(&stored, &weights)?;
+    Ok(Outcome::Done(json!({
+        "policy": id,
+        "from": plan.policy,
+        "loss": log.loss,
+        "interactions": data.rows.len(),
+        "solving": data.solving(),
+        "world_kind": world.kind().name(),
+        "config": json(&plan.setup)?,
+    })))
+}
+
+/// Random attempts, task by task.
+fn gathered(base: &Base, context: &Context, plan: &Plan, world: &World, tasks: Vec<Task>) -> Result<Dataset> {
+    let (store, job) = (&*base.store, context.number);
+    let kept = store.measured(job, 0)?;
+    let real = world.kind() == Kind::Real;
+    let drawn = explore::draw(&tasks, plan.attempts, &mut rng::stream(plan.setup.seed, "attempts"))?;
+    let mut rows = Vec::with_capacity(drawn.len());
+    for (t, task) in tasks.iter().enumerate() {
+        context.report("acting in the world", t as u64, tasks.len() as u64)?;
+        let actions: Vec<ValidAction> = drawn.iter().filter(|d| d.0 == t).map(|d| d.1.clone()).collect();
+        let solved: Vec<Option<bool>> = match kept.get(&(t as u64)) {
+            Some(Some(text)) => parse(text)?,
+            _ => {
+                let solved = |results: &[Tried]| -> Vec<Option<bool>> {
+                    results.iter().map(|r| r.as_ref().ok().map(|t| t.solved())).collect()
+                };
+                let keep = |results: &[Tried], interactions: u64| {
+                    let row = Measured::from([(t as u64, Some(text(&solved(results))?))]);
+                    store.put_measured(job, &row, Some((&plan.world, interactions)), None)
+                };
+                let results = world.attempts(task, &actions, real.then_some(&keep))?;
+                base.metrics.attempted(world.kind(), actions.len() as u64);
+                solved(&results)
+            }
+        };
+        let of_task = actions.into_iter().zip(solved);
+        rows.extend(of_task.filter_map(|(action, s)| Some(Example { task: t, action, solved: s? })));
+    }
+    Ok(Dataset { tasks, rows })
+}
+
+/// The policy to start from.
+fn start(base: &Base, id: &str, tasks: &[Task], setup: &TrainConfig) -> Result<Dqn> {
+    match id {
+        UNTRAINED => Dqn::untrained(&tasks[0], setup.hidden, setup.seed),
+        _ => load(base, id),
+    }
+}

@@ -1,0 +1,99 @@
+//! Performance surfaces as rows: found once, used by whoever asks for the same.
+
+use rusqlite::{OptionalExtension, Row, params};
+
+use super::{Store, sql};
+use crate::error::Result;
+
+/// One surface as stored.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SurfaceRow {
+    pub number: i64,
+    /// Family it is about.
+    pub task: String,
+    /// How it was found, the caller's JSON; with the task it tells surfaces apart.
+    pub config: String,
+    /// The surface, the caller's JSON.
+    pub body: String,
+    /// Id of the job that found it.
+    pub job: Option<String>,
+    /// Version of the program that stored it.
+    pub version: String,
+}
+
+const COLUMNS: &str = "number, task, config, body, job, version";
+
+impl Store {
+    /// Stores a surface, or replaces the one found in the same way; its number.
+    pub fn put_surface(&self, task: &str, config: &str, body: &str, job: Option<&str>) -> Result<i64> {
+        self.connection()
+            .query_row(
+                "INSERT INTO surface (task, config, body, job, version) VALUES (?1, ?2, ?3, ?4, ?5) \
+                 ON CONFLICT (task, config) DO UPDATE SET body = excluded.body, job = excluded.job, \
+                 version = excluded.version RETURNING number",
+                params![task, config, body, job, env!("CARGO_PKG_VERSION")],
+                |r| r.get(0),
+            )
+            .map_err(sql)
+    }
+
+    /// The surface of that number.
+    pub fn surface(&self, number: i64) -> Result<Option<SurfaceRow>> {
+        let select = format!("SELECT {COLUMNS} FROM surface WHERE number = ?1");
+        self.connection().query_row(&select, [number], row).optional().map_err(sql)
+    }
+
+    /// The surface of a task that was found in this way by this version of the program.
+    pub fn surface_like(&self, task: &str, config: &str) -> Result<Option<SurfaceRow>> {
+        let select =
+            format!("SELECT {COLUMNS} FROM surface WHERE task = ?1 AND config = ?2 AND version = ?3");
+        let values = params![task, config, env!("CARGO_PKG_VERSION")];
+        self.connection().query_row(&select, values, row).optional().map_err(sql)
+    }
+
+    /// At most `limit` surfaces in order of number, those after number `after`.
+    pub fn surfaces(&self, after: i64, limit: usize) -> Result<Vec<SurfaceRow>> {
+        let c = self.connection();
+        let select = format!("SELECT {COLUMNS} FROM surface WHERE number > ?1 ORDER BY number LIMIT ?2");
+        let mut query = c.prepare(&select).map_err(sql)?;
+        let rows = query.query_map(params![after, limit as i64], row).map_err(sql)?;
+        rows.collect::<rusqlite::Result<_>>().map_err(sql)
+    }
+
+    /// Forgets a surface; whether there was one.
+    pub fn remove_surface(&self, number: i64) -> Result<bool> {
+        let gone = self.connection().execute("DELETE FROM surface WHERE number = ?1", [number]);
+        gone.map(|n| n > 0).map_err(sql)
+    }
+}
+
+fn row(row: &Row) -> rusqlite::Result<SurfaceRow> {
+    Ok(SurfaceRow {
+        number: row.get(0)?,
+        task: row.get(1)?,
+        config: row.get(2)?,
+        body: row.get(3)?,
+        job: row.get(4)?,
+        version: row.get(5)?,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_surface_found_in_the_same_way_takes_the_place_of_the_old_one() {
+        let store = Store::in_memory().unwrap();
+        let first = store.put_surface("bowling", "a", "1", None).unwrap();
+        let second = store.put_surface("bowling", "b", "2", Some("job-1")).unwrap();
+        assert_eq!(store.put_surface("bowling", "a", "3", Some("job-2")).unwrap(), first);
+        assert_eq!(store.surface(first).unwrap().unwrap().body, "3");
+        assert_eq!(store.surface_like("bowling", "b").unwrap().unwrap().number, second);
+        assert_eq!(store.surface_like("basketball", "b").unwrap(), None);
+        let numbers =
+            |after| -> Vec<i64> { store.surfaces(after, 9).unwrap().into_iter().map(|s| s.number).collect() };
+        assert_eq!((numbers(0), numbers(first)), (vec![first, second], vec![second]));
+        assert!(store.remove_surface(first).unwrap() && !store.remove_surface(first).unwrap());
+    }
+}
