@@ -9,6 +9,7 @@
 //! (default) or only its own; the loop also ends when the estimate has settled or the budget is spent.
 
 mod config;
+pub mod extension;
 mod fit;
 pub mod quickstart;
 mod report;

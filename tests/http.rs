@@ -631,7 +631,7 @@ fn bad_input_is_a_problem_that_names_it() {
             json!({"scene": scene(), "trials": "trial,t,body,x,y\n1,0,moon,0,0\n"}).to_string(),
             422,
             wrong,
-            "trials",
+            "trials.body",
         ),
         row("POST", "/v1/policies/untrained/learn", "{}", 400, bad, ""),
         row("POST", "/v1/policies/untrained/learn", r#"{"world": "nope"}"#, 404, missing, ""),

@@ -10,20 +10,19 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::extension::{Extension, diagnosed};
 use super::{EstimateConfig, EstimateReport, estimate, refit};
-use crate::discover::report::Verdict;
-use crate::discover::{self, Finding, diagnose};
-use crate::error::{Error, Result, within};
+use crate::discover::Finding;
+use crate::error::{Result, within};
 use crate::policy::{
     EvaluateConfig, Evaluation, LabelConfig, Policy, Random, TrainConfig, Training, evaluate, label, train,
 };
 use crate::progress::Progress;
-use crate::reality::{HiddenConfig, HiddenWorld, Reality, Trial, Truth, settled};
+use crate::reality::{HiddenConfig, HiddenWorld, Reality, Trial, Truth};
 use crate::rng;
 use crate::task::scene::EffectTerm;
 use crate::task::{Scene, Split, Task, split};
 use crate::world::Latents;
-use crate::world::latent::FACTORS;
 
 /// What is run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -59,23 +58,6 @@ pub struct QuickstartReport {
     pub seconds: Vec<(String, f64)>,
     pub config: QuickstartConfig,
     pub version: String,
-}
-
-/// A simulation as a diagnosis extended it.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Extension {
-    /// As in `iplw.diagnosis/1`.
-    pub verdict: String,
-    /// Why, for people.
-    pub reason: String,
-    /// Every set of effects that the trials cannot tell from the best.
-    pub rivals: Vec<Vec<String>>,
-    /// What is added to the simulation: the simplest of those sets.
-    pub effects: Vec<EffectTerm>,
-    /// As estimated along with the effects; those that the trials do not tell are the workflow's.
-    pub latents: Latents,
-    /// Share of the excess error on held-out trials that goes away.
-    pub excess_removed: Option<f64>,
 }
 
 /// One way of getting a policy, and how it did on the test tasks of the real world.
@@ -176,7 +158,7 @@ pub fn quickstart(
         let found = Latents::of(report.values());
         let named = Named { inner: &staged, name: "what the simulation lacks".into() };
         let (scene, finding) = stopwatch.time("diagnose", || diagnosed(&trials, &setup, &named))?;
-        let extension = extension(&finding, found);
+        let extension = Extension::of(&finding, found);
         first_finding = first_finding.or(Some((scene, finding)));
         for (method, schooling) in [
             (Method::Random, None),
@@ -257,37 +239,6 @@ fn extend(
     config.cem.drag = Some(DRAG_PRIOR);
     let named = Named { inner: progress, name: "with drag".into() };
     stopwatch.time("fit again with drag", || refit(trials, &config, &named))
-}
-
-/// What the trials say the simulation lacks; costs no further real interaction.
-fn diagnosed(trials: &[Trial], config: &EstimateConfig, progress: &dyn Progress) -> Result<(Scene, Finding)> {
-    let first = trials.first().ok_or_else(|| Error::input("trials", "none", "at least one"))?;
-    let (scene, trials) = settled(&first.scene.clone(), trials.to_vec())?;
-    let setup = discover::Config { engine: config.engine, ..discover::Config::standard(config.seed) };
-    let finding = diagnose(&scene, &trials, &setup, progress)?;
-    Ok((scene, finding))
-}
-
-/// The simulation that a finding asks for, where nothing better is known with `found` latents.
-fn extension(finding: &Finding, found: Latents) -> Extension {
-    let d = &finding.diagnosis;
-    let named = matches!(d.verdict, Verdict::Named | Verdict::Ambiguous);
-    let mut values = found.values();
-    for (i, factor) in FACTORS.iter().enumerate() {
-        let told = d.calibrated.iter().find(|c| c.name == factor.name && c.identifiable);
-        if let Some(c) = told.filter(|_| named) {
-            values[i] = Some(c.value);
-        }
-    }
-    let [density, friction, restitution] = values;
-    Extension {
-        verdict: d.verdict.name().into(),
-        reason: d.reason.clone(),
-        rivals: d.rivals.clone(),
-        effects: if named { finding.extended.effects.clone() } else { Vec::new() },
-        latents: Latents { density, friction, restitution },
-        excess_removed: d.gain.held_out.as_ref().and_then(|g| g.excess_removed),
-    }
 }
 
 /// Mean and standard deviation of c (1/s): half a second to half a minute of memory are all likely.

@@ -12,12 +12,14 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use super::extension::{Extension, diagnosed};
 use super::quickstart::DRAG_PRIOR;
 use super::statistics::{Claim, Summary, Verdict};
 use super::strategies::{Arm, Nature};
 use super::transfer::{LearnConfig, School, Transfer, TransferConfig, transfer};
-use super::{EstimateConfig, Memory, Workflow, run};
+use super::{EstimateConfig, Memory, ResidualKind, Workflow, run};
 use crate::error::{Error, Result};
+use crate::estimate::CemConfig;
 use crate::estimate::cem::Sample;
 use crate::explore::Importance;
 use crate::policy::Training;
@@ -45,6 +47,10 @@ pub struct Study {
     pub arms: Vec<Arm>,
     /// Rounds after which policies are trained, from 1.
     pub rounds: Vec<usize>,
+    /// Names of arms whose trials are diagnosed after the last round; a policy is trained in the simulation extended
+    /// by what is found.
+    #[serde(default)]
+    pub diagnosed: Vec<String>,
     /// How policies are made and tried.
     pub transfer: TransferConfig,
     /// One estimate for each.
@@ -59,6 +65,9 @@ pub struct Estimated {
     pub estimates: Vec<Sample>,
     /// Real interactions after each round.
     pub interactions: Vec<u64>,
+    /// What a diagnosis of all trials found, if the study asks for one.
+    #[serde(default)]
+    pub extension: Option<Extension>,
 }
 
 /// One policy to be made and tried.
@@ -93,12 +102,15 @@ pub struct Row {
 impl Study {
     /// The paper's first experiment: latents from 10,000 random real trajectories against the baselines.
     pub fn latents(family: &Family) -> Study {
+        let paper = EstimateConfig::paper(family.prior);
         let random = EstimateConfig {
             strategy: "random".into(),
             actions: 1000,
             candidates: 1000,
             memory: Memory::LastRound,
-            ..EstimateConfig::paper(family.prior)
+            // On a thousand trajectories a round the elites of a fifth of the samples are as good, and a fifth of the cost.
+            cem: CemConfig { samples: 200, elites: 40, ..paper.cem.clone() },
+            ..paper
         };
         let arm = |name: &str, estimate: EstimateConfig| Arm { name: name.into(), estimate };
         let mut study = Study::base("latents", family);
@@ -122,7 +134,14 @@ impl Study {
         study.arms = crate::explore::REGISTRY.iter().map(|s| paper(s.name())).collect();
         let few =
             EstimateConfig { rounds: 10, actions: 5, settled: 0.0, ..EstimateConfig::fast(family.prior) };
-        study.arms.push(Arm { name: "extended, 5 a round".into(), estimate: with_drag(few) });
+        let ours = EstimateConfig {
+            strategy: "informative".into(),
+            residual: ResidualKind::Shooting,
+            ..few.clone()
+        };
+        study.arms.push(Arm { name: "informative, shooting, 5 a round".into(), estimate: ours });
+        study.arms.push(Arm { name: "extended by linear drag, 5 a round".into(), estimate: with_drag(few) });
+        study.diagnosed = vec!["informative, shooting, 5 a round".into()];
         study.rounds = (1..=10).collect();
         study
     }
@@ -165,6 +184,7 @@ impl Study {
                     Arm { name: "extended by linear drag".into(), estimate: with_drag(few) },
                 ];
                 study.rounds = vec![5];
+                study.diagnosed = vec!["mixed".into()];
                 study
             })
             .collect()
@@ -223,6 +243,11 @@ impl Study {
                         let school = grounded(found[s].estimates[round - 1]);
                         cells.push(cell(&arm.name, Some(*round), school, found[s].interactions[round - 1]));
                     }
+                    if let Some(extension) = &found[s].extension {
+                        let school = School::Simulated { training: extension.training() };
+                        let spent = found[s].interactions.last().copied().unwrap_or(0);
+                        cells.push(cell(&extended(&arm.name), self.rounds.last().copied(), school, spent));
+                    }
                 }
             }
         }
@@ -235,11 +260,13 @@ impl Study {
             .schools
             .iter()
             .map(|(name, _)| (name, None))
-            .chain(self.arms.iter().flat_map(|a| self.rounds.iter().map(move |r| (&a.name, Some(*r)))));
+            .chain(self.arms.iter().flat_map(|a| self.rounds.iter().map(move |r| (&a.name, Some(*r)))))
+            .map(|(name, round)| (name.clone(), round))
+            .chain(self.diagnosed.iter().map(|name| (extended(name), self.rounds.last().copied())));
         names
             .filter_map(|(name, round)| {
                 let mine: Vec<(&Cell, &Transfer)> =
-                    cells.iter().zip(results).filter(|(c, _)| c.row == *name && c.round == round).collect();
+                    cells.iter().zip(results).filter(|(c, _)| c.row == name && c.round == round).collect();
                 let (_, first) = mine.first()?;
                 let by_seed = |point: usize| -> Vec<f64> {
                     let of = |seed: &u64| {
@@ -254,7 +281,7 @@ impl Study {
                 };
                 let points = mine.iter().map(|(_, t)| t.points.len()).min().unwrap_or(0);
                 Some(Row {
-                    name: name.clone(),
+                    name,
                     round,
                     interactions: mine.iter().map(|(c, _)| c.interactions as f64).sum::<f64>()
                         / mine.len() as f64,
@@ -312,16 +339,23 @@ impl Study {
                 ahead("gradient beats random", "gradient", "random");
             }
         }
-        if let (Some(extended), Some(oracle)) = (
-            rows.iter().rfind(|r| r.name.starts_with("extended") && r.interactions <= 50.0),
-            at(TRUE_PHYSICS),
-        ) {
-            let ratio = extended.jump_start.mean / oracle.jump_start.mean;
+        let Some(oracle) = at(TRUE_PHYSICS) else { return claims };
+        let few = |r: &&Row| r.name.starts_with("extended by") && r.interactions <= 50.0;
+        let mut seen: Vec<&str> = Vec::new();
+        for row in rows.iter().rev().filter(few) {
+            if seen.contains(&row.name.as_str()) {
+                continue;
+            }
+            seen.push(&row.name);
+            let ratio = row.jump_start.mean / oracle.jump_start.mean;
             claims.push(Claim {
-                text: "past the paper: the extended simulation reaches 0.95 of the oracle with at most 50 interactions".into(),
+                text: format!(
+                    "past the paper: {} reaches 0.95 of the oracle with at most 50 interactions",
+                    row.name
+                ),
                 figure: format!(
                     "{:.3} of {:.3}: {ratio:.3}, after {:.0} interactions",
-                    extended.jump_start.mean, oracle.jump_start.mean, extended.interactions
+                    row.jump_start.mean, oracle.jump_start.mean, row.interactions
                 ),
                 verdict: if ratio >= 0.95 { Verdict::Reproduced } else { Verdict::NotReproduced },
             });
@@ -347,6 +381,7 @@ impl Study {
             hidden,
             arms: Vec::new(),
             rounds: Vec::new(),
+            diagnosed: Vec::new(),
             transfer: TransferConfig::paper(family),
             seeds: vec![50, 100, 150, 500, 1000],
             trials: 3,
@@ -358,12 +393,13 @@ const RANDOMISED: &str = "domain randomisation";
 const TRUE_LATENTS: &str = "true latents";
 const TRUE_PHYSICS: &str = "true latents and effects";
 
-/// Runs one arm's estimation.
+/// Runs one arm's estimation, and the diagnosis of its trials if there is to be one.
 pub fn estimated(
     family: &Family,
     arm: &Arm,
     hidden: &HiddenConfig,
     seed: u64,
+    diagnose: bool,
     importance: Option<Arc<dyn Importance>>,
     progress: &dyn Progress,
 ) -> Result<Estimated> {
@@ -372,7 +408,16 @@ pub fn estimated(
     let config = EstimateConfig { seed, ..arm.estimate.clone() };
     let mut workflow = Workflow::new(&training, &config, importance)?;
     run(&mut workflow, &mut world, progress, &mut |_| Ok(()))?;
-    Ok(Estimated { interactions: workflow.interactions(), estimates: workflow.estimates() })
+    let estimates = workflow.estimates();
+    let last = estimates.last().filter(|_| diagnose);
+    let extension = match last {
+        Some([density, friction, restitution, _]) => {
+            let (_, finding) = diagnosed(workflow.trials(), &config, progress)?;
+            Some(Extension::of(&finding, Latents::of([*density, *friction, *restitution])))
+        }
+        None => None,
+    };
+    Ok(Estimated { interactions: workflow.interactions(), estimates, extension })
 }
 
 /// Makes and tries one policy.
@@ -384,6 +429,11 @@ pub fn tried(
 ) -> Result<(Transfer, Option<crate::policy::Dqn>)> {
     let seed = rng::derive(cell.seed, "learning trial", cell.trial);
     transfer(family, &cell.school, &study.hidden, &study.transfer, seed, progress)
+}
+
+/// Row of policies from an arm's extended simulation.
+fn extended(arm: &str) -> String {
+    format!("extended by diagnosis ({arm})")
 }
 
 /// Training in the simulation at an estimate, with its drag if it has one.

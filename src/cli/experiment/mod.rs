@@ -51,6 +51,12 @@ pub struct ExperimentArgs {
     /// Number of seeds, the first of the experiment's own; the experiment's number if not given.
     #[arg(long)]
     seeds: Option<u64>,
+    /// Learning trials for each estimate (`latents`, `bowling`, `basketball`, `harder`); 3 if not given.
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    trials: Option<u64>,
+    /// Rounds after which policies are trained, `1,3` (`bowling`, `basketball`), and the last; all if not given.
+    #[arg(long, value_delimiter = ',')]
+    rounds: Option<Vec<usize>>,
     /// Of `strategies`: the hidden worlds, damped, no-drag or both.
     #[arg(long, default_value = "both")]
     hidden: String,

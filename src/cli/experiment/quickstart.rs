@@ -6,9 +6,8 @@ use std::time::Instant;
 use iplw::error::{Error, Result};
 use iplw::estimate::LatentEstimate;
 use iplw::experiment::EstimateConfig;
-use iplw::experiment::quickstart::{
-    Extension, Keepsakes, Method, QuickstartConfig, QuickstartReport, quickstart,
-};
+use iplw::experiment::extension::Extension;
+use iplw::experiment::quickstart::{Keepsakes, Method, QuickstartConfig, QuickstartReport, quickstart};
 use iplw::picture::plot::{self, Series};
 use iplw::picture::{Block, Report, Section, Style, filmstrip_svg, trails_svg};
 use iplw::policy::{EvaluateConfig, LabelConfig, TrainConfig};

@@ -35,22 +35,39 @@ fn carry_out(args: &ExperimentArgs, family: &Family, mut study: Study, out: &Pat
         study = study.quick(family);
     }
     study.seeds = args.seeds(&study.seeds);
+    study.trials = args.trials.unwrap_or(study.trials);
+    if let Some(rounds) = &args.rounds {
+        let last = study.rounds.last().copied().unwrap_or(1);
+        if let Some(beyond) = rounds.iter().find(|r| !(1..=last).contains(*r)) {
+            let allowed = format!("numbers of rounds from 1 to {last}");
+            return Err(Error::input("--rounds", beyond, allowed));
+        }
+        // The last one is where rows are compared.
+        study.rounds = rounds.iter().copied().chain([last]).collect();
+        study.rounds.sort_unstable();
+        study.rounds.dedup();
+    }
     study.validate()?;
     let importance = importance(family, study.needs_importance())?;
     let estimates = study.arms.len() * study.seeds.len();
     let policies = study.seeds.len()
         * study.trials as usize
-        * (study.schools.len() + study.arms.len() * study.rounds.len());
+        * (study.schools.len() + study.arms.len() * study.rounds.len() + study.diagnosed.len());
     let mut cells = Cells::new(out, estimates + policies)?;
     let mut seconds = 0.0;
     let mut found: Vec<Vec<Estimated>> = Vec::new();
     for arm in &study.arms {
         let mut of_arm = Vec::new();
         for seed in &study.seeds {
-            let depends = json!({ "family": family.name, "hidden": study.hidden, "arm": arm, "seed": seed });
+            let diagnose = study.diagnosed.contains(&arm.name);
+            let mut depends =
+                json!({ "family": family.name, "hidden": study.hidden, "arm": arm, "seed": seed });
+            if diagnose {
+                depends["diagnose"] = true.into();
+            }
             let key = format!("estimate, {}, seed {seed}", arm.name);
             let (done, took) = cells.get(&key, &depends, |progress| {
-                estimated(family, arm, &study.hidden, *seed, importance.clone(), progress)
+                estimated(family, arm, &study.hidden, *seed, diagnose, importance.clone(), progress)
             })?;
             of_arm.push(done);
             seconds += took;
