@@ -41,6 +41,9 @@ pub enum Error {
     /// Reading or writing failed.
     #[error("{path}: {message}")]
     Io { path: String, message: String },
+    /// One entry of a batch stands in the way of all of it.
+    #[error("`{field}`: {error}")]
+    Entry { field: String, error: Box<Error> },
 }
 
 /// A refused value: where it stands, what it was, what would be allowed.
@@ -105,6 +108,14 @@ impl Error {
                 Error::Input(input)
             }
             other => other,
+        }
+    }
+
+    /// The same error said of an entry of a batch; one that names the entry's field already stays as it is.
+    pub fn of_entry(self, field: &str) -> Self {
+        match self {
+            Error::Input(_) => self,
+            error => Error::Entry { field: field.into(), error: Box::new(error) },
         }
     }
 

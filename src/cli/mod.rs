@@ -119,6 +119,7 @@ fn exit_code(error: &Error) -> u8 {
         | Error::Interrupted { .. }
         | Error::Cancelled
         | Error::Failed(_) => 1,
+        Error::Entry { error, .. } => exit_code(error),
     }
 }
 

@@ -9,7 +9,7 @@ use crate::rng;
 use crate::task::scene::EffectTerm;
 use crate::task::{Family, Placement, Scene, Task, ValidAction};
 use crate::trajectory::Trajectory;
-use crate::world::{Engine, Latents, Rollout, effect, simulate};
+use crate::world::{Engine, Latents, Rollout, effect, simulate, simulate_mixed};
 
 /// What a hidden world is made of. Whoever makes one knows this; whoever measures it does not.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -52,6 +52,24 @@ pub struct HiddenWorld {
     interactions: u64,
 }
 
+/// Carries out one placed action in each of many worlds, as one batch. All budgets are looked at before anything is
+/// done; an error says which world it is of, if it is of one.
+pub fn measure_each(
+    worlds: &mut [(&mut HiddenWorld, &Scene)],
+) -> std::result::Result<Vec<Trajectory>, (Option<usize>, Error)> {
+    for (i, (world, _)) in worlds.iter().enumerate() {
+        world.afford(1).map_err(|e| (Some(i), e))?;
+    }
+    let rollouts: Vec<(Engine, Rollout)> =
+        worlds.iter().map(|(w, scene)| (w.config.engine, w.rollout(scene))).collect();
+    let mut observed = simulate_mixed(&rollouts, |_, t| t).map_err(|e| (None, e))?;
+    for (trajectory, (world, scene)) in observed.iter_mut().zip(worlds) {
+        world.observe(trajectory, scene, world.interactions);
+        world.interactions += 1;
+    }
+    Ok(observed)
+}
+
 /// The standard real world of a family: the paper's latents, with damping 0.8 per second.
 pub fn standard(family: &Family) -> HiddenConfig {
     let physics = &family.real_physics;
@@ -87,6 +105,21 @@ impl HiddenWorld {
         Truth { latents: self.config.latents, effects: self.config.effects.clone() }
     }
 
+    /// How `scene` is rolled out here.
+    fn rollout<'a>(&'a self, scene: &'a Scene) -> Rollout<'a> {
+        Rollout { scene, latents: self.config.latents, effects: &self.config.effects, stop: true }
+    }
+
+    /// Errors unless the budget covers `asked` more attempts.
+    fn afford(&self, asked: u64) -> Result<()> {
+        match self.config.budget {
+            Some(limit) if self.interactions + asked > limit => {
+                Err(Error::Budget { limit, spent: self.interactions, asked })
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// Adds the observation noise of interaction number `interaction`; the start is set by the experimenter
     /// and known exactly.
     fn observe(&self, trajectory: &mut Trajectory, scene: &Scene, interaction: u64) {
@@ -116,21 +149,12 @@ impl Reality for HiddenWorld {
         let rollouts: Vec<Rollout> = placements
             .iter()
             .filter_map(|p| match p {
-                Placement::Valid(scene) => Some(Rollout {
-                    scene,
-                    latents: self.config.latents,
-                    effects: &self.config.effects,
-                    stop: true,
-                }),
+                Placement::Valid(scene) => Some(self.rollout(scene)),
                 Placement::Invalid(_) => None,
             })
             .collect();
         let asked = rollouts.len() as u64;
-        if let Some(limit) = self.config.budget
-            && self.interactions + asked > limit
-        {
-            return Err(Error::Budget { limit, spent: self.interactions, asked });
-        }
+        self.afford(asked)?;
         let mut observed = simulate(&rollouts, self.config.engine)?;
         for (i, (trajectory, rollout)) in observed.iter_mut().zip(&rollouts).enumerate() {
             self.observe(trajectory, rollout.scene, self.interactions + i as u64);

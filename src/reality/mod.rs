@@ -7,7 +7,7 @@ pub mod certify;
 mod hidden;
 mod recorded;
 
-pub use hidden::{HiddenConfig, HiddenWorld, Truth, standard};
+pub use hidden::{HiddenConfig, HiddenWorld, Truth, measure_each, standard};
 pub use recorded::{read_trials, trials_from_csv, trials_to_csv};
 
 use crate::error::Result;

@@ -103,7 +103,7 @@ impl Problem {
 impl From<Error> for Problem {
     fn from(error: Error) -> Problem {
         let detail = error.to_string();
-        let problem = |status, slug, title| Problem::new(status, slug, title, detail);
+        let problem = |status, slug, title| Problem::new(status, slug, title, detail.clone());
         match error {
             Error::Input(input) => {
                 let some = |text: String| Some(text).filter(|t| !t.is_empty());
@@ -134,6 +134,9 @@ impl From<Error> for Problem {
                 problem(StatusCode::UNPROCESSABLE_ENTITY, "no-result", "The computation has no result")
             }
             Error::Io { .. } => problem(StatusCode::SERVICE_UNAVAILABLE, "storage", "Storage failed"),
+            Error::Entry { field, error } => {
+                Problem { field: Some(field), detail, ..Problem::from(*error) }
+            }
         }
     }
 }

@@ -17,6 +17,7 @@
 //! world that comes back waits to be reset.
 
 mod catalogue;
+mod many;
 pub mod observation;
 mod registry;
 mod saved;
@@ -34,11 +35,13 @@ use crate::task::{ActionSpace, Placement, Scene, Split, Task, ValidAction};
 use crate::trajectory::{End, Trajectory};
 use crate::world::{Engine, Latents, Rollout, chosen, effect, simulate_map};
 pub use catalogue::{Catalogue, TaskSet};
+pub use many::{Autoreset, Turned, reset_many, step_many};
 pub use registry::{Listed, Registry, RegistryConfig};
 use saved::Account;
 pub use saved::SavedWorld;
 
 /// What a world is made from.
+#[derive(Clone)]
 pub struct WorldConfig {
     /// What may be asked in it.
     pub tasks: TaskSet,
@@ -99,6 +102,10 @@ pub struct World {
     budget: Option<u64>,
     /// Of a simulation, or of a real world that is not sealed.
     effects: Vec<EffectTerm>,
+    /// Numbers in an observation.
+    features: usize,
+    /// Body-time-steps of the longest rollout.
+    longest: u64,
     hidden: Option<Mutex<HiddenWorld>>,
     /// Where the counter is kept, if anywhere.
     account: Option<Account>,
@@ -113,9 +120,42 @@ struct State {
     latents: Latents,
     phase: Phase,
     task: Option<usize>,
+    /// Part of the family that the last reset drew from; an episode begun by itself draws from it too.
+    split: Option<Split>,
     episodes: u64,
     interactions: u64,
     resets: Stream,
+}
+
+/// What a reset draws its task from.
+enum Drawn {
+    /// This one.
+    Given(usize),
+    /// Any of these; never empty.
+    Pool(Vec<usize>),
+}
+
+/// What is left of a trajectory once a step is made of it.
+struct Seen {
+    observation: Vec<f64>,
+    solved: bool,
+    steps: u32,
+    collisions: u32,
+    rolling_steps: u32,
+    end: End,
+}
+
+impl Seen {
+    fn of(task: &Task, trajectory: &Trajectory) -> Seen {
+        Seen {
+            observation: observation::observe(&task.scene, Some(trajectory)),
+            solved: trajectory.solved(),
+            steps: trajectory.outcome.steps,
+            collisions: trajectory.collisions,
+            rolling_steps: trajectory.rolling_steps,
+            end: trajectory.outcome.end,
+        }
+    }
 }
 
 /// A world as it may be shown.
@@ -219,6 +259,8 @@ pub type Keep<'a> = &'a dyn Fn(&[Tried], u64) -> Result<()>;
 pub const MOST_ACTIONS: usize = 4096;
 /// Most sampled body states in one answer; 8 numbers each, so that an answer stays below half a gigabyte.
 const MOST_SAMPLES: u64 = 4_000_000;
+/// Body-time-steps up to which a rollout is light: at most about 0.2 ms.
+const LIGHT: u64 = 100;
 /// Most body-time-steps in one request: about a minute on two cores.
 const MOST_WORK: u64 = 100_000_000;
 
@@ -265,7 +307,10 @@ impl World {
                 (latents, effects, Some(Mutex::new(HiddenWorld::new(hidden)?)))
             }
         };
+        let scenes = config.tasks.tasks.iter().map(|t| &t.scene);
         Ok(World {
+            features: observation::names(&config.tasks.tasks[0].scene).len(),
+            longest: scenes.map(|s| u64::from(s.steps) * s.bodies.len() as u64).max().unwrap_or(0),
             tasks: config.tasks,
             kind: config.kind,
             engine: config.engine,
@@ -280,6 +325,7 @@ impl World {
                 latents,
                 phase: Phase::New,
                 task: None,
+                split: None,
                 episodes: 0,
                 interactions: 0,
                 resets: rng::stream(config.seed, "reset"),
@@ -289,80 +335,100 @@ impl World {
 
     /// Starts an episode.
     pub fn reset(&self, reset: &Reset) -> Result<Start> {
+        let drawn = self.drawn(reset)?;
+        let _turn = lock(&self.turn);
+        Ok(self.begin(drawn, reset))
+    }
+
+    /// What a reset draws its task from.
+    fn drawn(&self, reset: &Reset) -> Result<Drawn> {
         let given = reset.task.as_deref().map(|id| self.tasks.find(id)).transpose()?;
         let pool = self.pool(reset.split)?;
-        if let (Some(task), Some(split)) = (given, reset.split)
-            && !pool.contains(&task)
-        {
-            let own = self.tasks.tasks[task].split.name();
-            return Err(Error::input(
-                "split",
-                format!("{:?}", split.name()),
-                format!("{own:?}, where the task is"),
-            ));
+        match (given, reset.split) {
+            (Some(task), Some(split)) if !pool.contains(&task) => {
+                let own = self.tasks.tasks[task].split.name();
+                let allowed = format!("{own:?}, where the task is");
+                Err(Error::input("split", format!("{:?}", split.name()), allowed))
+            }
+            (Some(task), _) => Ok(Drawn::Given(task)),
+            (None, _) => Ok(Drawn::Pool(pool)),
         }
-        let _turn = lock(&self.turn);
+    }
+
+    /// Starts an episode; the caller has the turn.
+    fn begin(&self, drawn: Drawn, reset: &Reset) -> Start {
         let mut state = lock(&self.state);
         if let Some(seed) = reset.seed {
             state.resets = rng::stream(seed, "reset");
         }
-        let task = match given {
-            Some(task) => task,
-            None => pool[state.resets.random_range(0..pool.len())],
+        let task = match drawn {
+            Drawn::Given(task) => task,
+            Drawn::Pool(pool) => pool[state.resets.random_range(0..pool.len())],
         };
         state.task = Some(task);
+        state.split = reset.split;
         state.phase = Phase::Ready;
         state.episodes += 1;
         let task = &self.tasks.tasks[task];
-        Ok(Start {
+        Start {
             observation: observation::observe(&task.scene, None),
             task: task.id.clone(),
             split: task.split,
-        })
+        }
     }
 
     /// Carries out one action; see the table of phases.
     pub fn step(&self, action: &Action) -> Result<Step> {
         let _turn = lock(&self.turn);
-        let (task, latents) = {
-            let state = lock(&self.state);
-            let task = match (state.phase, state.task) {
-                (Phase::Ready, Some(task)) => task,
-                (Phase::Done, _) => return Err(refused("the episode has ended; reset the world first")),
-                _ => return Err(refused("no episode has begun; reset the world first")),
-            };
-            (&self.tasks.tasks[task], state.latents)
-        };
+        let (task, latents) = self.ready()?;
         let action = action.resolve(task.actions(), "action")?;
         let (mut results, interactions) = self.attempt(task, &[action], latents, true, |t| t, None)?;
         let result = results.pop().ok_or_else(|| Error::Failed("an attempt without a result".into()))?;
-        let step = Step {
-            observation: observation::observe(&task.scene, result.as_ref().ok()),
-            reward: 0.0,
-            terminated: false,
-            invalid: None,
-            solved: false,
-            steps: 0,
-            task: task.id.clone(),
-            interactions,
-            collisions: 0,
-            rolling_steps: 0,
-            end: None,
-        };
-        match result {
-            Err(reason) => Ok(Step { invalid: Some(reason), ..step }),
-            Ok(trajectory) => {
+        Ok(self.stepped(task, result.map(|t| Seen::of(task, &t)), interactions))
+    }
+
+    /// The task of the episode that waits for an action, and the latents it is attempted with.
+    fn ready(&self) -> Result<(&Task, Latents)> {
+        let state = lock(&self.state);
+        match (state.phase, state.task) {
+            (Phase::Ready, Some(task)) => Ok((&self.tasks.tasks[task], state.latents)),
+            (Phase::Done, _) => Err(refused("the episode has ended; reset the world first")),
+            _ => Err(refused("no episode has begun; reset the world first")),
+        }
+    }
+
+    /// Takes in what an action brought; a valid one ends the episode.
+    fn stepped(&self, task: &Task, seen: std::result::Result<Seen, String>, interactions: u64) -> Step {
+        let task_id = task.id.clone();
+        match seen {
+            Err(reason) => Step {
+                observation: observation::observe(&task.scene, None),
+                reward: 0.0,
+                terminated: false,
+                invalid: Some(reason),
+                solved: false,
+                steps: 0,
+                task: task_id,
+                interactions,
+                collisions: 0,
+                rolling_steps: 0,
+                end: None,
+            },
+            Ok(seen) => {
                 lock(&self.state).phase = Phase::Done;
-                Ok(Step {
-                    reward: f64::from(u8::from(trajectory.solved())),
+                Step {
+                    observation: seen.observation,
+                    reward: f64::from(u8::from(seen.solved)),
                     terminated: true,
-                    solved: trajectory.solved(),
-                    steps: trajectory.outcome.steps,
-                    collisions: trajectory.collisions,
-                    rolling_steps: trajectory.rolling_steps,
-                    end: Some(trajectory.outcome.end),
-                    ..step
-                })
+                    invalid: None,
+                    solved: seen.solved,
+                    steps: seen.steps,
+                    task: task_id,
+                    interactions,
+                    collisions: seen.collisions,
+                    rolling_steps: seen.rolling_steps,
+                    end: Some(seen.end),
+                }
             }
         }
     }
@@ -474,6 +540,12 @@ impl World {
         }
     }
 
+    /// Whether everything but a large batch is done here in a fraction of a millisecond, and without waiting for
+    /// the disk.
+    pub fn is_light(&self) -> bool {
+        self.hidden.is_none() && self.longest <= LIGHT
+    }
+
     /// Simulated or real.
     pub fn kind(&self) -> Kind {
         self.kind
@@ -482,6 +554,11 @@ impl World {
     /// The tasks the world may be reset to.
     pub fn tasks(&self) -> &TaskSet {
         &self.tasks
+    }
+
+    /// Numbers in an observation.
+    pub fn features(&self) -> usize {
+        self.features
     }
 
     /// Valid attempts so far.
@@ -682,19 +759,20 @@ fn runs(config: &WorldConfig) -> Result<()> {
     chosen(config.engine, &Rollout { scene: &scene, latents: config.latents, effects, stop: true }).map(drop)
 }
 
+/// Errors if so many body-time-steps are more than one request may cost.
+fn bearable(work: u64) -> Result<()> {
+    if work <= MOST_WORK {
+        return Ok(());
+    }
+    let what = "bodies x time steps x actions";
+    let advice = "take fewer actions, steps or bodies";
+    Err(Error::TooLarge { what, asked: work, limit: MOST_WORK, advice })
+}
+
 /// Errors if `rollouts` of `scene` are more than one request may cost.
 fn affordable(scene: &Scene, rollouts: u64, samples_kept: bool) -> Result<()> {
     let bodies = scene.bodies.len() as u64;
-    let work = rollouts.saturating_mul(u64::from(scene.steps)).saturating_mul(bodies);
-    if work > MOST_WORK {
-        let advice = "take fewer actions, steps or bodies";
-        return Err(Error::TooLarge {
-            what: "bodies x time steps x actions",
-            asked: work,
-            limit: MOST_WORK,
-            advice,
-        });
-    }
+    bearable(rollouts.saturating_mul(u64::from(scene.steps)).saturating_mul(bodies))?;
     let each = u64::from(scene.steps / scene.observe_every.max(1)) + 2;
     let samples = rollouts.saturating_mul(each).saturating_mul(bodies);
     if samples_kept && samples > MOST_SAMPLES {

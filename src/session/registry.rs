@@ -3,7 +3,7 @@
 //!
 //! Time is an argument: any clock that counts up from anywhere, so that tests need not wait.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::ops::Bound;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -95,21 +95,61 @@ impl Registry {
         let saved = text(&SavedWorld::of(&config))?;
         let world = World::new(config)?;
         if lock(&self.worlds).len() >= self.config.limit {
-            return Err(Error::Capacity {
-                what: "worlds",
-                limit: self.config.limit,
-                advice: "delete one you no longer need, or try again when idle ones are gone",
-            });
+            return Err(self.full());
         }
         self.store.add_world(id, &saved, answered(&world).as_ref())?;
         Ok(self.insert(id, world, now))
     }
 
+    /// Makes and takes in many worlds alike, with the seeds given, all or none of them; as [`Registry::make`].
+    pub fn make_many(
+        &self,
+        ids: &[String],
+        config: &WorldConfig,
+        seeds: &[u64],
+        now: Duration,
+        answered: &dyn Fn(&[Listed]) -> Option<Answered>,
+    ) -> Result<Vec<Listed>> {
+        self.sweep(now)?;
+        if lock(&self.worlds).len() + ids.len() > self.config.limit {
+            return Err(self.full());
+        }
+        let (mut rows, mut made) = (Vec::with_capacity(ids.len()), Vec::with_capacity(ids.len()));
+        for (id, seed) in ids.iter().zip(seeds) {
+            let config = WorldConfig { seed: *seed, ..config.clone() };
+            rows.push((id.as_str(), text(&SavedWorld::of(&config))?));
+            let world = Arc::new(World::new(config)?.kept_in(self.store.clone(), id));
+            made.push(Listed { id: id.clone(), world });
+        }
+        self.store.add_worlds(&rows, answered(&made).as_ref())?;
+        let mut worlds = lock(&self.worlds);
+        for l in &made {
+            worlds.insert(l.id.clone(), Entry { world: l.world.clone(), resident: false, used: now });
+        }
+        Ok(made)
+    }
+
     /// The world called `id`; counts as use.
     pub fn get(&self, id: &str, now: Duration) -> Result<Arc<World>> {
-        self.sweep(now)?;
+        self.used(&mut lock(&self.worlds), id, now)
+    }
+
+    /// The worlds with these ids, different ones; counts as use. Errors name `worlds[i]`.
+    pub fn get_many(&self, ids: &[String], now: Duration) -> Result<Vec<Arc<World>>> {
+        once_each(ids)?;
         let mut worlds = lock(&self.worlds);
+        let one = |(i, id): (usize, &String)| {
+            self.used(&mut worlds, id, now).map_err(|e| e.of_entry(&format!("worlds[{i}]")))
+        };
+        ids.iter().enumerate().map(one).collect()
+    }
+
+    fn used(&self, worlds: &mut BTreeMap<String, Entry>, id: &str, now: Duration) -> Result<Arc<World>> {
         let entry = worlds.get_mut(id).ok_or_else(|| unknown(id))?;
+        if self.idled_out(entry, now) {
+            // Gone for everybody; the next sweep clears it away.
+            return Err(unknown(id));
+        }
         entry.used = now;
         Ok(entry.world.clone())
     }
@@ -132,6 +172,23 @@ impl Registry {
         lock(&self.worlds).remove(id).map(drop).ok_or_else(|| unknown(id))
     }
 
+    /// Forgets worlds, all of them or none.
+    pub fn remove_many(&self, ids: &[String]) -> Result<()> {
+        once_each(ids)?;
+        {
+            let worlds = lock(&self.worlds);
+            if let Some(i) = ids.iter().position(|id| !worlds.contains_key(id)) {
+                return Err(unknown(&ids[i]).of_entry(&format!("worlds[{i}]")));
+            }
+        }
+        self.store.remove_worlds(ids)?;
+        let mut worlds = lock(&self.worlds);
+        let gone: Vec<Entry> = ids.iter().filter_map(|id| worlds.remove(id)).collect();
+        drop(worlds);
+        drop(gone);
+        Ok(())
+    }
+
     /// Forgets the worlds that have idled out; returns how many.
     pub fn sweep(&self, now: Duration) -> Result<usize> {
         let mut gone = Vec::new();
@@ -139,14 +196,25 @@ impl Registry {
             if Arc::strong_count(&entry.world) > 1 {
                 entry.used = now;
             }
-            let stays = entry.resident || now.saturating_sub(entry.used) <= self.config.idle;
-            if !stays {
+            let gone_out = self.idled_out(entry, now);
+            if gone_out {
                 gone.push(id.clone());
             }
-            stays
+            !gone_out
         });
         self.store.remove_worlds(&gone)?;
         Ok(gone.len())
+    }
+
+    /// Whether nobody has used a world for too long; one that work is under way on is in use.
+    fn idled_out(&self, entry: &Entry, now: Duration) -> bool {
+        let in_use = entry.resident || Arc::strong_count(&entry.world) > 1;
+        !in_use && now.saturating_sub(entry.used) > self.config.idle
+    }
+
+    fn full(&self) -> Error {
+        let advice = "delete one you no longer need, or try again when idle ones are gone";
+        Error::Capacity { what: "worlds", limit: self.config.limit, advice }
     }
 
     fn insert(&self, id: &str, world: World, now: Duration) -> Arc<World> {
@@ -172,6 +240,18 @@ fn again(row: &WorldRow, catalogue: &Catalogue) -> Result<World> {
 
 fn text(saved: &SavedWorld) -> Result<String> {
     serde_json::to_string(saved).map_err(|e| Error::Failed(format!("a world cannot be written: {e}")))
+}
+
+/// Errors where an id stands twice.
+fn once_each(ids: &[String]) -> Result<()> {
+    let mut seen = HashMap::with_capacity(ids.len());
+    for (i, id) in ids.iter().enumerate() {
+        if let Some(first) = seen.insert(id.as_str(), i) {
+            let allowed = format!("each world once in a batch; it is `worlds[{first}]` too");
+            return Err(Error::input(format!("worlds[{i}]"), format!("{id:?}"), allowed));
+        }
+    }
+    Ok(())
 }
 
 fn unknown(id: &str) -> Error {

@@ -34,8 +34,16 @@ pub(super) struct Pending {
 impl Store {
     /// Takes in a world.
     pub fn add_world(&self, id: &str, config: &str, answered: Option<&Answered>) -> Result<()> {
+        self.add_worlds(&[(id, config.to_string())], answered)
+    }
+
+    /// Takes in worlds, (id, config) each, all or none of them.
+    pub fn add_worlds(&self, worlds: &[(&str, String)], answered: Option<&Answered>) -> Result<()> {
         self.atomically(|t| {
-            t.execute("INSERT INTO world (id, config) VALUES (?1, ?2)", params![id, config])?;
+            let mut insert = t.prepare_cached("INSERT INTO world (id, config) VALUES (?1, ?2)")?;
+            for (id, config) in worlds {
+                insert.execute(params![id, config])?;
+            }
             keep(t, answered)
         })
     }

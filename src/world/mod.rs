@@ -92,9 +92,8 @@ pub fn simulate_map_set<T: Send>(
     keep: impl Fn(usize, Trajectory) -> T + Sync,
 ) -> Result<Vec<T>> {
     let work = divide(rollouts, engine)?;
-    let finished: Vec<Result<Vec<(usize, T)>>> = work
-        .into_par_iter()
-        .map(|part| match part {
+    let run = |part: Part| -> Result<Vec<(usize, T)>> {
+        match part {
             Part::Rapier(index) => {
                 let prepared = prepare(&rollouts[index])?;
                 let truth = rapier::run(&prepared)?;
@@ -107,8 +106,13 @@ pub fn simulate_map_set<T: Send>(
                 lanes::run(&mut feed, settings);
                 Ok(feed.kept)
             }
-        })
-        .collect();
+        }
+    };
+    // A single part is worth no trip to another thread.
+    let finished: Vec<Result<Vec<(usize, T)>>> = match work.len() {
+        0 | 1 => work.into_iter().map(run).collect(),
+        _ => work.into_par_iter().map(run).collect(),
+    };
     let mut results: Vec<Option<T>> = rollouts.iter().map(|_| None).collect();
     for part in finished {
         for (index, kept) in part? {
@@ -116,6 +120,23 @@ pub fn simulate_map_set<T: Send>(
         }
     }
     results.into_iter().map(|r| r.ok_or_else(|| Error::Failed("a rollout was lost".into()))).collect()
+}
+
+/// [`simulate_map`] for rollouts that engines of several names are to run: a batch for each.
+pub fn simulate_mixed<T: Send>(
+    rollouts: &[(Engine, Rollout)],
+    keep: impl Fn(usize, Trajectory) -> T + Sync,
+) -> Result<Vec<T>> {
+    let mut kept: Vec<Option<T>> = rollouts.iter().map(|_| None).collect();
+    for engine in [Engine::Auto, Engine::Rapier, Engine::Lanes] {
+        let here: Vec<usize> = (0..rollouts.len()).filter(|i| rollouts[*i].0 == engine).collect();
+        let batch: Vec<Rollout> = here.iter().map(|i| rollouts[*i].1).collect();
+        let done = simulate_map(&batch, engine, |k, trajectory| keep(here[k], trajectory))?;
+        for (i, value) in here.iter().zip(done) {
+            kept[*i] = Some(value);
+        }
+    }
+    kept.into_iter().map(|k| k.ok_or_else(|| Error::Failed("a rollout was lost".into()))).collect()
 }
 
 fn seen(view: Option<&View>, truth: Trajectory) -> Trajectory {
@@ -155,25 +176,28 @@ type Group = (Option<Topology>, Vec<usize>);
 /// Fewest and most rollouts in a part: enough to keep all lanes busy until near the end, few enough to go round.
 const PART: [usize; 2] = [2 * effect::LANES, 32 * effect::LANES];
 
+/// So few rollouts are looked at where the caller is.
+const FEW: usize = effect::LANES;
+
 /// Checks every rollout, so that bad input is refused before any work is done, and divides the work. How it is
 /// divided changes no result. Nothing prepared is kept: memory stays flat however many rollouts there are.
 fn divide(rollouts: &[Rollout], engine: Engine) -> Result<Vec<Part>> {
-    let looked_at: Vec<Result<Vec<Group>>> = rollouts
-        .par_chunks(PART[1])
-        .enumerate()
-        .map(|(chunk, rollouts)| {
-            let mut groups = Vec::new();
-            for (i, rollout) in rollouts.iter().enumerate() {
-                let prepared = prepare(rollout)?;
-                let topology = match engine_for(engine, &prepared)? {
-                    Engine::Lanes => Some(Topology::of(&prepared)),
-                    Engine::Rapier | Engine::Auto => None,
-                };
-                group(&mut groups, topology).push(chunk * PART[1] + i);
-            }
-            Ok(groups)
-        })
-        .collect();
+    let look = |(chunk, rollouts): (usize, &[Rollout])| -> Result<Vec<Group>> {
+        let mut groups = Vec::new();
+        for (i, rollout) in rollouts.iter().enumerate() {
+            let prepared = prepare(rollout)?;
+            let topology = match engine_for(engine, &prepared)? {
+                Engine::Lanes => Some(Topology::of(&prepared)),
+                Engine::Rapier | Engine::Auto => None,
+            };
+            group(&mut groups, topology).push(chunk * PART[1] + i);
+        }
+        Ok(groups)
+    };
+    let looked_at: Vec<Result<Vec<Group>>> = match rollouts.len() {
+        0..=FEW => rollouts.chunks(PART[1]).enumerate().map(look).collect(),
+        _ => rollouts.par_chunks(PART[1]).enumerate().map(look).collect(),
+    };
     let mut groups = Vec::new();
     for chunk in looked_at {
         for (topology, indices) in chunk? {

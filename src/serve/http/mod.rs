@@ -1,6 +1,7 @@
 //! HTTP: routes, bodies and headers around the operations.
 
 mod asked;
+mod batch;
 mod extract;
 mod jobs;
 mod policies;
@@ -48,6 +49,7 @@ pub const BODY_LIMIT: usize = 16 * 1024 * 1024;
     ),
     tags(
         (name = "worlds", description = "Worlds as resources: reset, step, set_latents, rollout, render."),
+        (name = "batch", description = "Many worlds in one request: all of it is done, or nothing."),
         (name = "tasks", description = "Built-in families of tasks."),
         (name = "workflow", description = "Explore, measure, estimate: as a job."),
         (name = "policies", description = "Train, act, evaluate, download and upload weights."),
@@ -68,6 +70,9 @@ pub fn routes() -> (Router<Arc<App>>, utoipa::openapi::OpenApi) {
         .routes(routes!(worlds::set_latents))
         .routes(routes!(worlds::rollout))
         .routes(routes!(worlds::render))
+        .routes(routes!(batch::create, batch::delete))
+        .routes(routes!(batch::reset))
+        .routes(routes!(batch::step))
         .routes(routes!(tasks::families))
         .routes(routes!(tasks::family))
         .routes(routes!(tasks::task))

@@ -2,6 +2,7 @@
 
 pub mod asked;
 pub mod diagnosis;
+pub mod batch;
 pub mod estimation;
 pub mod job;
 pub mod learning;

@@ -3,8 +3,10 @@
 //! Requests refuse unknown fields and turn into core types by conversions that name what is wrong; answers are
 //! made from core types by `From`.
 
+mod array;
 mod asked;
 mod diagnosis;
+mod batch;
 mod job;
 mod policy;
 mod strict;
@@ -12,8 +14,12 @@ mod surface;
 mod task;
 mod world;
 
+pub use array::{Array, Data, lists};
 pub use asked::{ProposalOut, Proposals, TellIn, TellQuery, Told, TrialIn, TrialOut, Trials};
 pub use diagnosis::DiagnosisIn;
+pub use batch::{
+    CreateWorlds, ResetWorlds, StepWorlds, WorldIds, WorldsMade, WorldsReset, WorldsStepped,
+};
 pub use job::{Estimation, Event, JobOut, Jobs, RealChoice, RealIn};
 pub use policy::{ActIn, Acted, EvaluateIn, LearnIn, Policies, PolicyOut, Scored, TrainIn, TrainingIn};
 pub use strict::Object;
@@ -26,6 +32,14 @@ pub use world::{
 
 use serde::Serialize;
 use utoipa::ToSchema;
+
+/// An answer that may hold numbers in bulk.
+pub trait Bulk {
+    /// Takes them out, by the name of their field, for a client that wants them as pieces of memory.
+    fn bulk(&mut self) -> Vec<(&'static str, Array)> {
+        Vec::new()
+    }
+}
 
 /// Whether the server answers.
 #[derive(Serialize, ToSchema)]

@@ -7,7 +7,8 @@ use serde::de::{SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 use utoipa::ToSchema;
 
-use super::Object;
+use super::array::{Array, Data};
+use super::{Bulk, Object};
 use crate::error::{Error, Result};
 use crate::session::{
     Action, Batch, Catalogue, Description, Kind, Reset, Rolled, Start, Step, TaskSet, WorldConfig,
@@ -191,7 +192,9 @@ pub enum SplitIn {
 #[derive(Serialize, ToSchema)]
 pub struct ResetOut {
     /// Each from 0 to 1, as the world's `observation_space` names them.
-    pub observation: Vec<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Vec<f64>, required = true)]
+    pub observation: Option<Array>,
     pub info: ResetInfo,
 }
 
@@ -221,7 +224,9 @@ pub enum ActionIn {
 /// Gymnasium's tuple.
 #[derive(Serialize, ToSchema)]
 pub struct StepOut {
-    pub observation: Vec<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Vec<f64>, required = true)]
+    pub observation: Option<Array>,
     /// 1 if the task was solved, else 0.
     pub reward: f64,
     pub terminated: bool,
@@ -550,7 +555,7 @@ impl From<&ActionSpace> for ActionSpaceOut {
 impl From<Start> for ResetOut {
     fn from(start: Start) -> ResetOut {
         ResetOut {
-            observation: start.observation,
+            observation: Some(Array::line(Data::F8(start.observation))),
             info: ResetInfo { task: start.task, split: start.split.into() },
         }
     }
@@ -559,7 +564,7 @@ impl From<Start> for ResetOut {
 impl From<Step> for StepOut {
     fn from(step: Step) -> StepOut {
         StepOut {
-            observation: step.observation,
+            observation: Some(Array::line(Data::F8(step.observation))),
             reward: step.reward,
             terminated: step.terminated,
             truncated: false,
@@ -572,13 +577,30 @@ impl From<Step> for StepOut {
                 interactions: step.interactions,
                 collisions: step.collisions,
                 rolling_steps: step.rolling_steps,
-                end: step.end.map(|end| match end {
-                    End::Horizon => "horizon",
-                    End::Goal => "goal",
-                    End::Diverged => "diverged",
-                }),
+                end: step.end.map(end_name),
             },
         }
+    }
+}
+
+/// The word for how a rollout ended.
+pub fn end_name(end: End) -> &'static str {
+    match end {
+        End::Horizon => "horizon",
+        End::Goal => "goal",
+        End::Diverged => "diverged",
+    }
+}
+
+impl Bulk for ResetOut {
+    fn bulk(&mut self) -> Vec<(&'static str, Array)> {
+        self.observation.take().map(|a| ("observation", a)).into_iter().collect()
+    }
+}
+
+impl Bulk for StepOut {
+    fn bulk(&mut self) -> Vec<(&'static str, Array)> {
+        self.observation.take().map(|a| ("observation", a)).into_iter().collect()
     }
 }
 
