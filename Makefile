@@ -29,6 +29,7 @@ test-examples:
 	$(CARGO) build --locked --bin iplw --examples
 	$(CARGO) run --locked --example ground_and_roll
 	IPLW_BIN=target/debug/iplw bash examples/curl/smoke.sh
+	IPLW_BIN=target/debug/iplw bash examples/node/smoke.sh
 
 test-python: $(VENV)/.installed
 	$(CARGO) build --locked --bin iplw --examples

@@ -27,7 +27,8 @@ async fn main() -> Result<(), Box<dyn Error>> {
             let _ = router.send(message).await;
         }
     });
-    let app = axum::Router::new().fallback(any(|| async { ([(header::CONTENT_TYPE, "application/json")], "{}") }));
+    let app =
+        axum::Router::new().fallback(any(|| async { ([(header::CONTENT_TYPE, "application/json")], "{}") }));
     let prompt = listener.tap_io(|stream| drop(stream.set_nodelay(true)));
     axum::serve(prompt, app).await?;
     Ok(())

@@ -111,6 +111,14 @@ impl Error {
         }
     }
 
+    /// The same error with its field called `name`.
+    pub fn named(self, name: &str) -> Self {
+        match self {
+            Error::Input(input) => Error::Input(Input { field: name.into(), ..input }),
+            other => other,
+        }
+    }
+
     /// The same error said of an entry of a batch; one that names the entry's field already stays as it is.
     pub fn of_entry(self, field: &str) -> Self {
         match self {

@@ -27,13 +27,15 @@ const ROOMS: [&str; 18] = [
 const LAST: &str = "serve";
 
 /// A crate and the only places that may name it.
-const HOMES: [(&str, &[&str]); 9] = [
+const HOMES: [(&str, &[&str]); 11] = [
     ("rapier2d", &["world"]),
     ("dfdx", &["policy"]),
     ("safetensors", &["policy"]),
     ("axum", &["serve"]),
     ("utoipa", &["serve"]),
     ("tower_http", &["serve"]),
+    ("rmp", &["serve"]),
+    ("rmpv", &["serve"]),
     ("rusqlite", &["store"]),
     ("plotters", &["picture"]),
     ("resvg", &["picture"]),

@@ -10,13 +10,17 @@ use iplw::serve::{ServeConfig, openapi, serve_blocking};
 
 use super::output;
 
-/// Worlds over HTTP. Four are ready at once: bowling-sim, bowling-real, basketball-sim, basketball-real.
+/// Worlds over HTTP, and over ZeroMQ if asked. Four are ready at once: bowling-sim, bowling-real, basketball-sim, basketball-real.
 /// Documentation is served at /docs, the OpenAPI document at /openapi.json.
 #[derive(clap::Args)]
 pub struct Args {
     /// Address to listen on; port 0 takes a free one, printed on the first line of standard output.
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8080")]
     http: String,
+    /// Also listen for ZeroMQ: tcp://127.0.0.1:5555 (port 0 or * takes a free one, printed on the second line) or
+    /// ipc:///path/of/a/socket.
+    #[arg(long, value_name = "ADDRESS")]
+    zmq: Option<String>,
     /// Directory for jobs and policies; without it they last as long as the server.
     #[arg(long, value_name = "DIR")]
     data_dir: Option<PathBuf>,
@@ -54,6 +58,7 @@ pub fn run(args: &Args) -> Result<()> {
     let idle = Duration::from_secs(args.idle);
     serve_blocking(ServeConfig {
         http,
+        zmq: args.zmq.clone(),
         data_dir: args.data_dir.clone(),
         idle,
         worlds: args.worlds,

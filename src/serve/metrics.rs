@@ -13,7 +13,7 @@ use crate::store::JobState;
 /// What is counted while the server runs.
 #[derive(Default)]
 pub struct Metrics {
-    /// By method, route and status.
+    /// By method, route and status; ZeroMQ counts as a method, its operations as routes.
     requests: Mutex<BTreeMap<(String, String, u16), u64>>,
     rollouts: AtomicU64,
     /// Valid attempts in simulated and in real worlds.
@@ -40,7 +40,7 @@ impl Metrics {
     }
 }
 
-const METHODS: [&str; 7] = ["GET", "HEAD", "POST", "PUT", "DELETE", "PATCH", "OPTIONS"];
+const METHODS: [&str; 8] = ["GET", "HEAD", "POST", "PUT", "DELETE", "PATCH", "OPTIONS", "ZMQ"];
 
 /// Everything, in Prometheus' text format.
 pub fn text(app: &App) -> Result<String> {

@@ -1,10 +1,11 @@
-//! HTTP around the sessions, jobs and policies: thin adapters that know no physics.
+//! HTTP and ZeroMQ around the sessions, jobs and policies: thin adapters that know no physics.
 //!
 //! | file | what it does |
 //! |---|---|
 //! | `http/` | routes, bodies, headers; every route documents itself |
+//! | `zmq/` | the same over ZeroMQ: connections, frames, order |
 //! | `operations/` | what a client can ask for, as functions over wire structs; shared by all transports |
-//! | `wire/` | JSON in and out |
+//! | `wire/` | JSON and msgpack in and out |
 //! | `problem` | errors as RFC 9457; the only place that knows status codes |
 //! | `app` | what handlers share; work runs off the async threads |
 //! | `metrics` | counters |
@@ -20,6 +21,7 @@ mod metrics;
 mod operations;
 mod problem;
 mod wire;
+mod zmq;
 
 use std::future::Future;
 use std::net::SocketAddr;
@@ -27,6 +29,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
+use axum::serve::ListenerExt;
 use tokio::net::TcpListener;
 
 use crate::error::{Error, Result};
@@ -38,6 +41,8 @@ pub use app::Clock;
 pub struct ServeConfig {
     /// Address to listen on; port 0 takes a free one.
     pub http: SocketAddr,
+    /// Where to listen for ZeroMQ besides: `tcp://HOST:PORT` or `ipc://PATH`.
+    pub zmq: Option<String>,
     /// Where jobs, worlds and policies are kept; in memory if absent.
     pub data_dir: Option<PathBuf>,
     /// A world made by a client goes after not being used for so long.
@@ -57,6 +62,7 @@ pub struct Server {
     app: Arc<App>,
     listener: TcpListener,
     address: SocketAddr,
+    zmq: Option<zmq::Endpoint>,
     idle: Duration,
 }
 
@@ -65,6 +71,7 @@ impl Default for ServeConfig {
         let start = Instant::now();
         ServeConfig {
             http: SocketAddr::from(([127, 0, 0, 1], 8080)),
+            zmq: None,
             data_dir: None,
             idle: Duration::from_secs(30 * 60),
             worlds: 4096,
@@ -76,14 +83,18 @@ impl Default for ServeConfig {
 }
 
 /// Serves until SIGINT or SIGTERM. Once it listens, `listening on http://HOST:PORT` stands alone on a line of
-/// standard output.
+/// standard output, and on the next one `listening on tcp://HOST:PORT` (or `ipc://PATH`) if there is ZeroMQ too.
 pub async fn serve(config: ServeConfig) -> Result<()> {
     let signal = stop_signal()?;
     let server = Server::bind(config).await?;
     use std::io::Write;
     let mut out = std::io::stdout().lock();
+    let mut told = format!("listening on http://{}\n", server.address());
+    if let Some(address) = server.zmq_address() {
+        told += &format!("listening on {address}\n");
+    }
     // Nobody reading standard output is no reason not to serve.
-    let _ = writeln!(out, "listening on http://{}", server.address()).and_then(|()| out.flush());
+    let _ = out.write_all(told.as_bytes()).and_then(|()| out.flush());
     drop(out);
     server.run(signal).await
 }
@@ -113,11 +124,15 @@ impl Server {
         };
         let listener = TcpListener::bind(config.http).await.map_err(unbound)?;
         let address = listener.local_addr().map_err(unbound)?;
+        let zmq = match &config.zmq {
+            Some(address) => Some(zmq::Endpoint::bind(address).await?),
+            None => None,
+        };
         let idle = config.idle;
         let app = tokio::task::spawn_blocking(move || App::new(&config))
             .await
             .map_err(|e| Error::Failed(format!("the server could not be made: {e}")))??;
-        Ok(Server { app: Arc::new(app), listener, address, idle })
+        Ok(Server { app: Arc::new(app), listener, address, zmq, idle })
     }
 
     /// Where it listens.
@@ -125,10 +140,15 @@ impl Server {
         self.address
     }
 
+    /// Where it listens for ZeroMQ, if it does.
+    pub fn zmq_address(&self) -> Option<&str> {
+        self.zmq.as_ref().map(zmq::Endpoint::address)
+    }
+
     /// Answers until `stop` is ready; then ends what it is doing. Jobs it has not finished are left to the next
     /// server on the same directory.
     pub async fn run(self, stop: impl Future<Output = ()> + Send + 'static) -> Result<()> {
-        let Server { app, listener, address, idle } = self;
+        let Server { app, listener, address, zmq, idle } = self;
         let sweeper = tokio::spawn(sweep(app.clone(), idle));
         let writer = tokio::spawn(write(app.clone()));
         let (told, stopping) = (app.clone(), app.clone());
@@ -144,9 +164,16 @@ impl Server {
             let _ = ended.wait_for(|s| *s).await;
             tokio::time::sleep(GRACE).await;
         };
-        let served = async { axum::serve(listener, service).with_graceful_shutdown(graceful).await };
+        // An answer's last bytes do not wait for the client's word on those before.
+        let prompt = listener.tap_io(|stream| drop(stream.set_nodelay(true)));
+        let http = async { axum::serve(prompt, service).with_graceful_shutdown(graceful).await };
+        let zmq = async {
+            if let Some(endpoint) = zmq {
+                endpoint.run(app.clone()).await;
+            }
+        };
         let done = tokio::select! {
-            done = served => done.map_err(|e| Error::Io { path: address.to_string(), message: e.to_string() }),
+            (done, ()) = async { tokio::join!(http, zmq) } => done.map_err(|e| Error::Io { path: address.to_string(), message: e.to_string() }),
             // Clients that do not hang up are not waited for.
             () = late => Ok(()),
         };

@@ -35,6 +35,9 @@ pub type Answer<T> = std::result::Result<T, Problem>;
 /// Media type of every error.
 pub const PROBLEM: &str = "application/problem+json";
 
+/// The same for clients that accept msgpack.
+pub const PROBLEM_MSGPACK: &str = "application/problem+msgpack";
+
 const BASE: &str = "https://iplw.dev/problems/";
 
 impl Problem {
@@ -64,7 +67,11 @@ impl Problem {
 
     /// A body above the limit.
     pub fn body_too_large(limit: usize) -> Problem {
-        let detail = format!("body: at most {limit} bytes at a time; send it in parts");
+        Problem::too_large(format!("body: at most {limit} bytes at a time; send it in parts"))
+    }
+
+    /// More than is taken at a time.
+    pub fn too_large(detail: String) -> Problem {
         Problem::new(StatusCode::PAYLOAD_TOO_LARGE, "too-large", "Too much at a time", detail)
     }
 
@@ -79,6 +86,11 @@ impl Problem {
         let detail =
             format!("a request with Idempotency-Key {key:?} is being worked on; ask again in a second");
         Problem::new(StatusCode::CONFLICT, "under-way", "The same request is under way", detail)
+    }
+
+    /// A request that its sender took back.
+    pub fn cancelled() -> Problem {
+        Problem::from(Error::Cancelled)
     }
 
     /// A defect of this program.
@@ -134,9 +146,7 @@ impl From<Error> for Problem {
                 problem(StatusCode::UNPROCESSABLE_ENTITY, "no-result", "The computation has no result")
             }
             Error::Io { .. } => problem(StatusCode::SERVICE_UNAVAILABLE, "storage", "Storage failed"),
-            Error::Entry { field, error } => {
-                Problem { field: Some(field), detail, ..Problem::from(*error) }
-            }
+            Error::Entry { field, error } => Problem { field: Some(field), detail, ..Problem::from(*error) },
         }
     }
 }
@@ -150,6 +160,8 @@ impl IntoResponse for Problem {
         if status == StatusCode::TOO_MANY_REQUESTS && self.kind.ends_with("/busy") {
             response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from_static("1"));
         }
+        // For whoever wants it in another form.
+        response.extensions_mut().insert(self);
         response
     }
 }

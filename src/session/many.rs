@@ -12,7 +12,7 @@ use super::{
 };
 use crate::error::{Error, Result};
 use crate::reality::{HiddenWorld, measure_each};
-use crate::task::{Placement, Scene, Task, ValidAction};
+use crate::task::{Placement, Scene, Split, Task, ValidAction};
 use crate::world::{Engine, Latents, Rollout, simulate_mixed};
 
 /// When a world whose episode has ended begins the next one by itself (Gymnasium's `AutoresetMode`).
@@ -36,8 +36,14 @@ pub struct Turned {
     pub start: Option<Start>,
 }
 
-/// One action in each world. Errors name `worlds[i]` or `actions[i]`, and then nothing was done.
-pub fn step_many(worlds: &[Arc<World>], actions: &[Action], autoreset: Autoreset) -> Result<Vec<Turned>> {
+/// One action in each world. Errors name `worlds[i]` or `actions[i]`, and then nothing was done. Episodes that begin
+/// by themselves are drawn from `split`, or from what the world was last reset to.
+pub fn step_many(
+    worlds: &[Arc<World>],
+    actions: &[Action],
+    autoreset: Autoreset,
+    split: Option<Split>,
+) -> Result<Vec<Turned>> {
     if actions.len() != worlds.len() {
         let allowed = format!("{}, one for each world", worlds.len());
         return Err(Error::input("actions", actions.len(), allowed));
@@ -47,26 +53,32 @@ pub fn step_many(worlds: &[Arc<World>], actions: &[Action], autoreset: Autoreset
     let _turns = turns(worlds);
     let mut plans = Vec::with_capacity(worlds.len());
     for (i, (world, action)) in worlds.iter().zip(actions).enumerate() {
-        plans.push(plan(world, action, autoreset, i)?);
+        plans.push(plan(world, action, autoreset, split, i)?);
     }
     bearable(plans.iter().map(Plan::work).fold(0, u64::saturating_add))?;
     let few = plans.len() <= 8;
-    let placed: Vec<Option<Placement>> =
-        if few { plans.iter().map(Plan::place).collect() } else { plans.par_iter().map(Plan::place).collect() };
+    let placed: Vec<Option<Placement>> = if few {
+        plans.iter().map(Plan::place).collect()
+    } else {
+        plans.par_iter().map(Plan::place).collect()
+    };
     // From here on only the engine or the disk can fail.
     let mut brought = attempt(worlds, &plans, &placed)?.into_iter();
     let mut turned = Vec::with_capacity(worlds.len());
     for ((world, plan), placement) in worlds.iter().zip(plans).zip(placed) {
         turned.push(match (plan, placement) {
-            (Plan::Begin(drawn), _) => Turned { step: None, start: Some(world.begin(drawn, &again(world))) },
+            (Plan::Begin(drawn), _) => {
+                Turned { step: None, start: Some(world.begin(drawn, &again(world, split))) }
+            }
             (Plan::Act { task, .. }, Some(Placement::Invalid(reason))) => {
                 let interactions = world.interactions();
                 Turned { step: Some(world.stepped(task, Err(reason), interactions)), start: None }
             }
             (Plan::Act { task, then, .. }, _) => {
-                let (seen, interactions) = brought.next().ok_or_else(|| Error::Failed("a rollout was lost".into()))?;
+                let (seen, interactions) =
+                    brought.next().ok_or_else(|| Error::Failed("a rollout was lost".into()))?;
                 let step = world.stepped(task, Ok(seen), interactions);
-                Turned { step: Some(step), start: then.map(|drawn| world.begin(drawn, &again(world))) }
+                Turned { step: Some(step), start: then.map(|drawn| world.begin(drawn, &again(world, split))) }
             }
         });
     }
@@ -120,24 +132,30 @@ impl Plan<'_> {
     }
 }
 
-fn plan<'a>(world: &'a World, action: &Action, autoreset: Autoreset, i: usize) -> Result<Plan<'a>> {
+fn plan<'a>(
+    world: &'a World,
+    action: &Action,
+    autoreset: Autoreset,
+    split: Option<Split>,
+    i: usize,
+) -> Result<Plan<'a>> {
     let of_world = |e: Error| e.of_entry(&format!("worlds[{i}]"));
     let done = lock(&world.state).phase == Phase::Done;
     if done && autoreset == Autoreset::NextStep {
-        return Ok(Plan::Begin(world.drawn(&again(world)).map_err(of_world)?));
+        return Ok(Plan::Begin(world.drawn(&again(world, split)).map_err(of_world)?));
     }
     let (task, latents) = world.ready().map_err(of_world)?;
     let action = action.resolve(task.actions(), &format!("actions[{i}]"))?;
     let then = match autoreset {
-        Autoreset::SameStep => Some(world.drawn(&again(world)).map_err(of_world)?),
+        Autoreset::SameStep => Some(world.drawn(&again(world, split)).map_err(of_world)?),
         Autoreset::Disabled | Autoreset::NextStep => None,
     };
     Ok(Plan::Act { task, action, latents, then })
 }
 
-/// The reset of a world that resets itself: its own stream of tasks goes on, in the part it was last reset to.
-fn again(world: &World) -> Reset {
-    Reset { seed: None, task: None, split: lock(&world.state).split }
+/// The reset of a world that resets itself: its own stream of tasks goes on.
+fn again(world: &World, split: Option<Split>) -> Reset {
+    Reset { seed: None, task: None, split: split.or(lock(&world.state).split) }
 }
 
 /// Simulates what could be placed, counts it and sees to it that the count of real worlds lasts. One result for each
@@ -147,7 +165,7 @@ fn attempt(worlds: &[Arc<World>], plans: &[Plan], placed: &[Option<Placement>]) 
     let mut slots = 0;
     for (i, (plan, placement)) in plans.iter().zip(placed).enumerate() {
         if let (Plan::Act { task, latents, .. }, Some(Placement::Valid(scene))) = (plan, placement) {
-            let valid = Valid { i, slot: slots, task: *task, latents: *latents, scene };
+            let valid = Valid { i, slot: slots, task, latents: *latents, scene };
             slots += 1;
             if worlds[i].hidden.is_some() { &mut measured } else { &mut simulated }.push(valid);
         }

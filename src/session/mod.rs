@@ -22,7 +22,7 @@ pub mod observation;
 mod registry;
 mod saved;
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
 
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
@@ -540,10 +540,12 @@ impl World {
         }
     }
 
-    /// Whether everything but a large batch is done here in a fraction of a millisecond, and without waiting for
-    /// the disk.
+    /// Whether everything but a large batch is done here in a fraction of a millisecond, without waiting for the disk
+    /// or for somebody else's turn.
     pub fn is_light(&self) -> bool {
-        self.hidden.is_none() && self.longest <= LIGHT
+        self.hidden.is_none()
+            && self.longest <= LIGHT
+            && !matches!(self.turn.try_lock(), Err(TryLockError::WouldBlock))
     }
 
     /// Simulated or real.

@@ -1,12 +1,9 @@
 //! `/v1/iplw/{id}`: ask and tell
 
-use std::sync::Arc;
-
-use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::Response;
 
-use super::extract::{Pairs, Params, Sent};
+use super::extract::{Caller, Pairs, Params, Sent};
 use super::{answer, answer_once};
 use crate::error::Error;
 use crate::serve::app::App;
@@ -22,7 +19,7 @@ use crate::serve::wire::{Proposals, TellIn, TellQuery, Told};
         (status = 404, body = Problem, content_type = "application/problem+json"),
         (status = 409, body = Problem, content_type = "application/problem+json", description = "It does not ask"),
     ))]
-pub async fn proposals(State(app): State<Arc<App>>, Params(id): Params<String>) -> Answer<Response> {
+pub async fn proposals(app: Caller, Params(id): Params<String>) -> Answer<Response> {
     answer(&app, StatusCode::OK, move |app| asked::proposals(app, &id)).await
 }
 
@@ -47,7 +44,7 @@ pub async fn proposals(State(app): State<Arc<App>>, Params(id): Params<String>) 
         (status = 422, body = Problem, content_type = "application/problem+json"),
     ))]
 pub async fn tell(
-    State(app): State<Arc<App>>,
+    app: Caller,
     Params(id): Params<String>,
     Pairs(pairs): Pairs,
     sent: Sent,

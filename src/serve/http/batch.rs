@@ -1,13 +1,10 @@
 //! `/v1/batch`
 
-use std::sync::Arc;
-
-use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 
-use super::extract::{JsonBody, Sent};
-use super::{Keep, answer, answer_once};
+use super::extract::{Caller, JsonBody, Sent};
+use super::{Keep, answer_light, answer_once};
 use crate::serve::app::App;
 use crate::serve::operations::batch;
 use crate::serve::problem::{Answer, Problem};
@@ -27,7 +24,7 @@ use crate::serve::wire::{
         (status = 422, body = Problem, content_type = "application/problem+json"),
         (status = 429, body = Problem, content_type = "application/problem+json", description = "No room for more worlds"),
     ))]
-pub async fn create(State(app): State<Arc<App>>, sent: Sent) -> Answer<Response> {
+pub async fn create(app: Caller, sent: Sent) -> Answer<Response> {
     let (body, _) = sent.json::<CreateWorlds>()?;
     let work = move |app: &App, keep: Keep<WorldsMade>| batch::create(app, body, keep);
     answer_once(&app, sent.once, StatusCode::CREATED, |_| None, work).await
@@ -43,7 +40,7 @@ pub async fn create(State(app): State<Arc<App>>, sent: Sent) -> Answer<Response>
         (status = 413, body = Problem, content_type = "application/problem+json"),
         (status = 422, body = Problem, content_type = "application/problem+json"),
     ))]
-pub async fn delete(State(app): State<Arc<App>>, JsonBody(body): JsonBody<WorldIds>) -> Answer<Response> {
+pub async fn delete(app: Caller, JsonBody(body): JsonBody<WorldIds>) -> Answer<Response> {
     app.run(move |app| Ok(batch::delete(app, body)?)).await?;
     Ok(StatusCode::NO_CONTENT.into_response())
 }
@@ -58,8 +55,9 @@ pub async fn delete(State(app): State<Arc<App>>, JsonBody(body): JsonBody<WorldI
         (status = 413, body = Problem, content_type = "application/problem+json"),
         (status = 422, body = Problem, content_type = "application/problem+json"),
     ))]
-pub async fn reset(State(app): State<Arc<App>>, JsonBody(body): JsonBody<ResetWorlds>) -> Answer<Response> {
-    answer(&app, StatusCode::OK, move |app| batch::reset(app, body)).await
+pub async fn reset(app: Caller, JsonBody(body): JsonBody<ResetWorlds>) -> Answer<Response> {
+    let light = batch::is_light(&app, &body.worlds);
+    answer_light(&app, light, StatusCode::OK, move |app| batch::reset(app, body)).await
 }
 
 /// Carries out one action in each of many worlds, simulated as one batch. An error in any entry names it, and then
@@ -75,6 +73,7 @@ pub async fn reset(State(app): State<Arc<App>>, JsonBody(body): JsonBody<ResetWo
         (status = 422, body = Problem, content_type = "application/problem+json"),
         (status = 429, body = Problem, content_type = "application/problem+json", description = "The budget is spent"),
     ))]
-pub async fn step(State(app): State<Arc<App>>, JsonBody(body): JsonBody<StepWorlds>) -> Answer<Response> {
-    answer(&app, StatusCode::OK, move |app| batch::step(app, body)).await
+pub async fn step(app: Caller, JsonBody(body): JsonBody<StepWorlds>) -> Answer<Response> {
+    let light = batch::is_light(&app, &body.worlds);
+    answer_light(&app, light, StatusCode::OK, move |app| batch::step(app, body)).await
 }

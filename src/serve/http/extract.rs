@@ -1,6 +1,11 @@
-//! Bodies, path parameters and queries; what cannot be read becomes a problem that says where.
+//! Who asks and how it is to be answered; bodies, path parameters and queries. What cannot be read becomes a problem
+//! that says where.
+
+use std::ops::Deref;
+use std::sync::Arc;
 
 use axum::extract::{FromRequest, FromRequestParts, Path, Query, Request};
+use axum::http::HeaderMap;
 use axum::http::request::Parts;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
@@ -9,10 +14,71 @@ use tokio_stream::StreamExt;
 use super::BODY_LIMIT;
 use crate::error::Error;
 use crate::json;
+use crate::serve::app::App;
+use crate::serve::operations::once::Once;
 use crate::serve::problem::Problem;
-use crate::serve::wire::Object;
+use crate::serve::wire::{Object, pack};
 
-/// A JSON object, whatever the content type says; an empty body is `{}`.
+/// The server's state, and how this request wants to be answered.
+pub struct Caller {
+    pub app: Arc<App>,
+    pub form: Form,
+}
+
+/// The form of an answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Form {
+    Json,
+    /// msgpack, with arrays as pieces of memory if `raw`.
+    Msgpack {
+        raw: bool,
+    },
+}
+
+/// Media type of msgpack.
+pub const MSGPACK: &str = "application/msgpack";
+
+impl Form {
+    /// What the Accept header asks for first; JSON if neither.
+    pub fn accepted(headers: &HeaderMap) -> Form {
+        for value in headers.get_all("accept") {
+            for range in value.to_str().unwrap_or_default().split(',') {
+                let mut parts = range.split(';').map(str::trim);
+                match parts.next() {
+                    Some(kind) if kind.eq_ignore_ascii_case(MSGPACK) => {
+                        return Form::Msgpack { raw: parts.any(|p| p.eq_ignore_ascii_case("arrays=raw")) };
+                    }
+                    Some(kind) if kind.eq_ignore_ascii_case("application/json") => return Form::Json,
+                    _ => {}
+                }
+            }
+        }
+        Form::Json
+    }
+
+    /// Whether arrays are wanted apart.
+    pub fn raw(self) -> bool {
+        self == Form::Msgpack { raw: true }
+    }
+}
+
+impl Deref for Caller {
+    type Target = Arc<App>;
+
+    fn deref(&self) -> &Arc<App> {
+        &self.app
+    }
+}
+
+impl FromRequestParts<Arc<App>> for Caller {
+    type Rejection = std::convert::Infallible;
+
+    async fn from_request_parts(parts: &mut Parts, app: &Arc<App>) -> Result<Self, Self::Rejection> {
+        Ok(Caller { app: app.clone(), form: Form::accepted(&parts.headers) })
+    }
+}
+
+/// A JSON object, whatever the content type says unless that is msgpack; an empty body is `{}`.
 pub struct JsonBody<T>(pub T);
 
 /// A body with the key that makes the request one that may be repeated.
@@ -21,12 +87,6 @@ pub struct Sent {
     /// The media type, lower case and without parameters; empty if not said.
     pub kind: String,
     pub once: Option<Once>,
-}
-
-/// An `Idempotency-Key`, and what was asked under it.
-pub struct Once {
-    pub key: String,
-    pub fingerprint: String,
 }
 
 /// Any bytes.
@@ -42,8 +102,9 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequest<S> for JsonBody<T> {
     type Rejection = Problem;
 
     async fn from_request(request: Request, state: &S) -> Result<Self, Problem> {
+        let kind = media_type(request.headers());
         let RawBody(bytes) = RawBody::from_request(request, state).await?;
-        parse(&bytes).map(|Object(value)| JsonBody(value))
+        parse(&bytes, &kind).map(|Object(value)| JsonBody(value))
     }
 }
 
@@ -51,21 +112,12 @@ impl<S: Send + Sync> FromRequest<S> for Sent {
     type Rejection = Problem;
 
     async fn from_request(request: Request, state: &S) -> Result<Self, Problem> {
-        let header = |request: &Request, name: &str| {
-            request.headers().get(name).map(|v| String::from_utf8_lossy(v.as_bytes()).into_owned())
-        };
-        let kind = header(&request, "content-type").unwrap_or_default();
-        let kind = kind.split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
-        let key = header(&request, "idempotency-key");
+        let kind = media_type(request.headers());
+        let key = request.headers().get("idempotency-key");
+        let key = key.map(|v| String::from_utf8_lossy(v.as_bytes()).into_owned());
         let asked = format!("{} {}\n", request.method(), request.uri());
         let RawBody(bytes) = RawBody::from_request(request, state).await?;
-        let once = key.map(|key| {
-            if key.is_empty() || key.len() > 255 || !key.bytes().all(|b| b.is_ascii_graphic()) {
-                let allowed = "1 to 255 letters, digits and signs of ASCII, without spaces";
-                return Err(Error::input("Idempotency-Key", format!("{key:?}"), allowed));
-            }
-            Ok(Once { key, fingerprint: fingerprint(&[asked.as_bytes(), &bytes]) })
-        });
+        let once = key.map(|key| Once::new(key, &[asked.as_bytes(), &bytes]));
         Ok(Sent { bytes, kind, once: once.transpose()? })
     }
 }
@@ -73,23 +125,14 @@ impl<S: Send + Sync> FromRequest<S> for Sent {
 impl Sent {
     /// The body as a JSON object (an empty one is `{}`), and what was sent, to be kept.
     pub fn json<T: DeserializeOwned>(&self) -> Result<(T, Value), Problem> {
-        let Object(value) = parse(&self.bytes)?;
-        Ok((value, parse(&self.bytes)?))
+        let Object(value) = parse(&self.bytes, &self.kind)?;
+        Ok((value, parse(&self.bytes, &self.kind)?))
     }
 
     /// The body as text.
     pub fn text(&self) -> Result<&str, Problem> {
         text(&self.bytes)
     }
-}
-
-/// FNV-1a, 128 bit: tells requests of one sender apart; not for secrets.
-fn fingerprint(parts: &[&[u8]]) -> String {
-    let bytes = parts.iter().flat_map(|p| p.iter());
-    let hash = bytes.fold(0x6c62_272e_07bb_0142_62b8_2175_6295_c58d_u128, |hash, b| {
-        (hash ^ u128::from(*b)).wrapping_mul(0x0000_0000_0100_0000_0000_0000_0000_013b)
-    });
-    format!("{hash:032x}")
 }
 
 impl<S: Send + Sync> FromRequest<S> for RawBody {
@@ -138,7 +181,18 @@ impl<S: Send + Sync> FromRequestParts<S> for Pairs {
     }
 }
 
-fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
+/// Lower case and without parameters; empty if not said.
+fn media_type(headers: &HeaderMap) -> String {
+    let kind = headers.get("content-type").map_or(&b""[..], |v| v.as_bytes());
+    String::from_utf8_lossy(kind).split(';').next().unwrap_or_default().trim().to_ascii_lowercase()
+}
+
+fn parse<T: DeserializeOwned>(bytes: &[u8], kind: &str) -> Result<T, Problem> {
+    if kind == MSGPACK {
+        let value =
+            if bytes.is_empty() { Ok(Value::Object(Default::default())) } else { pack::unpack(bytes) };
+        return value.and_then(json::from_value).map_err(Problem::malformed);
+    }
     let text = text(bytes)?;
     let text = if text.trim().is_empty() { "{}" } else { text };
     json::parse(text).map_err(Problem::malformed)
@@ -150,17 +204,4 @@ fn text(bytes: &[u8]) -> Result<&str, Problem> {
         Problem::malformed(Error::input("body", value, "text in UTF-8"))
     })?;
     Ok(text.strip_prefix('\u{feff}').unwrap_or(text))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::fingerprint;
-
-    #[test]
-    fn fingerprints_are_those_of_fnv() {
-        // Values of the FNV reference: the empty string and "a".
-        assert_eq!(fingerprint(&[]), "6c62272e07bb014262b821756295c58d");
-        assert_eq!(fingerprint(&[b"a"]), "d228cb696f1a8caf78912b704e4a8964");
-        assert_eq!(fingerprint(&[b"ab", b"c"]), fingerprint(&[b"abc"]));
-    }
 }

@@ -1,17 +1,14 @@
 //! `/v1/iplw` and `/v1/jobs`
 
-use std::convert::Infallible;
-use std::sync::Arc;
-
-use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::sse::{self, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
+use std::convert::Infallible;
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
 
-use super::extract::{Pairs, Params, Sent};
-use super::{Keep, answer, answer_once, answer_page, json_bytes, json_response};
+use super::extract::{Caller, Pairs, Params, Sent};
+use super::{Keep, answer, answer_once, answer_page, body_of, response};
 use crate::error::Error;
 use crate::serve::app::App;
 use crate::serve::operations::{diagnosis, estimation, job, trials};
@@ -29,7 +26,7 @@ use crate::serve::wire::{DiagnosisIn, Estimation, Event, JobOut, Jobs, Trials};
         (status = 422, body = Problem, content_type = "application/problem+json"),
         (status = 429, body = Problem, content_type = "application/problem+json", description = "Too many waiting jobs"),
     ))]
-pub async fn iplw(State(app): State<Arc<App>>, sent: Sent) -> Answer<Response> {
+pub async fn iplw(app: Caller, sent: Sent) -> Answer<Response> {
     let (body, kept) = sent.json::<Estimation>()?;
     let work = move |app: &App, keep: Keep<JobOut>| estimation::begin(app, body, &kept, keep);
     answer_once(&app, sent.once, StatusCode::ACCEPTED, place, work).await
@@ -48,7 +45,7 @@ pub async fn iplw(State(app): State<Arc<App>>, sent: Sent) -> Answer<Response> {
         (status = 422, body = Problem, content_type = "application/problem+json"),
         (status = 429, body = Problem, content_type = "application/problem+json", description = "Too many waiting jobs"),
     ))]
-pub async fn diagnose(State(app): State<Arc<App>>, sent: Sent) -> Answer<Response> {
+pub async fn diagnose(app: Caller, sent: Sent) -> Answer<Response> {
     let (body, _) = sent.json::<DiagnosisIn>()?;
     let work = move |app: &App, keep: Keep<JobOut>| diagnosis::begin(app, body, keep);
     answer_once(&app, sent.once, StatusCode::ACCEPTED, place, work).await
@@ -64,7 +61,7 @@ pub async fn diagnose(State(app): State<Arc<App>>, sent: Sent) -> Answer<Respons
         (status = 200, body = Jobs),
         (status = 422, body = Problem, content_type = "application/problem+json"),
     ))]
-pub async fn list(State(app): State<Arc<App>>, Pairs(pairs): Pairs) -> Answer<Response> {
+pub async fn list(app: Caller, Pairs(pairs): Pairs) -> Answer<Response> {
     answer_page(&app, pairs, job::list).await
 }
 
@@ -75,7 +72,7 @@ pub async fn list(State(app): State<Arc<App>>, Pairs(pairs): Pairs) -> Answer<Re
         (status = 200, body = JobOut),
         (status = 404, body = Problem, content_type = "application/problem+json"),
     ))]
-pub async fn get(State(app): State<Arc<App>>, Params(id): Params<String>) -> Answer<Response> {
+pub async fn get(app: Caller, Params(id): Params<String>) -> Answer<Response> {
     answer(&app, StatusCode::OK, move |app| job::get(app, &id)).await
 }
 
@@ -87,15 +84,16 @@ pub async fn get(State(app): State<Arc<App>>, Params(id): Params<String>) -> Ans
         (status = 204, description = "Forgotten"),
         (status = 404, body = Problem, content_type = "application/problem+json"),
     ))]
-pub async fn delete(State(app): State<Arc<App>>, Params(id): Params<String>) -> Answer<Response> {
+pub async fn delete(app: Caller, Params(id): Params<String>) -> Answer<Response> {
+    let form = app.form;
     let cancelled = app
         .run(move |app| match job::delete(app, &id)? {
-            Some(job) => json_bytes(&job).map(Some),
+            Some(job) => body_of(job, form).map(Some),
             None => Ok(None),
         })
         .await?;
     Ok(match cancelled {
-        Some(body) => json_response(StatusCode::ACCEPTED, body),
+        Some(body) => response(StatusCode::ACCEPTED, form, body),
         None => StatusCode::NO_CONTENT.into_response(),
     })
 }
@@ -113,11 +111,7 @@ pub async fn delete(State(app): State<Arc<App>>, Params(id): Params<String>) -> 
         (status = 404, body = Problem, content_type = "application/problem+json"),
         (status = 422, body = Problem, content_type = "application/problem+json"),
     ))]
-pub async fn events(
-    State(app): State<Arc<App>>,
-    Params(id): Params<String>,
-    headers: HeaderMap,
-) -> Answer<Response> {
+pub async fn events(app: Caller, Params(id): Params<String>, headers: HeaderMap) -> Answer<Response> {
     let seen =
         match headers.get("last-event-id") {
             None => 0,
@@ -172,11 +166,7 @@ pub async fn events(
         (status = 409, body = Problem, content_type = "application/problem+json", description = "The job is no estimation"),
         (status = 422, body = Problem, content_type = "application/problem+json"),
     ))]
-pub async fn trials(
-    State(app): State<Arc<App>>,
-    Params(id): Params<String>,
-    Pairs(mut pairs): Pairs,
-) -> Answer<Response> {
+pub async fn trials(app: Caller, Params(id): Params<String>, Pairs(mut pairs): Pairs) -> Answer<Response> {
     let at = pairs.iter().position(|(name, _)| name == "format");
     let format = at.map(|i| pairs.remove(i).1);
     match format.as_deref() {

@@ -5,6 +5,7 @@ mod batch;
 mod extract;
 mod jobs;
 mod policies;
+mod stream;
 mod surfaces;
 mod system;
 mod tasks;
@@ -27,11 +28,12 @@ use utoipa_axum::routes;
 use utoipa_swagger_ui::{Config, SwaggerUi};
 
 use super::app::App;
+use super::operations::once::{Once, once};
 use super::operations::{Keep, Page};
-use super::problem::{Answer, PROBLEM, Problem};
-use crate::error::Error;
-use crate::store::Answered;
-use extract::Once;
+use super::problem::{Answer, PROBLEM, PROBLEM_MSGPACK, Problem};
+use super::wire::{Bulk, pack};
+use crate::error::Result;
+use extract::{Caller, Form, MSGPACK};
 
 /// Largest body, bytes.
 pub const BODY_LIMIT: usize = 16 * 1024 * 1024;
@@ -45,7 +47,9 @@ pub const BODY_LIMIT: usize = 16 * 1024 * 1024;
             All quantities are SI. Every error is a problem (RFC 9457) that names the field, its value and what \
             is allowed. A POST that makes something takes an `Idempotency-Key`: repeated under the same key, it \
             makes nothing and is answered the same. Lists come in pages: `limit`, and `cursor` from the `next` of \
-            the page before.",
+            the page before. Every route that takes JSON takes the same map as `application/msgpack`, and gives it \
+            where that is accepted. In msgpack an array may be extension 78, `[dtype, shape, bytes]` with NumPy's \
+            dtype, little endian, C order; answers have them so on `Accept: application/msgpack; arrays=raw`.",
     ),
     tags(
         (name = "worlds", description = "Worlds as resources: reset, step, set_latents, rollout, render."),
@@ -115,50 +119,47 @@ pub fn service(app: Arc<App>) -> Router {
         .with_state(app)
 }
 
-/// A JSON answer, made off the async threads.
-async fn answer<T: Serialize + 'static>(
-    app: &Arc<App>,
+/// An answer in the form the caller wants, made off the async threads.
+async fn answer<T: Serialize + Bulk + 'static>(
+    caller: &Caller,
     status: StatusCode,
-    work: impl FnOnce(&App) -> crate::error::Result<T> + Send + 'static,
+    work: impl FnOnce(&App) -> Result<T> + Send + 'static,
 ) -> Answer<Response> {
-    let body = app.run(move |app| json_bytes(&work(app)?)).await?;
-    Ok(json_response(status, body))
+    answer_light(caller, false, status, work).await
+}
+
+/// The same, made on the spot if the work is light.
+async fn answer_light<T: Serialize + Bulk + 'static>(
+    caller: &Caller,
+    light: bool,
+    status: StatusCode,
+    work: impl FnOnce(&App) -> Result<T> + Send + 'static,
+) -> Answer<Response> {
+    let form = caller.form;
+    let written = move |app: &App| body_of(work(app)?, form);
+    let body = if light { written(caller)? } else { caller.run(written).await? };
+    Ok(response(status, form, body))
 }
 
 /// Takes a request that makes something and may carry a key: asked again under the same key, it makes nothing and
 /// is answered the same. `work` is given what makes the answer that is to be kept with its effect.
 async fn answer_once<T: Serialize + 'static>(
-    app: &Arc<App>,
-    once: Option<Once>,
+    caller: &Caller,
+    by: Option<Once>,
     status: StatusCode,
     location: fn(&T) -> Option<String>,
-    work: impl FnOnce(&App, Keep<T>) -> crate::error::Result<T> + Send + 'static,
+    work: impl FnOnce(&App, Keep<T>) -> Result<T> + Send + 'static,
 ) -> Answer<Response> {
-    let made = app.run(move |app| {
-        let as_answered = |made: &T| -> Answer<Answered> {
-            let (key, fingerprint) =
-                once.as_ref().map(|o| (o.key.clone(), o.fingerprint.clone())).unwrap_or_default();
-            Ok(Answered {
-                key,
-                fingerprint,
-                status: status.as_u16(),
-                location: location(made),
-                body: json_bytes(made)?,
-            })
-        };
-        let Some(asked) = &once else { return as_answered(&work(app, &|_| None)?).map(|a| (a, false)) };
-        let Some(_held) = app.hold(&asked.key) else { return Err(Problem::under_way(&asked.key)) };
-        if let Some(before) = app.store.answered(&asked.key)? {
-            if before.fingerprint != asked.fingerprint {
-                let allowed = "a key of its own for every different request: this one was used for another";
-                return Err(Error::input("Idempotency-Key", format!("{:?}", asked.key), allowed).into());
-            }
-            return Ok((before, true));
-        }
-        as_answered(&work(app, &|made| as_answered(made).ok())?).map(|a| (a, false))
-    });
+    let made = caller.run(move |app| once(app, by, status.as_u16(), location, work));
     let (answered, again) = made.await?;
-    let mut response = json_response(StatusCode::from_u16(answered.status).unwrap_or(status), answered.body);
+    let status = StatusCode::from_u16(answered.status).unwrap_or(status);
+    let body = match caller.form {
+        Form::Json => answered.body,
+        Form::Msgpack { .. } => {
+            pack::pack(&serde_json::from_slice(&answered.body).unwrap_or_default(), Vec::new())
+        }
+    };
+    let mut response = response(status, caller.form, body);
     let headers = response.headers_mut();
     if let Some(place) = answered.location.and_then(|p| HeaderValue::from_str(&p).ok()) {
         headers.insert(header::LOCATION, place);
@@ -170,23 +171,34 @@ async fn answer_once<T: Serialize + 'static>(
 }
 
 /// A part of a list.
-async fn answer_page<T: Serialize + 'static>(
-    app: &Arc<App>,
+async fn answer_page<T: Serialize + Bulk + 'static>(
+    caller: &Caller,
     pairs: Vec<(String, String)>,
-    work: impl FnOnce(&App, &Page) -> crate::error::Result<T> + Send + 'static,
+    work: impl FnOnce(&App, &Page) -> Result<T> + Send + 'static,
 ) -> Answer<Response> {
-    answer(app, StatusCode::OK, move |app| work(app, &Page::from_query(&pairs)?)).await
+    answer(caller, StatusCode::OK, move |app| work(app, &Page::from_query(&pairs)?)).await
 }
 
-fn json_bytes<T: Serialize>(value: &T) -> Answer<Vec<u8>> {
-    serde_json::to_vec(value).map_err(|e| {
-        tracing::error!("an answer cannot be written as JSON: {e}");
+fn body_of<T: Serialize + Bulk>(mut value: T, form: Form) -> Answer<Vec<u8>> {
+    let unwritable = |e: serde_json::Error| {
+        tracing::error!("an answer cannot be written: {e}");
         Problem::defect()
-    })
+    };
+    match form {
+        Form::Json => serde_json::to_vec(&value).map_err(unwritable),
+        Form::Msgpack { raw } => {
+            let arrays = if raw { value.bulk() } else { Vec::new() };
+            Ok(pack::pack(&serde_json::to_value(value).map_err(unwritable)?, arrays))
+        }
+    }
 }
 
-fn json_response(status: StatusCode, body: Vec<u8>) -> Response {
-    (status, [(header::CONTENT_TYPE, HeaderValue::from_static("application/json"))], body).into_response()
+fn response(status: StatusCode, form: Form, body: Vec<u8>) -> Response {
+    let kind = match form {
+        Form::Json => "application/json",
+        Form::Msgpack { .. } => MSGPACK,
+    };
+    (status, [(header::CONTENT_TYPE, HeaderValue::from_static(kind))], body).into_response()
 }
 
 async fn no_route(request: Request) -> Problem {
@@ -208,6 +220,7 @@ async fn count(State(app): State<Arc<App>>, request: Request, next: Next) -> Res
     let method = request.method().as_str().to_string();
     let route = request.extensions().get::<MatchedPath>().map_or("none", |p| p.as_str()).to_string();
     let path = request.uri().path().to_string();
+    let form = Form::accepted(request.headers());
     let mut response = next.run(request).await;
     let status = response.status();
     let told = response.headers().get(header::CONTENT_TYPE).is_some_and(|t| t == PROBLEM);
@@ -217,6 +230,15 @@ async fn count(State(app): State<Arc<App>>, request: Request, next: Next) -> Res
         let title = status.canonical_reason().unwrap_or("Error");
         response =
             Problem::new(status, "http", title, format!("{path} was answered with {status}")).into_response();
+    }
+    if let Some(problem) = response.extensions_mut().remove::<Problem>()
+        && form != Form::Json
+    {
+        let body = pack::pack(&serde_json::to_value(&problem).unwrap_or_default(), Vec::new());
+        let (mut parts, _) = response.into_parts();
+        parts.headers.remove(header::CONTENT_LENGTH);
+        parts.headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(PROBLEM_MSGPACK));
+        response = Response::from_parts(parts, Body::from(body));
     }
     app.metrics.answered(&method, &route, response.status().as_u16());
     let nosniff = HeaderValue::from_static("nosniff");

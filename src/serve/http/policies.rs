@@ -1,14 +1,11 @@
 //! `/v1/policies`
 
-use std::sync::Arc;
-
-use axum::extract::State;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
-use super::extract::{JsonBody, Pairs, Params, RawBody, Sent};
+use super::extract::{Caller, JsonBody, Pairs, Params, RawBody, Sent};
 use super::jobs::place;
-use super::{Keep, answer, answer_once, answer_page, json_bytes, json_response};
+use super::{Keep, answer, answer_once, answer_page, body_of, response};
 use crate::serve::app::App;
 use crate::serve::operations::{learning, policy};
 use crate::serve::problem::{Answer, Problem};
@@ -25,7 +22,7 @@ use crate::serve::wire::{ActIn, Acted, EvaluateIn, JobOut, LearnIn, Policies, Po
         (status = 422, body = Problem, content_type = "application/problem+json"),
         (status = 429, body = Problem, content_type = "application/problem+json", description = "Too many waiting jobs"),
     ))]
-pub async fn train(State(app): State<Arc<App>>, sent: Sent) -> Answer<Response> {
+pub async fn train(app: Caller, sent: Sent) -> Answer<Response> {
     let (body, kept) = sent.json::<TrainIn>()?;
     let work = move |app: &App, keep: Keep<JobOut>| policy::training(app, body, &kept, keep);
     answer_once(&app, sent.once, StatusCode::ACCEPTED, place, work).await
@@ -41,7 +38,7 @@ pub async fn train(State(app): State<Arc<App>>, sent: Sent) -> Answer<Response> 
         (status = 200, body = Policies),
         (status = 422, body = Problem, content_type = "application/problem+json"),
     ))]
-pub async fn list(State(app): State<Arc<App>>, Pairs(pairs): Pairs) -> Answer<Response> {
+pub async fn list(app: Caller, Pairs(pairs): Pairs) -> Answer<Response> {
     answer_page(&app, pairs, policy::list).await
 }
 
@@ -52,7 +49,7 @@ pub async fn list(State(app): State<Arc<App>>, Pairs(pairs): Pairs) -> Answer<Re
         (status = 200, body = PolicyOut),
         (status = 404, body = Problem, content_type = "application/problem+json"),
     ))]
-pub async fn get(State(app): State<Arc<App>>, Params(id): Params<String>) -> Answer<Response> {
+pub async fn get(app: Caller, Params(id): Params<String>) -> Answer<Response> {
     answer(&app, StatusCode::OK, move |app| policy::get(app, &id)).await
 }
 
@@ -63,7 +60,7 @@ pub async fn get(State(app): State<Arc<App>>, Params(id): Params<String>) -> Ans
         (status = 204, description = "Gone"),
         (status = 404, body = Problem, content_type = "application/problem+json"),
     ))]
-pub async fn delete(State(app): State<Arc<App>>, Params(id): Params<String>) -> Answer<Response> {
+pub async fn delete(app: Caller, Params(id): Params<String>) -> Answer<Response> {
     app.run(move |app| Ok(policy::delete(app, &id)?)).await?;
     Ok(StatusCode::NO_CONTENT.into_response())
 }
@@ -75,7 +72,7 @@ pub async fn delete(State(app): State<Arc<App>>, Params(id): Params<String>) -> 
         (status = 200, content_type = "application/octet-stream", body = Vec<u8>),
         (status = 404, body = Problem, content_type = "application/problem+json"),
     ))]
-pub async fn weights(State(app): State<Arc<App>>, Params(id): Params<String>) -> Answer<Response> {
+pub async fn weights(app: Caller, Params(id): Params<String>) -> Answer<Response> {
     let bytes = app.run(move |app| Ok(policy::weights(app, &id)?)).await?;
     let kind = HeaderValue::from_static("application/octet-stream");
     Ok(([(header::CONTENT_TYPE, kind)], bytes).into_response())
@@ -92,17 +89,18 @@ pub async fn weights(State(app): State<Arc<App>>, Params(id): Params<String>) ->
         (status = 422, body = Problem, content_type = "application/problem+json", description = "Not the weights of a policy"),
     ))]
 pub async fn put_weights(
-    State(app): State<Arc<App>>,
+    app: Caller,
     Params(id): Params<String>,
     RawBody(bytes): RawBody,
 ) -> Answer<Response> {
+    let form = app.form;
     let (body, new) = app
         .run(move |app| {
             let (stored, new) = policy::put_weights(app, &id, &bytes)?;
-            Ok((json_bytes(&stored)?, new))
+            Ok((body_of(stored, form)?, new))
         })
         .await?;
-    Ok(json_response(if new { StatusCode::CREATED } else { StatusCode::OK }, body))
+    Ok(response(if new { StatusCode::CREATED } else { StatusCode::OK }, form, body))
 }
 
 /// The actions a policy likes best on a task, of those that can be placed.
@@ -116,7 +114,7 @@ pub async fn put_weights(
         (status = 422, body = Problem, content_type = "application/problem+json"),
     ))]
 pub async fn act(
-    State(app): State<Arc<App>>,
+    app: Caller,
     Params(id): Params<String>,
     JsonBody(body): JsonBody<ActIn>,
 ) -> Answer<Response> {
@@ -138,7 +136,7 @@ pub async fn act(
         (status = 422, body = Problem, content_type = "application/problem+json"),
         (status = 429, body = Problem, content_type = "application/problem+json", description = "Too many waiting jobs"),
     ))]
-pub async fn learn(State(app): State<Arc<App>>, Params(id): Params<String>, sent: Sent) -> Answer<Response> {
+pub async fn learn(app: Caller, Params(id): Params<String>, sent: Sent) -> Answer<Response> {
     let (body, mut kept) = sent.json::<LearnIn>()?;
     if let Some(fields) = kept.as_object_mut() {
         fields.insert("policy".into(), id.clone().into());
@@ -162,11 +160,7 @@ pub async fn learn(State(app): State<Arc<App>>, Params(id): Params<String>, sent
         (status = 422, body = Problem, content_type = "application/problem+json"),
         (status = 429, body = Problem, content_type = "application/problem+json", description = "Too many waiting jobs"),
     ))]
-pub async fn evaluate(
-    State(app): State<Arc<App>>,
-    Params(id): Params<String>,
-    sent: Sent,
-) -> Answer<Response> {
+pub async fn evaluate(app: Caller, Params(id): Params<String>, sent: Sent) -> Answer<Response> {
     let (body, mut kept) = sent.json::<EvaluateIn>()?;
     if let Some(fields) = kept.as_object_mut() {
         fields.insert("policy".into(), id.clone().into());

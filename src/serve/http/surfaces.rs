@@ -1,12 +1,9 @@
 //! `/v1/surfaces`
 
-use std::sync::Arc;
-
-use axum::extract::State;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
-use super::extract::{Pairs, Params, Sent};
+use super::extract::{Caller, Pairs, Params, Sent};
 use super::jobs::place;
 use super::{Keep, answer, answer_once, answer_page};
 use crate::serve::app::App;
@@ -26,7 +23,7 @@ use crate::serve::wire::{JobOut, SurfaceIn, SurfaceWhole, Surfaces};
         (status = 422, body = Problem, content_type = "application/problem+json"),
         (status = 429, body = Problem, content_type = "application/problem+json", description = "Too many waiting jobs"),
     ))]
-pub async fn find(State(app): State<Arc<App>>, sent: Sent) -> Answer<Response> {
+pub async fn find(app: Caller, sent: Sent) -> Answer<Response> {
     let (body, kept) = sent.json::<SurfaceIn>()?;
     let work = move |app: &App, keep: Keep<JobOut>| surface::begin(app, body, &kept, keep);
     answer_once(&app, sent.once, StatusCode::ACCEPTED, place, work).await
@@ -42,7 +39,7 @@ pub async fn find(State(app): State<Arc<App>>, sent: Sent) -> Answer<Response> {
         (status = 200, body = Surfaces),
         (status = 422, body = Problem, content_type = "application/problem+json"),
     ))]
-pub async fn list(State(app): State<Arc<App>>, Pairs(pairs): Pairs) -> Answer<Response> {
+pub async fn list(app: Caller, Pairs(pairs): Pairs) -> Answer<Response> {
     answer_page(&app, pairs, surface::list).await
 }
 
@@ -53,7 +50,7 @@ pub async fn list(State(app): State<Arc<App>>, Pairs(pairs): Pairs) -> Answer<Re
         (status = 200, body = SurfaceWhole),
         (status = 404, body = Problem, content_type = "application/problem+json"),
     ))]
-pub async fn get(State(app): State<Arc<App>>, Params(id): Params<String>) -> Answer<Response> {
+pub async fn get(app: Caller, Params(id): Params<String>) -> Answer<Response> {
     answer(&app, StatusCode::OK, move |app| surface::get(app, &id)).await
 }
 
@@ -64,7 +61,7 @@ pub async fn get(State(app): State<Arc<App>>, Params(id): Params<String>) -> Ans
         (status = 200, body = String, content_type = "image/svg+xml"),
         (status = 404, body = Problem, content_type = "application/problem+json"),
     ))]
-pub async fn draw(State(app): State<Arc<App>>, Params(id): Params<String>) -> Answer<Response> {
+pub async fn draw(app: Caller, Params(id): Params<String>) -> Answer<Response> {
     let svg = app.run(move |app| Ok(surface::drawn(app, &id)?)).await?;
     Ok(([(header::CONTENT_TYPE, HeaderValue::from_static("image/svg+xml"))], svg).into_response())
 }
@@ -76,7 +73,7 @@ pub async fn draw(State(app): State<Arc<App>>, Params(id): Params<String>) -> An
         (status = 204, description = "Gone"),
         (status = 404, body = Problem, content_type = "application/problem+json"),
     ))]
-pub async fn delete(State(app): State<Arc<App>>, Params(id): Params<String>) -> Answer<Response> {
+pub async fn delete(app: Caller, Params(id): Params<String>) -> Answer<Response> {
     app.run(move |app| Ok(surface::delete(app, &id)?)).await?;
     Ok(StatusCode::NO_CONTENT.into_response())
 }

@@ -1,14 +1,10 @@
 //! `/v1/tasks`
 
-use std::sync::Arc;
-
-use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::Response;
 
-use super::extract::{Pairs, Params};
+use super::extract::{Caller, Pairs, Params};
 use super::{answer, answer_page};
-use crate::serve::app::App;
 use crate::serve::operations::task;
 use crate::serve::problem::{Answer, Problem};
 use crate::serve::wire::{Families, FamilyTasks, TaskOut};
@@ -23,7 +19,7 @@ use crate::serve::wire::{Families, FamilyTasks, TaskOut};
         (status = 200, body = Families),
         (status = 422, body = Problem, content_type = "application/problem+json"),
     ))]
-pub async fn families(State(app): State<Arc<App>>, Pairs(pairs): Pairs) -> Answer<Response> {
+pub async fn families(app: Caller, Pairs(pairs): Pairs) -> Answer<Response> {
     answer_page(&app, pairs, task::families).await
 }
 
@@ -39,11 +35,7 @@ pub async fn families(State(app): State<Arc<App>>, Pairs(pairs): Pairs) -> Answe
         (status = 404, body = Problem, content_type = "application/problem+json"),
         (status = 422, body = Problem, content_type = "application/problem+json"),
     ))]
-pub async fn family(
-    State(app): State<Arc<App>>,
-    Params(family): Params<String>,
-    Pairs(pairs): Pairs,
-) -> Answer<Response> {
+pub async fn family(app: Caller, Params(family): Params<String>, Pairs(pairs): Pairs) -> Answer<Response> {
     answer_page(&app, pairs, move |app, page| task::family(app, &family, page)).await
 }
 
@@ -54,9 +46,6 @@ pub async fn family(
         (status = 200, body = TaskOut),
         (status = 404, body = Problem, content_type = "application/problem+json"),
     ))]
-pub async fn task(
-    State(app): State<Arc<App>>,
-    Params((family, number)): Params<(String, String)>,
-) -> Answer<Response> {
+pub async fn task(app: Caller, Params((family, number)): Params<(String, String)>) -> Answer<Response> {
     answer(&app, StatusCode::OK, move |app| task::task(app, &family, &number)).await
 }

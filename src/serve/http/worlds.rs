@@ -1,13 +1,11 @@
 //! `/v1/worlds`
 
-use std::sync::Arc;
-
-use axum::extract::State;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
-use super::extract::{JsonBody, Pairs, Params, Sent};
-use super::{Keep, answer, answer_once, answer_page};
+use super::extract::{Caller, Form, JsonBody, Pairs, Params, Sent};
+use super::stream::answer_streamed;
+use super::{Keep, answer, answer_light, answer_once, answer_page};
 use crate::serve::app::App;
 use crate::serve::operations::render::{self, Picture};
 use crate::serve::operations::world;
@@ -26,7 +24,7 @@ use crate::serve::wire::{
         (status = 200, body = Worlds),
         (status = 422, body = Problem, content_type = "application/problem+json"),
     ))]
-pub async fn list(State(app): State<Arc<App>>, Pairs(pairs): Pairs) -> Answer<Response> {
+pub async fn list(app: Caller, Pairs(pairs): Pairs) -> Answer<Response> {
     answer_page(&app, pairs, world::list).await
 }
 
@@ -42,7 +40,7 @@ pub async fn list(State(app): State<Arc<App>>, Pairs(pairs): Pairs) -> Answer<Re
         (status = 422, body = Problem, content_type = "application/problem+json"),
         (status = 429, body = Problem, content_type = "application/problem+json", description = "No room for more worlds"),
     ))]
-pub async fn create(State(app): State<Arc<App>>, sent: Sent) -> Answer<Response> {
+pub async fn create(app: Caller, sent: Sent) -> Answer<Response> {
     let (body, _) = sent.json::<CreateWorld>()?;
     let place = |w: &WorldOut| Some(format!("/v1/worlds/{}", w.id));
     let work = move |app: &App, keep: Keep<WorldOut>| world::create(app, body, keep);
@@ -56,8 +54,8 @@ pub async fn create(State(app): State<Arc<App>>, sent: Sent) -> Answer<Response>
         (status = 200, body = WorldOut),
         (status = 404, body = Problem, content_type = "application/problem+json"),
     ))]
-pub async fn get(State(app): State<Arc<App>>, Params(id): Params<String>) -> Answer<Response> {
-    answer(&app, StatusCode::OK, move |app| world::get(app, &id)).await
+pub async fn get(app: Caller, Params(id): Params<String>) -> Answer<Response> {
+    answer_light(&app, true, StatusCode::OK, move |app| world::get(app, &id)).await
 }
 
 /// Forgets a world; the default ones come back when the server restarts.
@@ -67,7 +65,7 @@ pub async fn get(State(app): State<Arc<App>>, Params(id): Params<String>) -> Ans
         (status = 204, description = "Gone"),
         (status = 404, body = Problem, content_type = "application/problem+json"),
     ))]
-pub async fn delete(State(app): State<Arc<App>>, Params(id): Params<String>) -> Answer<Response> {
+pub async fn delete(app: Caller, Params(id): Params<String>) -> Answer<Response> {
     app.run(move |app| Ok(world::delete(app, &id)?)).await?;
     Ok(StatusCode::NO_CONTENT.into_response())
 }
@@ -83,11 +81,12 @@ pub async fn delete(State(app): State<Arc<App>>, Params(id): Params<String>) -> 
         (status = 422, body = Problem, content_type = "application/problem+json"),
     ))]
 pub async fn reset(
-    State(app): State<Arc<App>>,
+    app: Caller,
     Params(id): Params<String>,
     JsonBody(body): JsonBody<ResetIn>,
 ) -> Answer<Response> {
-    answer(&app, StatusCode::OK, move |app| world::reset(app, &id, body)).await
+    let light = world::is_light(&app, [id.as_str()].into_iter());
+    answer_light(&app, light, StatusCode::OK, move |app| world::reset(app, &id, body)).await
 }
 
 /// Carries out an action. An action that cannot be placed is an outcome (`valid: false`), not an attempt.
@@ -103,11 +102,12 @@ pub async fn reset(
         (status = 429, body = Problem, content_type = "application/problem+json", description = "The budget is spent"),
     ))]
 pub async fn step(
-    State(app): State<Arc<App>>,
+    app: Caller,
     Params(id): Params<String>,
     JsonBody(body): JsonBody<StepIn>,
 ) -> Answer<Response> {
-    answer(&app, StatusCode::OK, move |app| world::step(app, &id, body)).await
+    let light = world::is_light(&app, [id.as_str()].into_iter());
+    answer_light(&app, light, StatusCode::OK, move |app| world::step(app, &id, body)).await
 }
 
 /// Sets those latent factors that are given.
@@ -122,7 +122,7 @@ pub async fn step(
         (status = 422, body = Problem, content_type = "application/problem+json"),
     ))]
 pub async fn set_latents(
-    State(app): State<Arc<App>>,
+    app: Caller,
     Params(id): Params<String>,
     JsonBody(body): JsonBody<LatentsIn>,
 ) -> Answer<Response> {
@@ -143,11 +143,15 @@ pub async fn set_latents(
         (status = 429, body = Problem, content_type = "application/problem+json", description = "The budget is spent"),
     ))]
 pub async fn rollout(
-    State(app): State<Arc<App>>,
+    app: Caller,
     Params(id): Params<String>,
     JsonBody(body): JsonBody<RolloutIn>,
 ) -> Answer<Response> {
-    answer(&app, StatusCode::OK, move |app| world::rollout(app, &id, body)).await
+    if app.form == Form::Json && body.trajectories == Some(true) {
+        return answer_streamed(&app, move |app| world::rollout(app, &id, body, false)).await;
+    }
+    let raw = app.form.raw();
+    answer(&app, StatusCode::OK, move |app| world::rollout(app, &id, body, raw)).await
 }
 
 /// Draws the scene, or films an action. A film in a real world is an interaction.
@@ -168,11 +172,7 @@ pub async fn rollout(
         (status = 422, body = Problem, content_type = "application/problem+json", description = "Also an action that cannot be placed"),
         (status = 429, body = Problem, content_type = "application/problem+json", description = "The budget is spent"),
     ))]
-pub async fn render(
-    State(app): State<Arc<App>>,
-    Params(id): Params<String>,
-    Pairs(pairs): Pairs,
-) -> Answer<Response> {
+pub async fn render(app: Caller, Params(id): Params<String>, Pairs(pairs): Pairs) -> Answer<Response> {
     let drawn = app
         .run(move |app| {
             let picture = Picture::from_query(&pairs)?;

@@ -1,15 +1,18 @@
 //! What a client can ask for, as functions over wire structs: one dispatch for every transport.
 
 pub mod asked;
-pub mod diagnosis;
 pub mod batch;
+pub mod diagnosis;
+pub mod dispatch;
 pub mod estimation;
 pub mod job;
 pub mod learning;
+pub mod once;
 mod page;
 pub mod policy;
 pub mod render;
 pub mod surface;
+pub mod system;
 pub mod task;
 pub mod trials;
 pub mod world;

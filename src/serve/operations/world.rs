@@ -55,11 +55,16 @@ pub fn set_latents(app: &App, id: &str, body: LatentsIn) -> Result<WorldOut> {
     Ok(WorldOut::new(id, world.describe()))
 }
 
-/// Attempts many actions.
-pub fn rollout(app: &App, id: &str, body: RolloutIn) -> Result<BatchOut> {
+/// Attempts many actions; `raw` gives trajectories as arrays.
+pub fn rollout(app: &App, id: &str, body: RolloutIn, raw: bool) -> Result<BatchOut> {
     let world = app.worlds.get(id, app.now())?;
     let batch = Batch::from(body);
     let rolled = world.rollout(&batch)?;
     app.metrics.attempted(world.kind(), rolled.valid);
-    Ok(BatchOut::new(rolled, batch.trajectories))
+    Ok(BatchOut::new(rolled, batch.trajectories, raw))
+}
+
+/// Whether what is asked of these worlds takes a fraction of a millisecond.
+pub fn is_light<'a>(app: &App, mut ids: impl Iterator<Item = &'a str>) -> bool {
+    ids.all(|id| app.worlds.get(id, app.now()).is_ok_and(|w| w.is_light()))
 }

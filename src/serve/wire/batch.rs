@@ -98,6 +98,8 @@ pub struct StepWorlds {
     pub actions: Vec<ActionIn>,
     /// What becomes of a world whose episode has ended; `disabled` if absent.
     pub autoreset: Option<AutoresetIn>,
+    /// Part of the family that such resets draw from; the one of the world's last reset if absent.
+    pub split: Option<SplitIn>,
 }
 
 /// As Gymnasium's `AutoresetMode`: `disabled` (stepping it again is refused), `next_step` (the next step resets it and
@@ -157,6 +159,8 @@ pub struct WorldsStepped {
     pub reset: Option<Array>,
     /// Id of the task that `observation` is of.
     pub task: Vec<String>,
+    /// Part of the family of the episode that began; `null` where none did.
+    pub split: Vec<Option<SplitIn>>,
     /// Why the action could not be placed; `null` where it could.
     pub reason: Vec<Option<String>>,
     /// `horizon`, `goal` or `diverged`; `null` where nothing was simulated.
@@ -307,6 +311,7 @@ impl WorldsStepped {
             interactions: Some(Array::line(Data::U8(interactions))),
             reset: Some(Array::line(Data::Bool(steps().map(|s| s.is_none()).collect()))),
             task: Vec::new(),
+            split: turned.iter().map(|t| t.start.as_ref().map(|s| s.split.into())).collect(),
             reason,
             end,
             final_observation: None,
@@ -316,7 +321,9 @@ impl WorldsStepped {
         let (mut final_rows, mut final_task) = (Vec::new(), Vec::new());
         for one in turned {
             let (now, ended) = match (one.start, one.step) {
-                (Some(start), step) => ((start.observation, start.task), step.map(|s| (s.observation, s.task))),
+                (Some(start), step) => {
+                    ((start.observation, start.task), step.map(|s| (s.observation, s.task)))
+                }
                 (None, Some(step)) => ((step.observation, step.task), None),
                 (None, None) => ((Vec::new(), String::new()), None),
             };

@@ -5,9 +5,10 @@
 
 mod array;
 mod asked;
-mod diagnosis;
 mod batch;
+mod diagnosis;
 mod job;
+pub mod pack;
 mod policy;
 mod strict;
 mod surface;
@@ -16,10 +17,8 @@ mod world;
 
 pub use array::{Array, Data, lists};
 pub use asked::{ProposalOut, Proposals, TellIn, TellQuery, Told, TrialIn, TrialOut, Trials};
+pub use batch::{CreateWorlds, ResetWorlds, StepWorlds, WorldIds, WorldsMade, WorldsReset, WorldsStepped};
 pub use diagnosis::DiagnosisIn;
-pub use batch::{
-    CreateWorlds, ResetWorlds, StepWorlds, WorldIds, WorldsMade, WorldsReset, WorldsStepped,
-};
 pub use job::{Estimation, Event, JobOut, Jobs, RealChoice, RealIn};
 pub use policy::{ActIn, Acted, EvaluateIn, LearnIn, Policies, PolicyOut, Scored, TrainIn, TrainingIn};
 pub use strict::Object;
@@ -40,6 +39,31 @@ pub trait Bulk {
         Vec::new()
     }
 }
+
+/// Answers of plain values only.
+macro_rules! without_bulk {
+    ($($answer:ty),*) => { $(impl Bulk for $answer {})* };
+}
+without_bulk!(
+    Acted,
+    Families,
+    FamilyTasks,
+    Health,
+    JobOut,
+    Jobs,
+    Policies,
+    PolicyOut,
+    Proposals,
+    TaskOut,
+    Told,
+    Trials,
+    SurfaceWhole,
+    Surfaces,
+    WorldOut,
+    Worlds,
+    WorldsMade,
+    crate::task::Scene
+);
 
 /// Whether the server answers.
 #[derive(Serialize, ToSchema)]

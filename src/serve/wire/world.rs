@@ -282,6 +282,13 @@ pub struct BatchOut {
     pub interactions: u64,
     /// In the order of the actions.
     pub results: Vec<ResultOut>,
+    /// Trajectories, if they were asked for with raw arrays, which are more: `t` (action, time), s, and `states`
+    /// (action, body, time, 3), m, m and rad, both NaN after the end; and `length` (action), their samples.
+    #[serde(skip)]
+    pub arrays: Vec<(&'static str, Array)>,
+    /// With raw arrays: names of the bodies, in their order.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bodies: Option<Vec<String>>,
 }
 
 /// What one action brought.
@@ -605,10 +612,15 @@ impl Bulk for StepOut {
 }
 
 impl BatchOut {
-    /// A batch's results, with trajectories if they were asked for.
-    pub fn new(rolled: Rolled, trajectories: bool) -> BatchOut {
+    /// A batch's results, with trajectories if they were asked for: as lists, or as `raw` arrays.
+    pub fn new(rolled: Rolled, trajectories: bool, raw: bool) -> BatchOut {
+        let (mut arrays, mut bodies) = (Vec::new(), None);
+        if trajectories && raw {
+            let (names, pieces) = stacked(&rolled.results);
+            (arrays, bodies) = (pieces, Some(names));
+        }
         let result = |r: std::result::Result<Trajectory, String>| match r {
-            Ok(trajectory) => ResultOut::of(trajectory, trajectories),
+            Ok(trajectory) => ResultOut::of(trajectory, trajectories && !raw),
             Err(reason) => ResultOut {
                 valid: false,
                 reason: Some(reason),
@@ -624,8 +636,45 @@ impl BatchOut {
             task: rolled.task,
             interactions: rolled.interactions,
             results: rolled.results.into_iter().map(result).collect(),
+            arrays,
+            bodies,
         }
     }
+}
+
+impl Bulk for BatchOut {
+    fn bulk(&mut self) -> Vec<(&'static str, Array)> {
+        std::mem::take(&mut self.arrays)
+    }
+}
+
+/// Names of the bodies, and the trajectories as `t`, `states` and `length`.
+fn stacked(results: &[crate::session::Tried]) -> (Vec<String>, Vec<(&'static str, Array)>) {
+    let trajectories = || results.iter().map(|r| r.as_ref().ok());
+    let names: Vec<String> = match trajectories().flatten().next() {
+        Some(first) => first.bodies.iter().map(|b| b.name.clone()).collect(),
+        None => Vec::new(),
+    };
+    let (n, most) = (results.len(), trajectories().flatten().map(|t| t.times.len()).max().unwrap_or(0));
+    let mut t = vec![f64::NAN; n * most];
+    let mut states = vec![f64::NAN; n * names.len() * most * 3];
+    for (i, trajectory) in trajectories().enumerate() {
+        let Some(trajectory) = trajectory else { continue };
+        t[i * most..][..trajectory.times.len()].copy_from_slice(&trajectory.times);
+        for (b, track) in trajectory.bodies.iter().enumerate() {
+            let at = (i * names.len() + b) * most * 3;
+            for (k, state) in states[at..][..track.len() * 3].chunks_exact_mut(3).enumerate() {
+                state.copy_from_slice(&[track.x[k], track.y[k], track.angle[k]]);
+            }
+        }
+    }
+    let length = trajectories().map(|t| t.map_or(0, |t| t.times.len() as u32)).collect();
+    let arrays = vec![
+        ("t", Array::of(vec![n, most], Data::F8(t))),
+        ("states", Array::of(vec![n, names.len(), most, 3], Data::F8(states))),
+        ("length", Array::line(Data::U4(length))),
+    ];
+    (names, arrays)
 }
 
 impl ResultOut {

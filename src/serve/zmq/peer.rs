@@ -1,0 +1,235 @@
+//! One client: its requests as they come, each answered once, those that share a world in their order.
+
+use std::collections::HashMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use serde_json::json;
+use tokio::sync::{Semaphore, oneshot, watch};
+
+use super::message::{self, NIL, Request};
+use super::zmtp::{self, MOST_BYTES, MOST_FRAMES, Received, Receiver};
+use super::{Reading, Writing};
+use crate::serve::app::App;
+use crate::serve::operations::dispatch::{Operation, Reply, operation};
+use crate::serve::problem::{Answer, Problem};
+
+/// Requests of one client under way at a time; more are told to come back.
+const MOST_UNDER_WAY: usize = 128;
+/// How long a client may take to read an answer.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// Answers a client until it hangs up or the server stops, and ends what is under way.
+pub async fn serve(app: Arc<App>, mut receiver: Receiver<Reading>, to: Writing) {
+    let mut stopping = app.stopping.subscribe();
+    let peer = Arc::new(Peer {
+        app,
+        to: tokio::sync::Mutex::new(Some(to)),
+        places: Arc::new(Semaphore::new(MOST_UNDER_WAY)),
+        under_way: Mutex::default(),
+        last: Mutex::default(),
+    });
+    loop {
+        let received = tokio::select! {
+            received = receiver.receive() => received,
+            _ = stopping.wait_for(|s| *s) => break,
+        };
+        match received {
+            Ok(Some(Received::Message(frames))) => peer.take(frames).await,
+            Ok(Some(Received::TooLarge(frames))) => peer.refuse_large(frames).await,
+            Ok(Some(Received::Ping(context))) => peer.pong(&context).await,
+            Ok(None) => break,
+            Err(e) => {
+                tracing::info!("a ZeroMQ client was hung up on: {e}");
+                break;
+            }
+        }
+    }
+    // A client that sent its last wish and hung up has it carried out.
+    let _ = peer.places.acquire_many(MOST_UNDER_WAY as u32).await;
+}
+
+struct Peer {
+    app: Arc<App>,
+    /// `None` once the client did not read.
+    to: tokio::sync::Mutex<Option<Writing>>,
+    places: Arc<Semaphore>,
+    /// By id.
+    under_way: Mutex<HashMap<Vec<u8>, Flight>>,
+    /// The latest request of each name, which the next of that name waits for.
+    last: Mutex<HashMap<String, watch::Receiver<()>>>,
+}
+
+/// A request under way.
+struct Flight {
+    cancel: Option<oneshot::Sender<()>>,
+    /// Set once nobody waits for it.
+    dropped: Arc<AtomicBool>,
+}
+
+impl Peer {
+    /// Takes a message: answers it at once, or sees to it that it is answered.
+    async fn take(self: &Arc<Self>, mut frames: Vec<Vec<u8>>) {
+        let delimited = frames.len() > 1 && frames[0].is_empty();
+        if delimited {
+            frames.remove(0);
+        }
+        let (id, request) = message::read(frames);
+        let to = Address { id, delimited };
+        match request {
+            Err(e) => self.answer(&to, "none", Err(Problem::malformed(e))).await,
+            Ok(request) => match request.op.as_str() {
+                "ping" => self.answer(&to, "ping", Ok(plain(json!({"pong": true})))).await,
+                "cancel" => {
+                    let cancelled = self.cancel(&request);
+                    self.answer(&to, "cancel", cancelled).await;
+                }
+                name => match operation(name) {
+                    Err(problem) => self.answer(&to, "none", Err(problem)).await,
+                    Ok(operation) => self.start(operation, request, to).await,
+                },
+            },
+        }
+    }
+
+    async fn start(self: &Arc<Self>, operation: &'static Operation, request: Request, to: Address) {
+        let asked = request.asked;
+        let idle = self.places.available_permits() == MOST_UNDER_WAY;
+        if idle && (operation.is_light)(&self.app, &asked) {
+            let done = catch_unwind(AssertUnwindSafe(|| (operation.run)(&self.app, asked)));
+            let answer = done.unwrap_or_else(|_| Err(Problem::defect()));
+            return self.answer(&to, operation.name, answer).await;
+        }
+        let Ok(place) = self.places.clone().try_acquire_owned() else {
+            return self.answer(&to, operation.name, Err(Problem::busy(MOST_UNDER_WAY))).await;
+        };
+        let (cancel, cancelled) = oneshot::channel();
+        let dropped = Arc::new(AtomicBool::new(false));
+        let twice = {
+            let mut under_way = lock(&self.under_way);
+            let twice = under_way.contains_key(&to.id);
+            if !twice {
+                let flight = Flight { cancel: Some(cancel), dropped: dropped.clone() };
+                under_way.insert(to.id.clone(), flight);
+            }
+            twice
+        };
+        if twice {
+            let e = crate::error::Error::input("id", "of a request under way", "an id of its own");
+            return self.answer(&to, operation.name, Err(Problem::malformed(e))).await;
+        }
+        let (before, turn) = self.queue(asked.names());
+        let peer = self.clone();
+        tokio::spawn(async move {
+            let work = async {
+                for mut earlier in before {
+                    // An error says that it is over.
+                    while earlier.changed().await.is_ok() {}
+                }
+                let app = peer.app.clone();
+                let work = move |app: &App| {
+                    // Those that wait for this one wait for the work, also if nobody wants its answer any more.
+                    let _turn = turn;
+                    if dropped.load(Ordering::SeqCst) {
+                        return Err(Problem::cancelled());
+                    }
+                    (operation.run)(app, asked)
+                };
+                app.run(work).await
+            };
+            let answer = tokio::select! {
+                biased;
+                Ok(()) = cancelled => Err(Problem::cancelled()),
+                answer = work => answer,
+            };
+            lock(&peer.under_way).remove(&to.id);
+            peer.answer(&to, operation.name, answer).await;
+            drop(place);
+        });
+    }
+
+    /// Puts a request in line behind those of the same names: what to wait for, and what to drop when done.
+    fn queue(&self, names: Vec<String>) -> (Vec<watch::Receiver<()>>, watch::Sender<()>) {
+        let (turn, over) = watch::channel(());
+        let mut last = lock(&self.last);
+        if last.len() > 16_384 {
+            last.retain(|_, earlier| earlier.has_changed().is_ok());
+        }
+        let before = names
+            .into_iter()
+            .filter_map(|name| last.insert(name, over.clone()))
+            // One that names the same twice does not wait for itself.
+            .filter(|earlier| earlier.has_changed().is_ok() && !earlier.same_channel(&over))
+            .collect();
+        (before, turn)
+    }
+
+    fn cancel(&self, request: &Request) -> Answer<Reply> {
+        let id = request.about.as_ref().filter(|id| **id != NIL).ok_or_else(|| {
+            let e = crate::error::Error::input("args.request", "missing", "the id of a request under way");
+            Problem::malformed(e)
+        })?;
+        let cancelled = lock(&self.under_way).get_mut(id).and_then(|flight| {
+            flight.dropped.store(true, Ordering::SeqCst);
+            flight.cancel.take()?.send(()).ok()
+        });
+        Ok(plain(json!({"cancelled": cancelled.is_some()})))
+    }
+
+    async fn refuse_large(&self, mut frames: Vec<Vec<u8>>) {
+        let delimited = frames.first().is_some_and(Vec::is_empty);
+        if delimited {
+            frames.remove(0);
+        }
+        frames.truncate(1);
+        let id = frames.pop().map_or(NIL.to_vec(), |head| message::read(vec![head]).0);
+        let detail = format!(
+            "a message has at most {MOST_BYTES} bytes in at most {MOST_FRAMES} frames; send it in parts"
+        );
+        self.answer(&Address { id, delimited }, "none", Err(Problem::too_large(detail))).await;
+    }
+
+    async fn pong(&self, context: &[u8]) {
+        if let Some(to) = self.to.lock().await.as_mut() {
+            let _ = tokio::time::timeout(PATIENCE, zmtp::pong(to, context)).await;
+        }
+    }
+
+    async fn answer(&self, to: &Address, name: &str, answer: Answer<Reply>) {
+        let status = answer.as_ref().map_or_else(|problem| problem.status, |_| 200);
+        self.app.metrics.answered("ZMQ", name, status);
+        let mut frames = match answer {
+            Ok(reply) => message::reply(&to.id, reply),
+            Err(problem) => message::refusal(&to.id, &problem),
+        };
+        if to.delimited {
+            frames.insert(0, Vec::new());
+        }
+        let mut writing = self.to.lock().await;
+        if let Some(open) = writing.as_mut() {
+            let sent = tokio::time::timeout(PATIENCE, zmtp::send(open, &frames)).await;
+            if !matches!(sent, Ok(Ok(()))) {
+                // Half a message may have gone out: nothing after it would be understood.
+                *writing = None;
+            }
+        }
+    }
+}
+
+/// Where an answer goes.
+struct Address {
+    /// As msgpack.
+    id: Vec<u8>,
+    /// Whether the client puts an empty frame in front, as a REQ does.
+    delimited: bool,
+}
+
+fn plain(result: serde_json::Value) -> Reply {
+    Reply { result, arrays: Vec::new() }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
