@@ -20,6 +20,9 @@ fn every_operation_is_named_and_every_reference_leads_somewhere() {
         for (method, operation) in operations.as_object().unwrap() {
             let id = operation["operationId"].as_str().unwrap_or_default();
             assert!(!id.is_empty() && !operation["summary"].is_null(), "{method} {path}");
+            for (status, response) in operation["responses"].as_object().unwrap() {
+                assert!(response["description"].is_string(), "{id} {status}: OpenAPI wants a description");
+            }
             ids.push(id.to_string());
         }
     }

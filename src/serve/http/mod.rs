@@ -2,6 +2,7 @@
 
 mod asked;
 mod batch;
+mod document;
 mod extract;
 mod jobs;
 mod policies;
@@ -103,6 +104,7 @@ pub fn routes() -> (Router<Arc<App>>, utoipa::openapi::OpenApi) {
         .routes(routes!(system::openapi))
         .split_for_parts();
     document.info.version = env!("CARGO_PKG_VERSION").into();
+    document::complete(&mut document);
     (router, document)
 }
 

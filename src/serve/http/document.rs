@@ -1,0 +1,89 @@
+//! What the OpenAPI document says beyond what each route says of itself, so that generated clients and tests made from
+//! it meet no surprise: a description of every response, bounds of parameters that many routes share, whole numbers
+//! beyond 63 bits, bytes as bytes.
+
+use axum::http::StatusCode;
+use utoipa::Number;
+use utoipa::openapi::path::{Operation, Parameter};
+use utoipa::openapi::schema::{
+    AdditionalProperties, ArrayItems, KnownFormat, Object, Schema, SchemaFormat, SchemaType, Type,
+};
+use utoipa::openapi::{Content, OpenApi, RefOr};
+
+/// Completes the document.
+pub fn complete(document: &mut OpenApi) {
+    for item in document.paths.paths.values_mut() {
+        let operations = [&mut item.get, &mut item.post, &mut item.put, &mut item.delete];
+        operations.into_iter().flatten().for_each(operation);
+    }
+    if let Some(components) = &mut document.components {
+        components.schemas.values_mut().for_each(schema);
+    }
+}
+
+fn operation(operation: &mut Operation) {
+    for (status, response) in &mut operation.responses.responses {
+        let RefOr::T(response) = response else { continue };
+        if response.description.is_empty() {
+            let code = status.parse().ok().and_then(|code| StatusCode::from_u16(code).ok());
+            response.description = code.and_then(|c| c.canonical_reason()).unwrap_or("The answer").into();
+        }
+        response.content.iter_mut().for_each(|(kind, content)| bytes(kind, content));
+    }
+    if let Some(RefOr::T(body)) = &mut operation.request_body {
+        body.content.iter_mut().for_each(|(kind, content)| bytes(kind, content));
+    }
+    operation.parameters.iter_mut().flatten().for_each(parameter);
+}
+
+/// Bounds that hold wherever a parameter of this name is.
+fn parameter(parameter: &mut RefOr<Parameter>) {
+    let RefOr::T(parameter) = parameter else { return };
+    let Some(RefOr::T(Schema::Object(object))) = &mut parameter.schema else { return };
+    match parameter.name.as_str() {
+        "limit" => {
+            object.minimum = Some(Number::UInt(1));
+            object.maximum = Some(Number::UInt(1000));
+        }
+        "Idempotency-Key" => object.pattern = Some("^[!-~]{1,255}$".into()),
+        _ => {}
+    }
+}
+
+/// A body that is neither text nor JSON is bytes, not a list of numbers.
+fn bytes(kind: &str, content: &mut RefOr<Content>) {
+    let RefOr::T(content) = content else { return };
+    if kind == "application/octet-stream" || kind.starts_with("image/png") {
+        let binary = Object::builder()
+            .schema_type(SchemaType::Type(Type::String))
+            .format(Some(SchemaFormat::KnownFormat(KnownFormat::Binary)));
+        content.schema = Some(RefOr::T(binary.build().into()));
+    }
+}
+
+/// Whole numbers from 0 on go to 2^64 - 1; `int64` would say 2^63 - 1.
+fn schema(node: &mut RefOr<Schema>) {
+    let RefOr::T(node) = node else { return };
+    match node {
+        Schema::Object(object) => {
+            let long = SchemaFormat::KnownFormat(KnownFormat::Int64);
+            if object.format == Some(long) && object.minimum == Some(Number::UInt(0)) {
+                object.format = None;
+                object.maximum = Some(Number::UInt(usize::MAX));
+            }
+            object.properties.values_mut().for_each(schema);
+            if let Some(AdditionalProperties::RefOr(more)) = object.additional_properties.as_deref_mut() {
+                schema(more);
+            }
+        }
+        Schema::Array(array) => {
+            if let ArrayItems::RefOrSchema(items) = &mut array.items {
+                schema(items);
+            }
+        }
+        Schema::OneOf(one) => one.items.iter_mut().for_each(schema),
+        Schema::AllOf(all) => all.items.iter_mut().for_each(schema),
+        Schema::AnyOf(any) => any.items.iter_mut().for_each(schema),
+        _ => {}
+    }
+}
