@@ -1,18 +1,22 @@
 //! JSON from outside: one parser whose errors name the field's path.
 
 use serde::de::DeserializeOwned;
+use serde_json::Value;
 
 use crate::error::{Error, Input, Result};
 
 /// Parses `text` as `T`; the error names the path (`bodies[2].shape.radius`), line and what was wrong.
+///
+/// A whole number may be written `3.0`, as JSON Schema has it and some languages write it.
 pub fn parse<T: DeserializeOwned>(text: &str) -> Result<T> {
-    let mut deserializer = serde_json::Deserializer::from_str(text);
-    let value = serde_path_to_error::deserialize(&mut deserializer).map_err(|e| {
-        let path = e.path().to_string();
-        refuse(if path == "." { "" } else { &path }, e.inner())
-    })?;
-    deserializer.end().map_err(|e| refuse("", &e))?;
-    Ok(value)
+    parse_strictly(text).or_else(|error| {
+        let Ok(mut value) = serde_json::from_str::<Value>(text) else { return Err(error) };
+        if !whole(&mut value) {
+            return Err(error);
+        }
+        // If that was not it, the first error names the line.
+        from_value(value).map_err(|_| error)
+    })
 }
 
 /// [`parse`] for a value that is JSON already.
@@ -29,6 +33,33 @@ pub fn read<T: DeserializeOwned>(path: &std::path::Path) -> Result<T> {
     parse(&text).map_err(|e| e.at(path.display()))
 }
 
+fn parse_strictly<T: DeserializeOwned>(text: &str) -> Result<T> {
+    let mut deserializer = serde_json::Deserializer::from_str(text);
+    let value = serde_path_to_error::deserialize(&mut deserializer).map_err(|e| {
+        let path = e.path().to_string();
+        refuse(if path == "." { "" } else { &path }, e.inner())
+    })?;
+    deserializer.end().map_err(|e| refuse("", &e))?;
+    Ok(value)
+}
+
+/// Writes numbers like `3.0` as `3`; whether there were any.
+fn whole(value: &mut Value) -> bool {
+    match value {
+        Value::Number(number) => {
+            // Beyond 2^53 a float may stand for several whole numbers.
+            let exact = number.as_f64().filter(|x| number.is_f64() && x.fract() == 0.0 && x.abs() <= 9e15);
+            if let Some(x) = exact {
+                *number = if x < 0.0 { (x as i64).into() } else { (x as u64).into() };
+            }
+            exact.is_some()
+        }
+        Value::Array(items) => items.iter_mut().fold(false, |found, item| whole(item) | found),
+        Value::Object(fields) => fields.values_mut().fold(false, |found, item| whole(item) | found),
+        _ => false,
+    }
+}
+
 fn refuse(path: &str, error: &serde_json::Error) -> Error {
     let message = error.to_string();
     let reason = message.split(" at line ").next().unwrap_or(&message).to_string();
@@ -39,4 +70,18 @@ fn refuse(path: &str, error: &serde_json::Error) -> Error {
         value: String::new(),
         allowed: format!("valid JSON of this format ({reason})"),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::parse;
+
+    #[test]
+    fn whole_numbers_may_have_a_point() {
+        assert_eq!(parse::<(u64, i32, f64)>("[3.0, -2.0, 3.0]").unwrap(), (3, -2, 3.0));
+        for no in ["[3.5]", "[-1.0]", "[1e300]", "[\"3\"]"] {
+            let error = parse::<Vec<u64>>(no).unwrap_err().to_string();
+            assert!(error.contains("line 1: `[0]`"), "{error}");
+        }
+    }
 }
