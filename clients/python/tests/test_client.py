@@ -109,7 +109,7 @@ def test_silence_ends_with_the_timeout() -> None:
             client.create_world("bowling")
 
 
-@pytest.mark.parametrize("url", ["tcp://127.0.0.1:5555", "http://", "ftp://x"])
+@pytest.mark.parametrize("url", ["tcp://127.0.0.1", "http://", "ftp://x"])
 def test_addresses_are_checked(url: str) -> None:
     with pytest.raises(ValueError, match="allowed: an address like"):
         iplw.Client(url)

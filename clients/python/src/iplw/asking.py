@@ -11,8 +11,9 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .http import given, path, query
+from . import calls
 from .job import Job
+from .operations import given
 
 #: Time between two looks for proposals, s.
 POLL = 0.2
@@ -61,7 +62,7 @@ class Asking(Job):
         """
         deadline = None if timeout is None else time.monotonic() + timeout
         while True:
-            asked = self._http.call("GET", self._asks("proposals"), slack=10.0)
+            asked = self._transport.do(calls.proposals(self.id))
             if asked["state"] != self.state:
                 self.refresh()
             found = [_proposal(p, int(asked["round"])) for p in asked["proposals"]]
@@ -96,27 +97,20 @@ class Asking(Job):
         self, text: str, *, failed: Sequence[int] = (), close: bool = False, replace: bool = False
     ) -> dict[str, Any]:
         """Tells a trials file, `trial,t,body,x,y,...`, whose trials are named by the numbers of proposals."""
-        said = query(
+        said = given(
+            csv=text,
             failed=",".join(map(str, failed)) or None,
             close="true" if close else None,
             replace="true" if replace else None,
         )
-        address = self._asks("trials") + said
-        told: dict[str, Any] = self._http.json(
-            "POST", address, text.encode(), key=_key(), kind="text/csv", slack=10.0
-        )
-        return told
+        return self._tell(said)
 
     def close(self, round: int) -> dict[str, Any]:
         """Ends this round with what was told of it; the rest has failed."""
         return self._tell({"round": round, "close": True})
 
     def _tell(self, body: Mapping[str, Any]) -> dict[str, Any]:
-        told: dict[str, Any] = self._http.call("POST", self._asks("trials"), body, key=_key(), slack=10.0)
-        return told
-
-    def _asks(self, what: str) -> str:
-        return path("iplw", self.id, what)
+        return self._transport.do(calls.tell(self.id, body, _key()))
 
 
 def _key() -> str:

@@ -7,21 +7,26 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, overload
 
-from . import server
+from . import calls, server
 from .asking import Asking
-from .http import Http, given, path, query
 from .job import Job
+from .operations import given
 from .policy import Policy
+from .transport import Transport, connect
 from .world import World
+
+#: Addresses of a private server -> scheme.
+PRIVATE = {None: "http", "tcp://private": "tcp"}
 
 
 class Client:
     """A connection to an iplw server; also a context manager.
 
-    Without a `url` it starts a private server, shared by all such clients of this process and stopped when
-    the last of them closes or the process ends, in whichever way. `timeout` is in seconds, for each request;
-    batches get more by their size. Requests that only read or delete, or that carry a `key`, are repeated after a
-    lost connection, others never.
+    `url`: `http://host:port`, or `tcp://host:port` or `ipc://path` for ZeroMQ, which needs `pip install
+    'iplw[zmq]'`. Without one it starts a private server, shared by all such clients of this process and stopped
+    when the last of them closes or the process ends, in whichever way; `tcp://private` is the same, spoken to over
+    ZeroMQ. `timeout` is in seconds, for each request; batches get more by their size. Requests that only read or
+    delete, or that carry a `key`, are repeated after a lost connection, others never.
     """
 
     def __init__(
@@ -33,12 +38,12 @@ class Client:
     ) -> None:
         #: The private server, if this client uses one.
         self.server: server.PrivateServer | None = None
-        if url is None:
+        private = PRIVATE.get(url)
+        if private is not None:
             self.server = server.acquire(binary)
         try:
-            address = url if self.server is None else self.server.url
-            assert address is not None
-            self._http = Http(address, timeout, self.server.advice if self.server else None)
+            address = self.server.address(private) if self.server and private else str(url)
+            self._transport = connect(address, timeout, self.server.advice if self.server else None)
         except BaseException:
             self._release()
             raise
@@ -46,15 +51,15 @@ class Client:
     @property
     def url(self) -> str:
         """The server's address."""
-        return self._http.url
+        return self._transport.url
 
     def worlds(self) -> list[World]:
         """Every world on the server."""
-        return [World(self._http, data) for data in self._http.items(path("worlds"), "worlds")]
+        return [World(self._transport, data) for data in self._transport.items("list_worlds", "worlds")]
 
     def world(self, id: str) -> World:
         """The world with this id; four are there from the start: `bowling-sim`, `bowling-real`, ..."""
-        return World(self._http, self._http.call("GET", path("worlds", id)))
+        return World(self._transport, self._transport.do(calls.get("get_world", id)))
 
     def create_world(
         self,
@@ -91,28 +96,25 @@ class Client:
             sealed=sealed,
             seed=seed,
         )
-        return World(self._http, self._http.call("POST", path("worlds"), body, key=key))
+        return World(self._transport, self._transport.do(calls.create_world(body, key)))
 
     def tasks(self) -> list[dict[str, Any]]:
         """The task families: name, about, number of tasks, split, action space."""
-        return list(self._http.items(path("tasks"), "families"))
+        return list(self._transport.items("list_families", "families"))
 
     def family(self, name: str) -> dict[str, Any]:
         """One family with the id, split and certificate of each of its tasks."""
-        family: dict[str, Any] = self._http.call("GET", path("tasks", name) + query(limit=1))
-        family["tasks"] = list(self._http.items(path("tasks", name), "tasks"))
+        family = self._transport.do(calls.post("list_tasks", {"family": name, "limit": 1}))
+        family["tasks"] = list(self._transport.items("list_tasks", "tasks", {"family": name}))
         return family
 
     def task(self, id: str) -> dict[str, Any]:
         """One task, `bowling:017`: its split, scene and certificate."""
-        family, _, number = id.partition(":")
-        task: dict[str, Any] = self._http.call("GET", path("tasks", family, number))
-        return task
+        return self._transport.do(calls.number_of(id))
 
     def task_ids(self, family: str, split: str | None = None) -> list[str]:
         """Ids of a family's tasks, all or those of one split, in order."""
-        tasks = self.family(family)["tasks"]
-        return [str(t["id"]) for t in tasks if split is None or t["split"] == split]
+        return calls.ids(self.family(family)["tasks"], split)
 
     @overload
     def iplw(
@@ -178,7 +180,7 @@ class Client:
             seed=seed,
             budget=budget,
         )
-        return _job(self._http, self._http.call("POST", path("iplw"), body, key=key))
+        return _job(self._transport, self._transport.do(calls.post("start_iplw", body, key)))
 
     def train(
         self,
@@ -205,33 +207,33 @@ class Client:
             batch_size=batch_size,
             seed=seed,
         )
-        return Job(self._http, self._http.call("POST", path("policies"), body, key=key))
+        return Job(self._transport, self._transport.do(calls.post("train_policy", body, key)))
 
     def policies(self) -> list[Policy]:
         """Every policy on the server."""
-        return [Policy(self._http, data) for data in self._http.items(path("policies"), "policies")]
+        return [Policy(self._transport, data) for data in self._transport.items("list_policies", "policies")]
 
     def policy(self, id: str) -> Policy:
         """The policy with this id."""
-        return Policy(self._http, self._http.call("GET", path("policies", id)))
+        return Policy(self._transport, self._transport.do(calls.get("get_policy", id)))
 
     def upload_policy(self, id: str, weights: bytes | str | Path) -> Policy:
         """Creates or replaces the policy `id` from safetensors bytes or a file of them."""
         data = weights if isinstance(weights, bytes) else Path(weights).read_bytes()
-        self._http.raw("PUT", path("policies", id, "weights"), data)
+        self._transport.do(calls.upload(id, data))
         return self.policy(id)
 
     def jobs(self) -> list[Job]:
         """Every job on the server."""
-        return [_job(self._http, data) for data in self._http.items(path("jobs"), "jobs")]
+        return [_job(self._transport, data) for data in self._transport.items("list_jobs", "jobs")]
 
     def job(self, id: str) -> Job:
         """The job with this id."""
-        return _job(self._http, self._http.call("GET", path("jobs", id)))
+        return _job(self._transport, self._transport.do(calls.get("get_job", id)))
 
     def close(self) -> None:
         """Drops the connection and gives the private server back; a second call does nothing."""
-        self._http.close()
+        self._transport.close()
         self._release()
 
     def __enter__(self) -> Client:
@@ -250,6 +252,6 @@ class Client:
             server.release(held)
 
 
-def _job(http: Http, data: dict[str, Any]) -> Job:
+def _job(transport: Transport, data: dict[str, Any]) -> Job:
     asks = (data.get("config") or {}).get("real") == "ask_tell"
-    return Asking(http, data) if asks else Job(http, data)
+    return Asking(transport, data) if asks else Job(transport, data)

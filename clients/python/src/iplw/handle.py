@@ -1,4 +1,4 @@
-"""What worlds, jobs and policies have in common: a handle on something the server keeps."""
+"""What every handle on something the server keeps has in common."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ from typing import Any, ClassVar
 
 from typing_extensions import Self
 
-from .http import Http, path
+from . import calls
+from .transport import Transport
 
 
-class Handle:
+class Named:
     """A handle on one resource. `data` is what the server last said about it."""
 
-    #: Where such resources are, below `/v1/`.
-    collection: ClassVar[str]
+    #: The operation that asks for it.
+    _look: ClassVar[str]
 
-    def __init__(self, http: Http, data: dict[str, Any]) -> None:
-        self._http = http
+    def __init__(self, data: dict[str, Any]) -> None:
         self.data = data
 
     @property
@@ -24,14 +24,19 @@ class Handle:
         """The resource's id."""
         return str(self.data["id"])
 
-    def refresh(self) -> Self:
-        """Looks again."""
-        self.data = self._http.call("GET", self._path())
-        return self
-
     def __repr__(self) -> str:
         words = [self.id, *(str(self.data[key]) for key in ("kind", "state") if isinstance(self.data.get(key), str))]
         return f"<iplw.{type(self).__name__} {' '.join(words)}>"
 
-    def _path(self, *rest: str) -> str:
-        return path(self.collection, self.id, *rest)
+
+class Handle(Named):
+    """A handle that waits for its answers."""
+
+    def __init__(self, transport: Transport, data: dict[str, Any]) -> None:
+        super().__init__(data)
+        self._transport = transport
+
+    def refresh(self) -> Self:
+        """Looks again."""
+        self.data = self._transport.do(calls.get(self._look, self.id))
+        return self

@@ -1,4 +1,4 @@
-"""Requests to one server: JSON in and out, refusals as exceptions, repeats only where they do no harm."""
+"""HTTP: JSON in and out, MessagePack for arrays, refusals as exceptions, repeats only where they do no harm."""
 
 from __future__ import annotations
 
@@ -7,113 +7,57 @@ import math
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any
 from urllib.parse import quote, urlencode, urlsplit
 
+import numpy as np
 import urllib3
 from urllib3.connectionpool import HTTPConnectionPool
 from urllib3.util import Retry, Timeout
 
+from . import codec
 from .errors import Problem, ServerUnavailable
+from .operations import OPERATIONS, Call
+from .transport import Event, Transport, closed, scheme_of
 
-#: GET and DELETE may be sent again after a lost connection; a repeated POST could act twice.
-_REPEATABLE = frozenset({"GET", "DELETE"})
-#: Items asked for at a time.
-_PAGE = 1000
-_JSON = {"Accept": "application/json, application/problem+json"}
-
-
-@dataclass(frozen=True)
-class Event:
-    """One server-sent event."""
-
-    name: str
-    id: str
-    data: str
+_JSON = "application/json"
+_PACKED = "application/msgpack"
+_PROBLEM = "application/problem+json"
 
 
-class Http:
-    """A keep-alive connection pool to the server at `url`; safe to use from several threads."""
+class Http(Transport):
+    """A keep-alive connection pool to one server."""
 
     def __init__(self, url: str, timeout: float, advice: Callable[[], str] | None = None) -> None:
-        self.url = _checked(url)
-        if not timeout > 0:
-            raise ValueError(f"timeout is {timeout}; allowed: a number of seconds above 0")
-        self.timeout = timeout
-        self._advice = advice
+        scheme_of(url)
+        super().__init__(url.rstrip("/"), timeout, advice)
         self._prefix = urlsplit(self.url).path.rstrip("/")
         self._pool: HTTPConnectionPool | None = None
         self._pid = os.getpid()
         self._closed = False
 
-    def call(
-        self,
-        method: str,
-        path: str,
-        body: Mapping[str, Any] | None = None,
-        *,
-        slack: float = 0.0,
-        repeat: bool = True,
-        key: str | None = None,
-    ) -> Any:
-        """The JSON answer (None if empty).
-
-        `slack`: seconds granted beyond the timeout for heavy requests. `key`: what makes the request one that
-        the server carries out once, however often it arrives; it is then repeated after a lost connection.
-        """
-        return self.json(method, path, body, slack=slack, repeat=repeat, key=key)
-
-    def json(self, method: str, path: str, body: Mapping[str, Any] | bytes | None, **how: Any) -> Any:
-        """[`raw`], read as JSON."""
-        data = self.raw(method, path, body, **how)
+    def send(self, call: Call[Any]) -> Any:
+        """The JSON or MessagePack answer (None if empty), or its bytes."""
+        operation = OPERATIONS[call.op]
+        address, headers, payload = request(call)
+        response = self._request(operation.method, address, payload, headers, call.slack, call.repeatable)
+        data = response.data
+        if call.binary:
+            return data
         if not data:
             return None
         try:
+            if response.headers.get("Content-Type", "").startswith(_PACKED):
+                return codec.unpack(data)
             return json.loads(data)
         except ValueError as error:
             raise ServerUnavailable(
-                f"{self.url} answered {method} {path} with something other than JSON ({data[:60]!r}); "
+                f"{self.url} answered {call.op} with something other than JSON ({data[:60]!r}); "
                 "is it an iplw server?"
             ) from error
 
-    def raw(
-        self,
-        method: str,
-        path: str,
-        body: Mapping[str, Any] | bytes | None = None,
-        *,
-        slack: float = 0.0,
-        repeat: bool = True,
-        key: str | None = None,
-        kind: str = "application/octet-stream",
-    ) -> bytes:
-        """The answer's body as it came. A body of bytes is sent as they are, as of that kind."""
-        headers = dict(_JSON)
-        if key is not None:
-            headers["Idempotency-Key"] = key
-        payload: bytes | None = None
-        if isinstance(body, bytes):
-            headers["Content-Type"] = kind
-            payload = body
-        elif body is not None:
-            headers["Content-Type"] = "application/json"
-            payload = json.dumps(body, allow_nan=False).encode()
-        response = self._send(method, path, payload, headers, slack, repeat, stream=False)
-        return response.data
-
-    def items(self, path: str, name: str) -> Iterator[Any]:
-        """All items of the list `name` at `path`, page by page."""
-        cursor: str | None = None
-        while True:
-            page = self.call("GET", path + query(limit=_PAGE, cursor=cursor))
-            yield from page[name]
-            cursor = page.get("next")
-            if cursor is None:
-                return
-
-    def events(self, path: str, last_id: str = "", patience: float = math.inf) -> Iterator[Event]:
-        """Server-sent events from `path` until the stream ends; continues after the event `last_id`.
+    def events(self, job: str, last_id: str = "", patience: float = math.inf) -> Iterator[Event]:
+        """A job's server-sent events until the stream ends; continues after the event `last_id`.
 
         Silence for `patience` or the timeout, whichever is less, s, raises `ServerUnavailable`.
         """
@@ -121,7 +65,8 @@ class Http:
         if last_id:
             headers["Last-Event-ID"] = last_id
         slack = min(0.0, max(patience, 0.01) - self.timeout)
-        response = self._send("GET", path, None, headers, slack, False, stream=True)
+        path = f"/v1/jobs/{_quoted(job)}/events"
+        response = self._request("GET", path, None, headers, slack, False, stream=True)
         try:
             yield from _parse(response.stream(65536))
         except (urllib3.exceptions.HTTPError, OSError) as error:
@@ -137,7 +82,7 @@ class Http:
             self._pool.close()
         self._pool = None
 
-    def _send(
+    def _request(
         self,
         method: str,
         path: str,
@@ -145,25 +90,15 @@ class Http:
         headers: Mapping[str, str],
         slack: float,
         repeat: bool,
-        stream: bool,
+        stream: bool = False,
     ) -> urllib3.BaseHTTPResponse:
-        retries: Retry | bool = False
-        if repeat and (method in _REPEATABLE or "Idempotency-Key" in headers):
-            retries = Retry(
-                total=2,
-                redirect=0,
-                backoff_factor=0.1,
-                allowed_methods=None,
-                status_forcelist=(502, 503, 504),
-                raise_on_status=False,
-            )
         try:
             response = self._connections().urlopen(
                 method,
                 self._prefix + path,
                 body=payload,
                 headers=headers,
-                retries=retries,
+                retries=_retries() if repeat else False,
                 redirect=False,
                 timeout=Timeout(connect=min(self.timeout, 10.0), read=self.timeout + slack),
                 preload_content=not stream,
@@ -176,10 +111,10 @@ class Http:
 
     def _connections(self) -> HTTPConnectionPool:
         if self._closed:
-            raise ServerUnavailable("this client is closed; make a new iplw.Client()")
+            raise closed()
         if self._pool is None or self._pid != os.getpid():
             # A forked child must not talk over its parent's sockets.
-            self._pool = urllib3.connection_from_url(self.url, maxsize=8)
+            self._pool = urllib3.connection_from_url(self.url, maxsize=64)
             self._pid = os.getpid()
         return self._pool
 
@@ -206,39 +141,68 @@ class Http:
         return ServerUnavailable(f"{what}; {todo}")
 
 
-def path(*parts: str) -> str:
-    """`/v1/` and the parts, each quoted."""
-    return "/v1/" + "/".join(quote(part, safe=":") for part in parts)
+def request(call: Call[Any]) -> tuple[str, dict[str, str], bytes | None]:
+    """The path with its query, the headers and the body of a call."""
+    operation = OPERATIONS[call.op]
+    rest = dict(call.args)
+    address = "".join(
+        _quoted(str(rest.pop(part[1:-1]))) if part.startswith("{") else part
+        for part in _parts(operation.path)
+    )
+    packed = codec.has_msgpack() and (
+        call.raw or any(isinstance(value, np.ndarray) for value in rest.values())
+    )
+    headers = {"Accept": f"{_PACKED}; arrays=raw" if packed else f"{_JSON}, {_PROBLEM}"}
+    if call.key is not None:
+        headers["Idempotency-Key"] = call.key
+    payload: bytes | None = None
+    if "csv" in rest:
+        headers["Content-Type"] = "text/csv"
+        payload = str(rest.pop("csv")).encode()
+    elif isinstance(rest.get("body"), bytes):
+        headers["Content-Type"] = "application/octet-stream"
+        payload = rest.pop("body")
+    elif operation.method == "POST" or (operation.method == "DELETE" and rest):
+        headers["Content-Type"] = _PACKED if packed else _JSON
+        payload = codec.pack(rest) if packed else codec.to_json(rest)
+        rest = {}
+    return address + ("?" + urlencode(rest) if rest else ""), headers, payload
 
 
-def given(**values: Any) -> dict[str, Any]:
-    """The arguments that are not None: what a request says, the rest being the server's default."""
-    return {key: value for key, value in values.items() if value is not None}
+def _parts(path: str) -> list[str]:
+    """`/v1/worlds/{id}/step` as `/v1/worlds/`, `{id}`, `/step`."""
+    known = _PARTS.get(path)
+    if known is None:
+        known = _PARTS[path] = path.replace("{", "\0{").replace("}", "}\0").split("\0")
+    return known
 
 
-def query(**values: Any) -> str:
-    """`?a=1&b=2` of what is not None, or nothing."""
-    said = given(**values)
-    return "?" + urlencode(said) if said else ""
+_PARTS: dict[str, list[str]] = {}
 
 
-def _checked(url: str) -> str:
-    if "://" not in url:
-        url = "http://" + url
-    parts = urlsplit(url)
-    if parts.scheme not in ("http", "https") or not parts.hostname:
-        raise ValueError(f"url is {url!r}; allowed: an address like http://127.0.0.1:8080")
-    return url.rstrip("/")
+def _quoted(part: str) -> str:
+    return quote(part, safe=":")
+
+
+def _retries() -> Retry:
+    return Retry(
+        total=2,
+        redirect=0,
+        backoff_factor=0.1,
+        allowed_methods=None,
+        status_forcelist=(502, 503, 504),
+        raise_on_status=False,
+    )
 
 
 def _problem(response: urllib3.BaseHTTPResponse) -> Problem:
     body = b""
     with suppress(urllib3.exceptions.HTTPError, OSError):
         body = response.data
-    try:
-        problem = json.loads(body)
-    except ValueError:
-        problem = None
+    problem: Any = None
+    with suppress(ValueError):
+        packed = "msgpack" in response.headers.get("Content-Type", "")
+        problem = codec.unpack(body) if packed else json.loads(body)
     if isinstance(problem, dict):
         return Problem.from_json(response.status, problem)
     text = body.decode(errors="replace").strip()[:200]

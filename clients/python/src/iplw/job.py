@@ -11,18 +11,18 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from .errors import JobCancelled, JobFailed, Problem, ServerUnavailable
-from .handle import Handle
-from .http import query
+from . import calls
+from .handle import Handle, Named
 
 #: Time between two looks at a job where events do not come through, s.
 POLL = 0.25
 _ENDED = frozenset({"succeeded", "failed", "cancelled"})
 
 
-class Job(Handle):
-    """A handle on one job."""
+class JobData(Named):
+    """What is known of a job without asking."""
 
-    collection = "jobs"
+    _look = "get_job"
 
     @property
     def kind(self) -> str:
@@ -45,21 +45,6 @@ class Job(Handle):
         left = (self.data.get("progress") or {}).get("eta_s")
         return None if left is None else float(left)
 
-    def wait(self, progress: bool = False, timeout: float | None = None) -> dict[str, Any]:
-        """The job's result, once it has one.
-
-        `progress` draws a bar on stderr. Raises `JobFailed`, `JobCancelled`, or, after `timeout` seconds,
-        `TimeoutError` (the job goes on; wait again or cancel it).
-        """
-        bar = _Bar(sys.stderr) if progress else None
-        deadline = None if timeout is None else time.monotonic() + timeout
-        try:
-            self._follow(bar.draw if bar else None, deadline)
-        finally:
-            if bar:
-                bar.finish()
-        return self.result()
-
     def result(self) -> dict[str, Any]:
         """The result of an ended job; raises as `wait` does, `RuntimeError` if it has not ended."""
         if self.state == "cancelled":
@@ -72,23 +57,41 @@ class Job(Handle):
         result = self.data.get("result")
         return result if isinstance(result, dict) else {}
 
+
+class Job(JobData, Handle):
+    """A handle on one job."""
+
+    def wait(self, progress: bool = False, timeout: float | None = None) -> dict[str, Any]:
+        """The job's result, once it has one.
+
+        `progress` draws a bar on stderr. Raises `JobFailed`, `JobCancelled`, or, after `timeout` seconds,
+        `TimeoutError` (the job goes on; wait again or cancel it).
+        """
+        bar = Bar() if progress else None
+        deadline = None if timeout is None else time.monotonic() + timeout
+        try:
+            self._follow(bar.draw if bar else None, deadline)
+        finally:
+            if bar:
+                bar.finish()
+        return self.result()
+
     def cancel(self) -> None:
         """Asks the server to stop the job; does nothing to one that has ended."""
         if self.refresh().ended:
             return
-        # Sent once: DELETE on an ended job would make the server forget it.
-        self._http.call("DELETE", self._path(), repeat=False)
+        self._transport.do(calls.cancel(self.id))
 
     def trials(self) -> list[dict[str, Any]]:
         """What an estimation has measured: `trial`, `proposal`, `task`, `action`, `t`, `bodies`, ..."""
-        return list(self._http.items(self._path("trials"), "trials"))
+        return list(self._transport.items("list_trials", "trials", {"id": self.id}))
 
     def save_trials(self, directory: str | Path) -> None:
         """Writes `trials.csv` and the `scene.json` that goes with it, as `iplw measure` does."""
         folder = Path(directory)
         folder.mkdir(parents=True, exist_ok=True)
         for format, name in (("csv", "trials.csv"), ("scene", "scene.json")):
-            (folder / name).write_bytes(self._http.raw("GET", self._path("trials") + query(format=format)))
+            (folder / name).write_bytes(self._transport.do(calls.trials(self.id, format)))
 
     def _follow(self, watch: Callable[[dict[str, Any]], None] | None, deadline: float | None) -> None:
         """Brings `data` to the end of the job: by events if they come through, else by looking."""
@@ -97,14 +100,14 @@ class Job(Handle):
             seen = last_id
             try:
                 patience = math.inf if deadline is None else deadline - time.monotonic()
-                for event in self._http.events(self._path("events"), last_id, patience):
+                for event in self._transport.events(self.id, last_id, patience) or ():
                     last_id = event.id or last_id
                     self.data = json.loads(event.data)
                     if watch:
                         watch(self.data)
                     if self.ended:
                         return
-                    _in_time(self.id, deadline)
+                    in_time(self.id, deadline)
             except (ServerUnavailable, ValueError):
                 # Silence, a proxy that holds events back, or no server at all: looking tells which.
                 pass
@@ -116,24 +119,25 @@ class Job(Handle):
                 watch(self.data)
             if self.ended:
                 return
-            _in_time(self.id, deadline)
+            in_time(self.id, deadline)
             failures = 0 if last_id != seen else failures + 1
             time.sleep(POLL if failures else 0.0)
 
 
-def _in_time(job: str, deadline: float | None) -> None:
+def in_time(job: str, deadline: float | None) -> None:
+    """Raises `TimeoutError` after the deadline."""
     if deadline is not None and time.monotonic() > deadline:
         raise TimeoutError(f"job {job} has not ended in time; it goes on: wait() again or cancel() it")
 
 
-class _Bar:
+class Bar:
     """A plain-text progress bar: redrawn in place on a terminal, a line per stage elsewhere."""
 
     WIDTH = 30
 
-    def __init__(self, out: TextIO) -> None:
-        self._out = out
-        self._live = out.isatty()
+    def __init__(self, out: TextIO | None = None) -> None:
+        self._out = out or sys.stderr
+        self._live = self._out.isatty()
         self._last = ""
 
     def draw(self, job: dict[str, Any]) -> None:

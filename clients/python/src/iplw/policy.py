@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from . import calls
 from .handle import Handle
 from .job import Job
 from .world import World
@@ -29,29 +31,33 @@ class Ranked:
 class Policy(Handle):
     """A handle on one policy."""
 
-    collection = "policies"
+    _look = "get_policy"
 
     def act(self, task: str, count: int = 10) -> list[Ranked]:
         """The policy's `count` best actions on a task, best first."""
-        answer = self._http.call("POST", self._path("act"), {"task": task, "count": count}, slack=10.0)
-        return [
-            Ranked(int(a["index"]), np.asarray(a["action"], dtype=np.float64), float(a["score"]))
-            for a in answer["actions"]
-        ]
+        answer = self._transport.do(calls.act(self.id, task, count))
+        return ranked(answer)
 
     def evaluate(self, world: World | str, *, split: str = "test", attempts: int = 100) -> Job:
         """AUCCESS on a world's tasks, as a job. Attempts on a real world are interactions."""
         name = world.id if isinstance(world, World) else world
-        body = {"world": name, "split": split, "attempts": attempts}
-        return Job(self._http, self._http.call("POST", self._path("evaluate"), body))
+        return Job(self._transport, self._transport.do(calls.evaluate(self.id, name, split, attempts)))
 
     def download(self, file: str | Path | None = None) -> bytes:
         """The weights as safetensors bytes; also written to `file`, if given."""
-        weights = self._http.raw("GET", self._path("weights"))
+        weights = self._transport.do(calls.weights(self.id))
         if file is not None:
             Path(file).write_bytes(weights)
         return weights
 
     def delete(self) -> None:
         """Removes the policy from the server."""
-        self._http.call("DELETE", self._path())
+        self._transport.do(calls.get("delete_policy", self.id))
+
+
+def ranked(answer: Mapping[str, Any]) -> list[Ranked]:
+    """The actions as a policy's answer ranks them."""
+    return [
+        Ranked(int(a["index"]), np.asarray(a["action"], dtype=np.float64), float(a["score"]))
+        for a in answer["actions"]
+    ]

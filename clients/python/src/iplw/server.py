@@ -22,6 +22,7 @@ START_TIMEOUT = 20.0
 #: How long a server may take to stop by itself before it is made to, s.
 STOP_TIMEOUT = 5.0
 _MARK = "listening on "
+_ARGUMENTS = ("serve", "--http", "127.0.0.1:0", "--zmq", "tcp://127.0.0.1:0", "--exit-with-stdin")
 
 
 class PrivateServer:
@@ -31,12 +32,14 @@ class PrivateServer:
         self.binary = binary
         self.users = 0
         self._lines: deque[str] = deque(maxlen=40)
-        self._found = threading.Event()
-        self._address: str | None = None
+        self._found = threading.Condition()
+        #: Scheme -> address, as it says them.
+        self._addresses: dict[str, str] = {}
+        self._ended = False
         try:
             # A session of its own: Ctrl-C in the terminal is Python's to handle, not the server's.
             self._process = subprocess.Popen(
-                [str(binary), "serve", "--http", "127.0.0.1:0", "--exit-with-stdin"],
+                [str(binary), *_ARGUMENTS],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
@@ -46,7 +49,8 @@ class PrivateServer:
             raise ServerUnavailable(f"cannot start {binary}: {error}; {_HOW}") from error
         self._reader = threading.Thread(target=self._read, name="iplw-server-output", daemon=True)
         self._reader.start()
-        self.url = self._wait()
+        #: Its HTTP address.
+        self.url = self._wait("http")
 
     @property
     def pid(self) -> int:
@@ -57,6 +61,10 @@ class PrivateServer:
     def running(self) -> bool:
         """Whether the process is alive."""
         return self._process.poll() is None
+
+    def address(self, scheme: str) -> str:
+        """Where it listens, `http` or `tcp`."""
+        return self._addresses.get(scheme) or self._wait(scheme)
 
     def advice(self) -> str:
         """What to tell someone whose request failed; empty if the server is fine as far as we know."""
@@ -94,24 +102,29 @@ class PrivateServer:
         for raw in self._process.stdout:
             line = raw.decode(errors="replace").rstrip()
             self._lines.append(line)
-            if self._address is None and _MARK in line:
-                self._address = line.partition(_MARK)[2].split()[0].rstrip("/")
-                self._found.set()
-        self._found.set()
+            if _MARK in line:
+                address = line.partition(_MARK)[2].split()[0].rstrip("/")
+                with self._found:
+                    self._addresses.setdefault(address.partition(":")[0], address)
+                    self._found.notify_all()
+        with self._found:
+            self._ended = True
+            self._found.notify_all()
 
-    def _wait(self) -> str:
-        self._found.wait(START_TIMEOUT)
-        if self._address is not None:
-            return self._address
+    def _wait(self, scheme: str) -> str:
+        with self._found:
+            self._found.wait_for(lambda: scheme in self._addresses or self._ended, START_TIMEOUT)
+            if scheme in self._addresses:
+                return self._addresses[scheme]
+            ended = self._ended
         # Either it ended without a word or it is stuck; do not leave it about.
-        ended = self._found.is_set()
         self.stop()
         how = (
             f"ended with code {self._process.returncode}" if ended else f"was silent for {START_TIMEOUT:g} s"
         )
         raise ServerUnavailable(
-            f"`{self.binary} serve --http 127.0.0.1:0 --exit-with-stdin` {how} instead of printing "
-            f"`listening on http://...`; {_HOW}{self._tail()}"
+            f"`{self.binary} {' '.join(_ARGUMENTS)}` {how} instead of printing "
+            f"`listening on {scheme}://...`; {_HOW}{self._tail()}"
         )
 
     def _tail(self) -> str:

@@ -1,0 +1,220 @@
+"""The calls behind the handles, for the client that waits and the one that awaits alike."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import Problem, ServerUnavailable
+from .operations import Call, given
+from .rollout import Action, Rollout, encode, encode_all, read_rollouts
+from .transport import Transport
+
+#: Observation and info, as Gymnasium's reset gives them.
+Start: TypeAlias = "tuple[NDArray[np.float64], dict[str, Any]]"
+#: Observation, reward, terminated, truncated, info, as Gymnasium's step gives them.
+Step: TypeAlias = "tuple[NDArray[np.float64], float, bool, bool, dict[str, Any]]"
+
+#: Most actions the server takes in one request.
+MOST_ACTIONS = 4096
+#: Seconds granted for each action of a batch, beyond the client's timeout.
+SLACK = 0.05
+
+
+def get(op: str, id: str) -> Call[dict[str, Any]]:
+    """What the server says about one resource."""
+    return Call(op, {"id": id}, _same)
+
+
+def reset(id: str, seed: int | None, task: str | None, split: str | None) -> Call[Start]:
+    """Starts an episode."""
+    return Call("reset_world", given(id=id, seed=seed, task=task, split=split), _start)
+
+
+def step(id: str, action: Action) -> Call[Step]:
+    """Acts once."""
+    return Call("step_world", {"id": id, "action": encode(action)}, _step, slack=1.0)
+
+
+def rollouts(
+    id: str,
+    actions: Sequence[Action] | NDArray[Any],
+    task: str | None,
+    trajectories: bool,
+    stop: bool,
+    batch: int,
+) -> list[Call[list[Rollout]]]:
+    """Rolls out many actions, `batch` at a time."""
+    if not 1 <= batch <= MOST_ACTIONS:
+        raise ValueError(f"batch is {batch}; allowed: 1 to {MOST_ACTIONS}")
+    coded = encode_all(actions)
+    more = {"trajectories": trajectories, "stop": stop, **given(task=task)}
+    parts = [coded[start : start + batch] for start in range(0, len(coded), batch)]
+    return [
+        Call(
+            "rollout_world",
+            {"id": id, "actions": part, **more},
+            read_rollouts,
+            slack=SLACK * len(part),
+            raw=trajectories,
+        )
+        for part in parts
+    ]
+
+
+def set_latents(id: str, latents: Mapping[str, float]) -> Call[dict[str, Any]]:
+    """Sets some latent factors."""
+    values = {name: float(value) for name, value in latents.items()}
+    for name, value in values.items():
+        if not np.isfinite(value):
+            raise ValueError(f"{name} is {value}; allowed: a finite number")
+    return Call("set_latents", {"id": id, **values}, _same)
+
+
+def render(
+    id: str, format: str, view: str, action: Action | None, task: str | None, width: int | None
+) -> Call[bytes]:
+    """A picture."""
+    code = None if action is None else encode(action)
+    text = ",".join(map(repr, code)) if isinstance(code, list) else code
+    args = given(
+        id=id,
+        format=format,
+        view=view,
+        action=None if text is None else str(text),
+        task=task,
+        width=width,
+    )
+    return Call("render_world", args, _same, slack=10.0, repeat=view == "scene", binary=True)
+
+
+def create_world(settings: Mapping[str, Any], key: str | None) -> Call[dict[str, Any]]:
+    """Makes a world."""
+    return Call("create_world", settings, _same, key=key)
+
+
+def create_worlds(settings: Mapping[str, Any], count: int) -> Call[dict[str, Any]]:
+    """Makes many worlds alike."""
+    return Call("create_worlds", {**settings, "count": count}, _same, slack=SLACK * count)
+
+
+def delete_worlds(worlds: Sequence[str]) -> Call[Any]:
+    """Deletes worlds."""
+    return Call("delete_worlds", {"worlds": worlds}, _same)
+
+
+def reset_worlds(
+    worlds: Sequence[str],
+    seeds: Sequence[int | None],
+    task: str | None,
+    split: str | None,
+    mask: NDArray[np.bool_] | None,
+) -> Call[dict[str, Any]]:
+    """Starts an episode in each world of the mask, by its seed or as its sequence of tasks goes on."""
+    args: dict[str, Any] = {"worlds": worlds, **given(split=split, mask=mask)}
+    if any(seed is not None for seed in seeds):
+        args["seeds"] = seeds
+    if task is not None:
+        args["tasks"] = [task] * len(worlds)
+    return Call("reset_worlds", args, _same, raw=True)
+
+
+def step_worlds(
+    worlds: Sequence[str],
+    actions: NDArray[Any],
+    autoreset: str,
+    split: str | None,
+) -> Call[dict[str, Any]]:
+    """Acts once in each world; `split` is what those that are reset draw from."""
+    args = {"worlds": worlds, "actions": actions, "autoreset": autoreset, **given(split=split)}
+    return Call("step_worlds", args, _same, slack=SLACK * len(worlds), raw=True)
+
+
+def quietly(transport: Transport, call: Call[Any]) -> None:
+    """Deletes what may be gone already, with its server or without."""
+    with suppress(ServerUnavailable):
+        try:
+            transport.do(call)
+        except Problem as problem:
+            if problem.status != 404:
+                raise
+
+
+def act(id: str, task: str, count: int) -> Call[dict[str, Any]]:
+    """A policy's best actions."""
+    return Call("act", {"id": id, "task": task, "count": count}, _same, slack=10.0)
+
+
+def weights(id: str) -> Call[bytes]:
+    """A policy's weights."""
+    return Call("download_weights", {"id": id}, _same, binary=True)
+
+
+def upload(id: str, data: bytes) -> Call[Any]:
+    """Creates or replaces a policy."""
+    return Call("upload_weights", {"id": id, "body": data}, _same)
+
+
+def evaluate(id: str, world: str, split: str, attempts: int) -> Call[dict[str, Any]]:
+    """A policy's score, as a job."""
+    return Call(
+        "evaluate_policy", {"id": id, "world": world, "split": split, "attempts": attempts}, _same
+    )
+
+
+def proposals(id: str) -> Call[dict[str, Any]]:
+    """What an estimation wants measured."""
+    return Call("list_proposals", {"id": id}, _same, slack=10.0)
+
+
+def tell(id: str, body: Mapping[str, Any], key: str) -> Call[dict[str, Any]]:
+    """Tells an estimation what was measured."""
+    return Call("tell_trials", {"id": id, **body}, _same, key=key, slack=10.0)
+
+
+def cancel(id: str) -> Call[Any]:
+    """Stops a job. Sent once: on a job that has ended it would make the server forget it."""
+    return Call("delete_job", {"id": id}, _same, repeat=False)
+
+
+def trials(id: str, format: str) -> Call[bytes]:
+    """A job's trials as a file."""
+    return Call("list_trials", {"id": id, "format": format}, _same, binary=True)
+
+
+def number_of(task: str) -> Call[dict[str, Any]]:
+    """One task by its id, `bowling:017`."""
+    family, _, number = task.partition(":")
+    return Call("get_task", {"family": family, "number": number}, _same)
+
+
+def post(op: str, args: Mapping[str, Any], key: str | None = None) -> Call[dict[str, Any]]:
+    """Any operation whose answer is taken as it comes."""
+    return Call(op, args, _same, key=key)
+
+
+def ids(tasks: Iterable[Mapping[str, Any]], split: str | None) -> list[str]:
+    """Ids of the tasks of a split, or of all."""
+    return [str(task["id"]) for task in tasks if split is None or task["split"] == split]
+
+
+def _same(answer: Any) -> Any:
+    return answer
+
+
+def _start(answer: Any) -> Start:
+    return np.asarray(answer["observation"], dtype=np.float64), answer["info"]
+
+
+def _step(answer: Any) -> Step:
+    return (
+        np.asarray(answer["observation"], dtype=np.float64),
+        float(answer["reward"]),
+        bool(answer["terminated"]),
+        bool(answer["truncated"]),
+        answer["info"],
+    )

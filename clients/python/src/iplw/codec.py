@@ -1,0 +1,85 @@
+"""Arrays on the wire: MessagePack with raw arrays, JSON with lists.
+
+An array is raw little-endian bytes in C order with its dtype and shape: in MessagePack the extension type 78 over
+`[dtype, shape, bytes]`, in ZeroMQ a frame of its own that the header describes.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+try:
+    import msgpack
+except ImportError:  # HTTP does without.
+    msgpack = None
+
+#: Extension type of an array in MessagePack.
+ARRAY = 78
+#: What the server takes, as NumPy writes it.
+DTYPES = frozenset({"<f4", "<f8", "<i4", "<i8", "<u4", "<u8", "|u1", "|b1"})
+
+
+def has_msgpack() -> bool:
+    """Whether MessagePack is installed."""
+    return msgpack is not None
+
+
+def to_json(value: Any) -> bytes:
+    """JSON with arrays as lists; numbers that are not finite raise `ValueError`."""
+    return json.dumps(value, allow_nan=False, default=_listed).encode()
+
+
+def pack(value: Any) -> bytes:
+    """MessagePack with arrays raw."""
+    packed: bytes = msgpack.packb(value, default=_extension)
+    return packed
+
+
+def unpack(data: bytes) -> Any:
+    """MessagePack to lists, dicts and arrays; anything else is a `ValueError`."""
+    try:
+        return msgpack.unpackb(data, ext_hook=_array, strict_map_key=False)
+    except (msgpack.exceptions.UnpackException, msgpack.exceptions.ExtraData) as error:
+        raise ValueError(f"not MessagePack: {error}") from error
+
+
+def plain(array: NDArray[Any]) -> NDArray[Any]:
+    """The array in a form that the server takes: one of `DTYPES`, contiguous."""
+    if array.dtype.str not in DTYPES:
+        wider = {"f": "<f8", "i": "<i8", "u": "<u8", "b": "|b1"}.get(array.dtype.kind)
+        if wider is None:
+            raise ValueError(f"an array of {array.dtype}; allowed: numbers or booleans")
+        array = array.astype(wider)
+    return np.ascontiguousarray(array)
+
+
+def from_bytes(dtype: str, shape: list[int], data: Any) -> NDArray[Any]:
+    """An array of our own from the wire's bytes; `ValueError` if they do not fit."""
+    if dtype not in DTYPES:
+        raise ValueError(f"an array of dtype {dtype!r}; allowed: {', '.join(sorted(DTYPES))}")
+    # A copy, as the wire's memory may not be written to.
+    return np.frombuffer(data, dtype=dtype).reshape(shape).copy()
+
+
+def _listed(value: Any) -> Any:
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
+    raise TypeError(f"cannot send {type(value).__name__}")
+
+
+def _extension(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        array = plain(value)
+        return msgpack.ExtType(ARRAY, msgpack.packb([array.dtype.str, array.shape, array.tobytes()]))
+    return _listed(value)
+
+
+def _array(code: int, data: bytes) -> Any:
+    if code != ARRAY:
+        return msgpack.ExtType(code, data)
+    dtype, shape, body = msgpack.unpackb(data)
+    return from_bytes(dtype, shape, body)

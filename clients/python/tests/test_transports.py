@@ -1,0 +1,322 @@
+"""One client over every transport: the same answers to the bit, the same refusals, the same care."""
+
+from __future__ import annotations
+
+import builtins
+import importlib
+import json
+import os
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import numpy as np
+import pytest
+import zmq
+
+import iplw
+from iplw import codec, frames, zeromq
+from iplw.operations import OPERATIONS, Call
+
+CHECKOUT = Path(__file__).resolve().parents[3]
+
+
+@pytest.fixture(params=["http-json", "http-msgpack", "zmq"])
+def over(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[iplw.Client]:
+    """A client of the same private server, over each transport."""
+    if request.param == "http-json":
+        monkeypatch.setattr(codec, "has_msgpack", lambda: False)
+    with iplw.Client("tcp://private" if request.param == "zmq" else None) as client:
+        yield client
+
+
+def test_the_table_is_the_documents() -> None:
+    document = json.loads((CHECKOUT / "openapi" / "openapi.json").read_text())
+    said = {
+        operation["operationId"]: (method.upper(), path)
+        for path, operations in document["paths"].items()
+        for method, operation in operations.items()
+    }
+    ours = {name: (row.method, row.path) for name, row in OPERATIONS.items()}
+    assert {name: said.get(name) for name in ours} == ours
+    # Pages for people and programs, and the stream of events, which has its own way.
+    assert set(said) - set(ours) == {"metrics", "openapi", "follow_job"}
+
+
+#: What the episode brought over the first transport.
+EPISODE: list[Any] = []
+
+
+def test_an_episode_is_equal_to_the_bit(over: iplw.Client) -> None:
+    with over.create_world("bowling", latents={"friction": 0.3}, seed=4) as world:
+        got: list[Any] = [world.reset(seed=11, split="test"), world.reset()]
+        rng = np.random.default_rng(0)
+        actions = rng.random((40, 3))
+        rollouts = world.rollout(actions, trajectories=True)
+        got.append([(r.valid, r.reason, r.solved, r.steps, r.collisions, r.rolling_steps) for r in rollouts])
+        got.append([r.t for r in rollouts])
+        got.append([sorted(r.bodies.items()) for r in rollouts])
+        got.append(world.rollout([3, 1000, 25_000]).steps)
+        got.append([world.step(actions[int(k)]) for k in (rollouts.valid.argmin(), rollouts.valid.argmax())])
+        got.append(world.render(width=64))
+    if not EPISODE:
+        EPISODE.extend(got)
+    np.testing.assert_equal(got, EPISODE)
+
+
+def test_refusals_are_the_same(over: iplw.Client) -> None:
+    world = over.world("bowling-sim")
+    for ask, status, words in [
+        (lambda: over.world("nowhere"), 404, ["nowhere"]),
+        (lambda: world.rollout([[0.5, 2.0, 0.5]], task="bowling:000"), 422, ["actions[0]", "2"]),
+        (lambda: world.rollout(np.array([[0.5, 2.0, 0.5]]), task="bowling:000"), 422, ["actions[0]", "2"]),
+        (lambda: over.create_world("bowling", latents={"colour": 1}), 400, ["colour"]),
+        (lambda: over.world("bowling-real").set_latents(friction=0.1), 403, []),
+    ]:
+        with pytest.raises(iplw.Problem) as caught:
+            ask()  # type: ignore[no-untyped-call]
+        assert caught.value.status == status and all(w in str(caught.value) for w in words), caught.value
+        assert caught.value.slug
+
+
+def test_keys_make_things_once(over: iplw.Client) -> None:
+    key = f"once-{time.time_ns()}"
+    first, again = over.create_world("bowling", key=key), over.create_world("bowling", key=key)
+    assert first.id == again.id
+    first.close()
+
+
+def test_lists_jobs_and_files(over: iplw.Client, tmp_path: Path) -> None:
+    assert len(over.task_ids("bowling", "test")) == 20
+    assert over.task("bowling:017")["id"] == "bowling:017"
+    job = over.iplw("bowling", real={"damping": 0.8}, rounds=1, actions=2, samples=20, seed=1)
+    result = job.wait(timeout=120)
+    assert result["real_interactions"] == len(job.trials()) > 0
+    job.save_trials(tmp_path)
+    assert (tmp_path / "trials.csv").read_text().startswith("trial,")
+    assert json.loads((tmp_path / "scene.json").read_text())["format"] == "iplw.scene/1"
+
+
+def test_a_job_asks_and_is_told(over: iplw.Client) -> None:
+    job = over.iplw("bowling", real="ask_tell", rounds=1, actions=2, samples=20)
+    assert isinstance(job, iplw.Asking)
+    proposals = job.proposals(timeout=60)
+    job.tell(proposals[0], [0.0, 0.1], {"red": [[1.0, 1.0], [1.0, 0.9]]})
+    row = f"{proposals[1].number},0.0,red,1.0,1.0\n{proposals[1].number},0.1,red,1.0,0.9\n"
+    job.tell_csv("trial,t,body,x,y\n" + row)
+    with pytest.raises(iplw.Problem):
+        job.tell_csv("trial,t,body\n")
+    job.cancel()
+
+
+def test_weights_go_up_and_down(over: iplw.Client, client: iplw.Client) -> None:
+    made = client.train("bowling:002", batches=1, batch_size=2, seed=1).wait()["policy"]
+    weights = client.policy(made).download()
+    copy = over.upload_policy("over", weights)
+    assert copy.download() == weights and copy.act("bowling:001", 2)
+    copy.delete()
+
+
+def test_threads_share_a_client(over: iplw.Client) -> None:
+    wrong: list[Any] = []
+
+    def act(number: int) -> None:
+        with over.create_world("bowling") as world:
+            for seed in range(number, number + 20):
+                task = world.reset(seed=seed)[1]["task"]
+                if task != world.reset(seed=seed)[1]["task"] or over.world(world.id).id != world.id:
+                    wrong.append(seed)
+
+    threads = [threading.Thread(target=act, args=(n,)) for n in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not wrong
+
+
+def test_a_forked_child_speaks_for_itself(over: iplw.Client) -> None:
+    with iplw.Client(over.url) as own:
+        own.worlds()
+        pid = os.fork()
+        if pid == 0:
+            good = False
+            try:
+                good = all(own.world("bowling-sim").reset(seed=k) for k in range(20))
+            finally:
+                os._exit(0 if good else 1)
+        for k in range(20):
+            own.world("bowling-real").reset(seed=k)
+        assert os.waitpid(pid, 0)[1] == 0
+
+
+# --- when things go wrong over ZeroMQ; over HTTP see test_client.py ---
+
+
+def test_nobody_there() -> None:
+    with socket.socket() as held:
+        held.bind(("127.0.0.1", 0))
+        client = iplw.Client(f"tcp://127.0.0.1:{held.getsockname()[1]}", timeout=20)
+        start = time.monotonic()
+        with pytest.raises(iplw.ServerUnavailable, match=r"no iplw server at tcp://.*iplw serve --zmq"):
+            client.worlds()
+        assert time.monotonic() - start < 5, "a refused connection is not waited for"
+
+
+@pytest.mark.parametrize("url", ["tcp://127.0.0.1", "tcp://", "ipc://", "udp://127.0.0.1:1", "http://"])
+def test_addresses_are_checked(url: str) -> None:
+    with pytest.raises(ValueError, match="allowed: an address like"):
+        iplw.Client(url)
+
+
+def test_http_is_not_zeromq() -> None:
+    with iplw.Client() as client:
+        other = iplw.Client(client.url.replace("http://", "tcp://"), timeout=0.5)
+        with pytest.raises(iplw.ServerUnavailable, match="no iplw server at tcp://"):
+            other.worlds()
+
+
+@contextmanager
+def router(answer: Any) -> Iterator[tuple[str, list[dict[str, Any]]]]:
+    """A scripted server: `answer(header)` gives the frames of the reply, or None to be silent."""
+    context = zmq.Context()
+    bound: zmq.Socket[bytes] = context.socket(zmq.ROUTER)
+    bound.setsockopt(zmq.LINGER, 0)
+    port = bound.bind_to_random_port("tcp://127.0.0.1")
+    seen: list[dict[str, Any]] = []
+    done = threading.Event()
+
+    def serve() -> None:
+        while not done.is_set():
+            if not bound.poll(20):
+                continue
+            peer, header, *_ = bound.recv_multipart()
+            seen.append(msgpack.unpackb(header))
+            reply = answer(seen[-1])
+            if reply is not None:
+                bound.send_multipart([peer, *reply])
+        bound.close()
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    try:
+        yield f"tcp://127.0.0.1:{port}", seen
+    finally:
+        done.set()
+        thread.join()
+        context.destroy(0)
+
+
+def ok(header: dict[str, Any], result: Any) -> list[bytes]:
+    return [msgpack.packb({"v": 1, "id": header["id"], "ok": True, "result": result, "arrays": []})]
+
+
+def test_silence_ends_with_the_timeout_and_is_told() -> None:
+    with router(lambda header: None) as (url, seen):
+        client = iplw.Client(url, timeout=0.3)
+        with pytest.raises(iplw.ServerUnavailable, match=r"no answer to list_worlds .* within 0.3 s; give it longer"):
+            client.worlds()
+        until = time.monotonic() + 5
+        while len(seen) < 2 and time.monotonic() < until:
+            time.sleep(0.01)
+    assert [header["op"] for header in seen] == ["list_worlds", "cancel"]
+    assert seen[1]["args"] == {"request": seen[0]["id"]}
+
+
+def test_a_busy_server_is_asked_again() -> None:
+    busy = {"type": "https://iplw.dev/problems/busy", "title": "busy", "status": 503, "detail": "later"}
+
+    def answer(header: dict[str, Any]) -> list[bytes]:
+        if len(asked) < 4:
+            asked.append(header["op"])
+            return [msgpack.packb({"v": 1, "id": header["id"], "ok": False, "problem": busy})]
+        return ok(header, {"id": "w", "kind": "sim"})
+
+    asked: list[str] = []
+    with router(answer) as (url, seen):
+        assert iplw.Client(url).create_world("bowling").id == "w"
+        assert len(seen) == 5
+    asked.clear()
+    with router(lambda h: [msgpack.packb({"v": 1, "id": h["id"], "ok": False, "problem": busy})]) as (url, seen):
+        with pytest.raises(iplw.Problem, match="503 busy: later"):
+            iplw.Client(url, timeout=0.2).create_world("bowling")
+
+
+def test_a_busy_worker_is_not_dead(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(zeromq, "PING", 0.1)
+    held: list[dict[str, Any]] = []
+
+    def answer(header: dict[str, Any]) -> list[bytes] | None:
+        if header["op"] == "ping" and len(held) < 8:
+            held.append(header)
+            return ok(header, {"pong": True})
+        if header["op"] == "ping":
+            return ok({"id": 1}, {"results": []})
+        return None
+
+    with router(answer) as (url, _):
+        client = iplw.Client(url, timeout=0.5)
+        assert client._transport.do(Call("rollout_world", {"id": "w"}, lambda a: a, slack=30)) == {"results": []}
+    assert len(held) == 8, "longer than the timeout, but never silent"
+
+
+def test_nonsense_is_named() -> None:
+    for reply in [[b"\xc1"], [msgpack.packb({"id": 1})], [msgpack.packb(3)]]:
+        with router(lambda header, reply=reply: reply) as (url, _):
+            with pytest.raises(iplw.ServerUnavailable, match="is it the ZeroMQ address"):
+                iplw.Client(url, timeout=5).worlds()
+
+
+def test_arrays_survive_the_frames() -> None:
+    sent = {
+        "actions": np.arange(6, dtype=">f4").reshape(2, 3)[:, ::-1],
+        "mask": np.array([True, False]),
+        "weights": b"abc",
+        "n": np.int64(3),
+    }
+    head, *rest = frames.request(7, Call("step_worlds", sent, lambda a: a, raw=True))
+    header = msgpack.unpackb(head)
+    assert header["args"] == {"n": 3} and header["raw"] is True
+    reply = {"id": 7, "ok": True, "result": {"deep": [{}]}, "arrays": header["arrays"]}
+    reply["arrays"][0]["name"] = "deep.0.actions"
+    back = frames.answer(reply, [b"", *(bytes(frame) for frame in rest)], binary=False)
+    np.testing.assert_array_equal(back["deep"][0]["actions"], sent["actions"])
+    np.testing.assert_array_equal(back["mask"], sent["mask"])
+    assert back["weights"].tobytes() == b"abc"
+    packed = codec.unpack(codec.pack({"a": sent["actions"], "b": [sent["mask"]]}))
+    np.testing.assert_array_equal(packed["a"], sent["actions"])
+    assert packed["b"][0].dtype == np.bool_
+
+
+def test_what_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    real = builtins.__import__
+
+    def without(name: str, *args: Any, **kwargs: Any) -> Any:
+        if name.split(".")[0] == "zmq":
+            raise ImportError("No module named 'zmq'")
+        return real(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(ImportError, match=r"pip install 'iplw\[zmq\]'"):
+        importlib.reload(zeromq)
+    monkeypatch.undo()
+    importlib.reload(zeromq)
+
+
+def test_http_does_without_either() -> None:
+    # In a Python that has neither pyzmq nor msgpack, everything but tcp:// works.
+    code = (
+        "import sys\nsys.modules['zmq'] = sys.modules['msgpack'] = None\n"
+        "import iplw\nwith iplw.Client() as client:\n    world = client.create_world('bowling')\n"
+        "    world.reset(seed=1)\n    print(len(world.rollout([1, 2, 3], trajectories=True)))\n"
+        "envs = iplw.make_vec('bowling', 2)\nenvs.reset(seed=1)\nenvs.step(envs.action_space.sample())\nenvs.close()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout == "3\n", done.stderr
