@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from . import png
 from .client import Client
-from .world import Action, Rollouts, World
+from .rollout import Action, Rollouts
+from .world import World
 
 Observation: TypeAlias = NDArray[Any]
 
@@ -64,29 +65,24 @@ class PlacementEnv(gymnasium.Env[Observation, Any]):
         image_size: int = 64,
         timeout: float = 30.0,
     ) -> None:
-        _one_of("observation", observation, ("features", "image"))
-        _one_of("action", action, ("box", "discrete"))
-        _one_of("split", split, ("train", "validation", "test"))
-        _one_of("render_mode", render_mode, (None, *self.metadata["render_modes"]))
-        if not IMAGE_SIZES[0] <= image_size <= IMAGE_SIZES[1]:
-            raise ValueError(f"image_size is {image_size}; allowed: {IMAGE_SIZES[0]} to {IMAGE_SIZES[1]}")
-        settings = _settings(task, world)
+        check(observation, action, split, render_mode, image_size)
+        settings = settings_of(task, world)
         self.render_mode = render_mode
         self._split = split
         self._image_size = image_size if observation == "image" else None
         self._closed = False
+        self._fresh = True
         #: The connection, shared with nobody.
         self.client = Client(url, timeout=timeout)
         try:
             #: This environment's own world.
             self.world: World = self.client.create_world(**settings)
-            self.observation_space = self._observations()
-            self.action_space = self._actions(action)
+            self.observation_space = observations(self.world, self._image_size)
+            self.action_space = actions(self.world, action)
         except BaseException:
             self.client.close()
             raise
-        # A custom scene is its own only task; a world of one task resets to it.
-        self._drawn = "scene" not in settings and ":" not in settings.get("task", "")
+        self._drawn = is_drawn(settings)
         self._shown: tuple[str, NDArray[np.uint8]] | None = None
         self._acted: int | list[float] | None = None
 
@@ -101,8 +97,9 @@ class PlacementEnv(gymnasium.Env[Observation, Any]):
             raise ValueError(f"options has {sorted(chosen)}; allowed: task, split")
         if split is None and task is None and self._drawn:
             split = self._split
-        # Our own generator draws, so that resets without a seed repeat after one with a seed.
-        draw = int(self.np_random.integers(2**32))
+        # A seed starts the world's own sequence of tasks anew; without one it goes on.
+        draw = int(self.np_random.integers(2**32)) if seed is not None or self._fresh else None
+        self._fresh = False
         features, info = self.world.reset(seed=draw, task=task, split=split)
         self._acted = None
         return self._observe(features, info), _plain(info)
@@ -121,7 +118,7 @@ class PlacementEnv(gymnasium.Env[Observation, Any]):
                 'render() without a render mode; use gymnasium.make(..., render_mode="rgb_array")'
             )
             return None
-        return self._picture(RENDER_SIZE, self._acted)
+        return picture(self.world, RENDER_SIZE, self._acted)
 
     def close(self) -> None:
         """Deletes the world and lets the server go; a second call does nothing."""
@@ -143,32 +140,56 @@ class PlacementEnv(gymnasium.Env[Observation, Any]):
         """Many actions on the current task (or `task`) at once; the episode stays as it is."""
         return self.world.rollout(actions, task=task, trajectories=trajectories)
 
-    def _observations(self) -> spaces.Box:
-        if self._image_size is not None:
-            return spaces.Box(0, 255, (self._image_size, self._image_size, 3), np.uint8)
-        space = self.world.data["observation_space"]
-        low, high = (np.asarray(space[key], dtype=np.float32) for key in ("low", "high"))
-        return spaces.Box(low, high, dtype=np.float32)
-
-    def _actions(self, form: str) -> spaces.Box | spaces.Discrete:
-        if form == "discrete":
-            return spaces.Discrete(self.world.actions)
-        return spaces.Box(0.0, 1.0, (self.world.dimension,), np.float32)
-
     def _observe(self, features: NDArray[np.float64], info: Mapping[str, Any]) -> Observation:
         if self._image_size is None:
             return features.astype(np.float32)
         # The task's scene does not change, so neither does its picture.
         task = str(info["task"])
         if self._shown is None or self._shown[0] != task:
-            self._shown = (task, self._picture(self._image_size))
+            self._shown = (task, picture(self.world, self._image_size))
         return np.array(self._shown[1])
 
-    def _picture(self, size: int, action: int | list[float] | None = None) -> NDArray[np.uint8]:
-        return _square(png.decode(self.world.render(width=size, action=action)), size)
+
+def check(observation: str, action: str, split: str, render_mode: str | None, image_size: int) -> None:
+    """Refuses settings that are not allowed, by name."""
+    _one_of("observation", observation, ("features", "image"))
+    _one_of("action", action, ("box", "discrete"))
+    _one_of("split", split, ("train", "validation", "test"))
+    _one_of("render_mode", render_mode, (None, *PlacementEnv.metadata["render_modes"]))
+    if not IMAGE_SIZES[0] <= image_size <= IMAGE_SIZES[1]:
+        raise ValueError(f"image_size is {image_size}; allowed: {IMAGE_SIZES[0]} to {IMAGE_SIZES[1]}")
 
 
-def _settings(task: str | None, world: str | Mapping[str, Any]) -> dict[str, Any]:
+def is_drawn(settings: Mapping[str, Any]) -> bool:
+    """Whether tasks are drawn from a split: a custom scene is its own only task; a world of one task resets to it."""
+    return "scene" not in settings and ":" not in settings.get("task", "")
+
+
+def observations(world: World, image_size: int | None) -> spaces.Box:
+    """The space of one world's observations: features, or images of that size."""
+    if image_size is not None:
+        return spaces.Box(0, 255, (image_size, image_size, 3), np.uint8)
+    space = world.data["observation_space"]
+    low, high = (np.asarray(space[key], dtype=np.float32) for key in ("low", "high"))
+    return spaces.Box(low, high, dtype=np.float32)
+
+
+def actions(world: World, form: str) -> spaces.Box | spaces.Discrete:
+    """The space of one world's actions, `box` or `discrete`."""
+    if form == "discrete":
+        return spaces.Discrete(world.actions)
+    return spaces.Box(0.0, 1.0, (world.dimension,), np.float32)
+
+
+def picture(
+    world: World, size: int, action: Action | None = None, task: str | None = None
+) -> NDArray[np.uint8]:
+    """(size, size, 3) the scene of the current task or another, with an action placed in it."""
+    return _square(png.decode(world.render(width=size, action=action, task=task)), size)
+
+
+def settings_of(task: str | None, world: str | Mapping[str, Any]) -> dict[str, Any]:
+    """What `Client.create_world` takes, of the task and world that an environment is made with."""
     if isinstance(world, Mapping):
         known = [name for name in signature(Client.create_world).parameters if name != "self"]
         if unknown := sorted(set(world) - set(known)):

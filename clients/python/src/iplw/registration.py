@@ -12,4 +12,9 @@ def register() -> None:
     """Registers what is not registered yet. `import iplw` does it."""
     for name, family in FAMILIES.items():
         if name not in gymnasium.registry:
-            gymnasium.register(name, entry_point="iplw.envs:PlacementEnv", kwargs={"task": family})
+            gymnasium.register(
+                name,
+                entry_point="iplw.envs:PlacementEnv",
+                vector_entry_point="iplw.vector:PlacementVectorEnv",
+                kwargs={"task": family},
+            )

@@ -1,0 +1,329 @@
+"""Many environments as one: a request for each step, whatever their number.
+
+    gymnasium.make_vec("iplw/Bowling-v0", num_envs=256, vectorization_mode="vector_entry_point")
+    iplw.make_vec("bowling", 256, autoreset_mode="SameStep")
+
+Observations, rewards and infos are those of `gymnasium.vector.SyncVectorEnv` over `PlacementEnv`, to the bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from . import calls, envs
+from .client import Client
+from .rollout import Action
+from .world import World
+
+#: Wire names of the modes.
+_MODES = {
+    AutoresetMode.NEXT_STEP: "next_step",
+    AutoresetMode.SAME_STEP: "same_step",
+    AutoresetMode.DISABLED: "disabled",
+}
+#: What a step's info holds for every environment that acted, with its type in Gymnasium's vectors of infos.
+_ALWAYS: dict[str, type] = {
+    "valid": bool,
+    "solved": bool,
+    "steps": int,
+    "task": object,
+    "collisions": int,
+    "rolling_steps": int,
+}
+#: What it holds where there is something to say.
+_SOMETIMES = ("reason", "end")
+
+
+class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
+    """`num_envs` worlds on the server, stepped together; settings as for `PlacementEnv`.
+
+    `autoreset_mode` says what becomes of an environment whose episode has ended: the next step resets it
+    (`NEXT_STEP`), the same step does and gives the end as `final_obs` and `final_info` (`SAME_STEP`), or you do with
+    `reset(options={"reset_mask": mask})` (`DISABLED`). `reset` takes a seed for all, environment i getting seed + i,
+    or one for each; `options` may have `task` and `split`, too.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        task: str | None = "bowling",
+        world: Literal["sim", "real"] | Mapping[str, Any] = "sim",
+        *,
+        url: str | None = None,
+        observation: Literal["features", "image"] = "features",
+        action: Literal["box", "discrete"] = "box",
+        render_mode: str | None = None,
+        split: str = "train",
+        image_size: int = 64,
+        timeout: float = 30.0,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+    ) -> None:
+        if num_envs < 1:
+            raise ValueError(f"num_envs is {num_envs}; allowed: 1 or more")
+        envs.check(observation, action, split, render_mode, image_size)
+        mode = AutoresetMode(autoreset_mode)
+        settings = envs.settings_of(task, world)
+        self.num_envs = num_envs
+        self.metadata = {**envs.PlacementEnv.metadata, "autoreset_mode": mode}
+        self.render_mode = render_mode
+        self._mode = mode
+        self._image_size = image_size if observation == "image" else None
+        self._split = split if envs.is_drawn(settings) else None
+        #: The connection, shared with nobody.
+        self.client = Client(url, timeout=timeout)
+        try:
+            made = self.client._transport.do(calls.create_worlds(settings, num_envs))
+            #: Ids of the environments' worlds, in order.
+            self.worlds: list[str] = list(made["worlds"])
+            self._first = World(self.client._transport, made["world"])
+            self.single_observation_space = envs.observations(self._first, self._image_size)
+            self.single_action_space = envs.actions(self._first, action)
+            self.observation_space = batch_space(self.single_observation_space, num_envs)
+            self.action_space = batch_space(self.single_action_space, num_envs)
+        except BaseException:
+            self.client.close()
+            raise
+        self._generators: list[np.random.Generator | None] = [None] * num_envs
+        self._seeds: list[int | None] = [None] * num_envs
+        self._fresh = np.ones(num_envs, np.bool_)
+        self._splits: dict[str, str] = {}
+        self._observations = np.zeros(self.observation_space.shape or (), self.observation_space.dtype)
+        self._ended = np.zeros(num_envs, np.bool_)
+        self._acted: list[Action | None] = [None] * num_envs
+        self._pictures: dict[str, NDArray[np.uint8]] = {}
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[Any], dict[str, Any]]:
+        """Starts episodes in all environments, or in those of `options["reset_mask"]`."""
+        chosen = dict(options or {})
+        mask = self._mask(chosen.pop("reset_mask", None))
+        task, split = chosen.pop("task", None), chosen.pop("split", None)
+        if chosen:
+            raise ValueError(f"options has {sorted(chosen)}; allowed: reset_mask, split, task")
+        draws = self._drawn(mask, self._spread(seed))
+        if split is None and task is None:
+            split = self._split
+        everyone = bool(mask.all())
+        call = calls.reset_worlds(self.worlds, draws, task, split, None if everyone else mask)
+        answer = self.client._transport.do(call)
+        self._fresh &= ~mask
+        self._splits |= {task: part for task, part in zip(answer["task"], answer["split"]) if task is not None}
+        self._start(mask)
+        self._observations = np.where(
+            self._rows(mask), self._observe(answer["observation"], answer["task"]), self._observations
+        )
+        self._ended &= ~mask
+        infos: dict[str, Any] = {}
+        self._begun(infos, mask, answer)
+        return self._observations.copy(), infos
+
+    def step(
+        self, actions: NDArray[Any]
+    ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
+        """Carries out one action in each environment; one that is being reset ignores its action."""
+        sent = self._checked(actions)
+        split = None if self._mode is AutoresetMode.DISABLED else self._split
+        answer = self.client._transport.do(calls.step_worlds(self.worlds, sent, _MODES[self._mode], split))
+        reset = np.asarray(answer["reset"], np.bool_)
+        ended = np.asarray(answer["terminated"], np.bool_)
+        truncated = np.asarray(answer["truncated"], np.bool_)
+        acted = ~reset
+        valid = np.asarray(answer["valid"], np.bool_)
+        for i in np.flatnonzero(acted & valid) if self.render_mode else ():
+            self._acted[i] = sent[i].tolist()
+        infos: dict[str, Any] = {}
+        if self._mode is AutoresetMode.SAME_STEP:
+            ends = ended | truncated
+            _stepped(infos, acted & ~ends, answer, answer["task"])
+            if ends.any():
+                self._finish(infos, ends, answer)
+            reset = reset | ends
+        else:
+            _stepped(infos, acted, answer, answer["task"])
+        if reset.any():
+            self._begun(infos, reset, answer)
+            self._start(reset)
+        self._ended = (ended | truncated) if self._mode is not AutoresetMode.SAME_STEP else self._ended
+        self._observations = self._observe(answer["observation"], answer["task"])
+        reward = np.asarray(answer["reward"], np.float64)
+        return self._observations.copy(), reward, ended, truncated, infos
+
+    def render(self) -> tuple[Any, ...] | None:
+        """A picture of each environment, as `PlacementEnv.render` has it; one request for each."""
+        if self.render_mode is None:
+            gymnasium.logger.warn(
+                'render() without a render mode; use gymnasium.make_vec(..., render_mode="rgb_array")'
+            )
+            return None
+        transport = self.client._transport
+        return tuple(
+            envs.picture(World(transport, {"id": id}), envs.RENDER_SIZE, action)
+            for id, action in zip(self.worlds, self._acted)
+        )
+
+    def set_latents(self, **latents: float | Sequence[float] | NDArray[Any]) -> None:
+        """Sets latent factors of all worlds, or of each its own; a request for each world."""
+        each = {name: np.broadcast_to(np.asarray(v, np.float64), self.num_envs) for name, v in latents.items()}
+        for i, id in enumerate(self.worlds):
+            self.client._transport.do(calls.set_latents(id, {name: v[i] for name, v in each.items()}))
+
+    def close_extras(self, **_: Any) -> None:
+        """Deletes the worlds and lets the server go."""
+        with self.client:
+            calls.quietly(self.client._transport, calls.delete_worlds(self.worlds))
+
+    @property  # type: ignore[misc]
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """The environments' generators."""
+        return tuple(self._generator(i) for i in range(self.num_envs))
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """The environments' seeds."""
+        return tuple(int(self._seeds[i] or 0) for i, _ in enumerate(self.np_random))
+
+    def _generator(self, i: int | np.integer[Any]) -> np.random.Generator:
+        made = self._generators[i]
+        if made is None:
+            made, self._seeds[i] = seeding.np_random()
+            self._generators[i] = made
+        return made
+
+    def _drawn(self, mask: NDArray[np.bool_], seeds: Sequence[int | None]) -> list[int | None]:
+        """What starts a world's own sequence of tasks anew; None where it goes on. As `PlacementEnv.reset` does."""
+        draws: list[int | None] = [None] * self.num_envs
+        for i in np.flatnonzero(mask):
+            if (seed := seeds[int(i)]) is not None:
+                self._generators[i], self._seeds[i] = seeding.np_random(seed)
+            if seed is not None or self._fresh[i]:
+                draws[int(i)] = int(self._generator(i).integers(2**32))
+        return draws
+
+    def _start(self, mask: NDArray[np.bool_]) -> None:
+        """Forgets what was placed where an episode begins."""
+        for i in np.flatnonzero(mask):
+            self._acted[i] = None
+
+    def _begun(self, infos: dict[str, Any], mask: NDArray[np.bool_], answer: Mapping[str, Any]) -> None:
+        """Adds what a reset tells of the environments in the mask."""
+        tasks = answer["task"]
+        _add(infos, "task", mask, tasks, object)
+        _add(infos, "split", mask, [self._splits.get(task, self._split) for task in tasks], object)
+
+    def _finish(self, infos: dict[str, Any], ends: NDArray[np.bool_], answer: Mapping[str, Any]) -> None:
+        """`final_obs` and `final_info` of those that ended and were reset in the same step."""
+        tasks = answer["final_task"]
+        last = self._observe(answer["final_observation"], tasks)
+        final = np.full(self.num_envs, None, dtype=object)
+        for i in np.flatnonzero(ends):
+            final[i] = last[i].copy()
+        infos["final_obs"], infos["_final_obs"] = final, ends.copy()
+        inner: dict[str, Any] = {}
+        _stepped(inner, ends, answer, tasks)
+        infos["final_info"], infos["_final_info"] = inner, ends.copy()
+
+    def _observe(self, features: Any, tasks: Sequence[str | None]) -> NDArray[Any]:
+        if self._image_size is None:
+            return np.asarray(features, np.float64).astype(np.float32)
+        shown = np.zeros_like(self._observations)
+        for i, task in enumerate(tasks):
+            if task is not None:
+                shown[i] = self._picture(i, task)
+        return shown
+
+    def _picture(self, i: int, task: str) -> NDArray[np.uint8]:
+        # A task's scene does not change, so neither does its picture.
+        if task not in self._pictures:
+            world = World(self.client._transport, {"id": self.worlds[i]})
+            self._pictures[task] = envs.picture(world, self._image_size or 0, task=task)
+        return self._pictures[task]
+
+    def _rows(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """The mask in a shape that stretches over observations."""
+        return mask.reshape((-1,) + (1,) * (self._observations.ndim - 1))
+
+    def _mask(self, mask: Any) -> NDArray[np.bool_]:
+        if mask is None:
+            return np.ones(self.num_envs, np.bool_)
+        if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
+            raise TypeError(f"options['reset_mask'] is {type(mask).__name__}; allowed: a NumPy array of bool")
+        if mask.shape != (self.num_envs,) or not mask.any():
+            raise ValueError(
+                f"options['reset_mask'] has shape {mask.shape} and {mask.sum()} true; "
+                f"allowed: shape ({self.num_envs},) with at least one true"
+            )
+        return mask
+
+    def _spread(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
+        if seed is None:
+            return [None] * self.num_envs
+        if isinstance(seed, (int, np.integer)):
+            return [int(seed) + i for i in range(self.num_envs)]
+        if len(seed) != self.num_envs:
+            raise ValueError(f"seed has length {len(seed)}; allowed: {self.num_envs}, one an environment")
+        return list(seed)
+
+    def _checked(self, actions: Any) -> NDArray[Any]:
+        """The actions, of the right shape and finite; whether they are in bounds is the server's to say."""
+        array = np.asarray(actions)
+        discrete = isinstance(self.single_action_space, spaces.Discrete)
+        kind = np.integer if discrete else np.number
+        if array.shape != self.action_space.shape or not np.issubdtype(array.dtype, kind):
+            raise ValueError(
+                f"actions have shape {array.shape} of {array.dtype}; "
+                f"allowed: {self.action_space.shape} of {self.action_space.dtype}"
+            )
+        if not discrete and not np.isfinite(array).all():
+            row = int(np.argmin(np.isfinite(array).all(axis=1)))
+            raise ValueError(f"actions[{row}] is {array[row]}; allowed: finite numbers from 0 to 1")
+        return array if discrete else np.asarray(array, array.dtype if array.dtype.kind == "f" else np.float64)
+
+
+def make_vec(task: str = "bowling", num_envs: int = 1, **settings: Any) -> PlacementVectorEnv:
+    """A vector environment of a family (`bowling`), a task (`bowling:017`) or a registered id (`iplw/Bowling-v0`).
+
+    Further settings as for `PlacementVectorEnv`.
+    """
+    if task not in gymnasium.registry:
+        return PlacementVectorEnv(num_envs, task, **settings)
+    made = gymnasium.make_vec(task, num_envs, "vector_entry_point", **settings)
+    assert isinstance(made, PlacementVectorEnv)
+    return made
+
+
+def _stepped(
+    infos: dict[str, Any], mask: NDArray[np.bool_], answer: Mapping[str, Any], tasks: Sequence[Any]
+) -> None:
+    """Adds what a step tells of the environments in the mask."""
+    if not mask.any():
+        return
+    for key, kind in _ALWAYS.items():
+        _add(infos, key, mask, tasks if key == "task" else answer[key], kind)
+    for key in _SOMETIMES:
+        said = np.array([value is not None for value in answer[key]], np.bool_) & mask
+        if said.any():
+            _add(infos, key, said, answer[key], object)
+
+
+def _add(infos: dict[str, Any], key: str, mask: NDArray[np.bool_], values: Any, kind: type) -> None:
+    """One key as Gymnasium's vectors have it: values where the mask is, nothing elsewhere, and the mask."""
+    array = infos.get(key)
+    if array is None:
+        array = np.full(len(mask), None, object) if kind is object else np.zeros(len(mask), kind)
+        infos[key], infos[f"_{key}"] = array, np.zeros(len(mask), np.bool_)
+    if kind is object:
+        for i in np.flatnonzero(mask):
+            array[i] = values[i]
+    else:
+        array[mask] = np.asarray(values)[mask]
+    infos[f"_{key}"] |= mask
