@@ -11,23 +11,31 @@ the server keeps (`handle` is what they share), `asking` a job that asks you wha
 the Gymnasium environments; `server` runs a private server; `http` speaks to one; `errors` is what they raise.
 """
 
+from .aio import AsyncClient, AsyncJob, AsyncPolicy, AsyncWorld
 from .asking import Asking, Proposal
 from .client import Client
 from .errors import IplwError, JobCancelled, JobFailed, Problem, ServerUnavailable
 from .job import Job
 from .policy import Policy, Ranked
 from .registration import register
-from .world import Rollout, Rollouts, World
+from .rollout import Rollout, Rollouts
+from .vector import PlacementVectorEnv, make_vec
+from .world import World
 
 __version__ = "0.1.0"
 
 __all__ = [
     "Asking",
+    "AsyncClient",
+    "AsyncJob",
+    "AsyncPolicy",
+    "AsyncWorld",
     "Client",
     "IplwError",
     "Job",
     "JobCancelled",
     "JobFailed",
+    "PlacementVectorEnv",
     "Policy",
     "Problem",
     "Proposal",
@@ -36,6 +44,7 @@ __all__ = [
     "Rollouts",
     "ServerUnavailable",
     "World",
+    "make_vec",
     "register",
 ]
 
