@@ -1,0 +1,138 @@
+"""Holds a server under load and looks at what it takes: `make bench-hold`; the full figure with `--seconds 300`.
+
+    python benches/hold.py --bin target/release/iplw --seconds 20
+
+A thousand sessions stay open. Sixty-four clients act in them, half over HTTP and half over ZeroMQ, each a thread with
+a client of its own in one of a few processes: reset, steps, now and then a batch. Prints one line of JSON: requests,
+errors (there must be none), latency in ms (median, p99, worst), resident memory at a third of the time and at the end.
+Ends with 1 if there was an error or memory grew by more than `--growth`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import iplw
+
+SESSIONS, CLIENTS, PROCESSES = 1000, 64, 4
+
+
+def main() -> int:
+    given = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    given.add_argument("--bin", default="target/release/iplw")
+    given.add_argument("--seconds", type=float, default=20.0)
+    given.add_argument("--growth", type=float, default=0.10, help="of resident memory, as a share")
+    arguments = given.parse_args()
+    server = subprocess.Popen(
+        [arguments.bin, "serve", "--http", "127.0.0.1:0", "--zmq", "tcp://127.0.0.1:0", "--exit-with-stdin"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert server.stdout is not None
+        lines = [server.stdout.readline(), server.stdout.readline()]
+        urls = [line.partition("listening on ")[2].strip() for line in lines]
+        figures = hold(urls, server.pid, arguments.seconds)
+    finally:
+        server.kill()
+        server.wait()
+    print(json.dumps(figures))
+    return int(bool(figures["errors"]) or figures["rss_growth"] > arguments.growth)
+
+
+def hold(urls: Sequence[str], pid: int, seconds: float) -> dict[str, Any]:
+    """The figures of a run."""
+    with iplw.Client(urls[0], timeout=60) as client:
+        worlds = [client.create_world("bowling").id for _ in range(SESSIONS)]
+        end = time.time() + seconds
+        context = multiprocessing.get_context("spawn")
+        share = CLIENTS // PROCESSES
+        with context.Pool(PROCESSES) as pool:
+            parts = [
+                pool.apply_async(clients, (urls, worlds, range(k * share, (k + 1) * share), end))
+                for k in range(PROCESSES)
+            ]
+            # The start fills caches and pools; what grows after it is a leak.
+            time.sleep(max(0.0, seconds / 3))
+            before = resident(pid)
+            done = [part.get() for part in parts]
+        after = resident(pid)
+        still = len(client.worlds())
+    took = np.concatenate([np.asarray(times) for times, _ in done]) * 1e3
+    errors = [error for _, found in done for error in found]
+    return {
+        "seconds": seconds,
+        "sessions": still,
+        "clients": CLIENTS,
+        "requests": len(took),
+        "requests_per_s": round(len(took) / seconds),
+        "errors": len(errors),
+        "first_errors": errors[:3],
+        "median_ms": round(float(np.median(took)), 2),
+        "p99_ms": round(float(np.percentile(took, 99)), 2),
+        "worst_ms": round(float(took.max()), 2),
+        "rss_mb": [round(before / 2**20, 1), round(after / 2**20, 1)],
+        "rss_growth": round(after / before - 1, 4),
+    }
+
+
+def clients(
+    urls: Sequence[str], worlds: Sequence[str], numbers: range, end: float
+) -> tuple[list[float], list[str]]:
+    """The clients of one process, a thread each: seconds of each request, and what went wrong."""
+    times: list[float] = []
+    errors: list[str] = []
+
+    def act(number: int) -> None:
+        rng = np.random.default_rng(number)
+        mine = worlds[number::CLIENTS]
+        try:
+            with iplw.Client(urls[number % 2], timeout=30) as client:
+                handles = [client.world(id) for id in mine]
+                while time.time() < end:
+                    world = handles[int(rng.integers(len(handles)))]
+                    clock(times, lambda: world.reset(seed=int(rng.integers(2**32))))
+                    for _ in range(4):
+                        # Until an action could be placed, which ends the episode.
+                        if clock(times, lambda: world.step(rng.random(3)))[2]:
+                            break
+                    if rng.random() < 0.05:
+                        clock(times, lambda: world.rollout(rng.random((8, 3)), trajectories=True))
+        except Exception as error:
+            errors.append(f"{type(error).__name__}: {error}")
+
+    threads = [threading.Thread(target=act, args=(number,)) for number in numbers]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return times, errors
+
+
+def clock(times: list[float], work: Any) -> Any:
+    start = time.perf_counter()
+    result = work()
+    times.append(time.perf_counter() - start)
+    return result
+
+
+def resident(pid: int) -> int:
+    """Bytes of a process's memory that are resident."""
+    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+    return pages * 4096
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,272 @@
+"""What a step costs over the wire, beside a bare request and beside others; `make bench-wire` runs it.
+
+    python benches/wire.py --bin target/release/iplw --echo target/release/examples/echo \\
+        --in-process target/release/examples/in_process [--peers PYTHON] [--out FILE.json]
+
+Server and client share the machine's cores. Everything is measured in rounds, each with all rows, so that what
+disturbs one disturbs all; a row is its fastest round, a ratio the median over the rounds. A single step is one step in
+a world of its own, reset beforehand, of a scene of one ball and one time step; for the others see `wire_peers.py`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import socket
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import urllib3
+import zmq
+from gymnasium.vector import AutoresetMode
+
+import iplw
+from iplw import calls
+from iplw.vector import PlacementVectorEnv
+from iplw.world import World
+
+SCENE = {
+    "format": "iplw.scene/1",
+    "name": "trivial",
+    "steps": 1,
+    "bodies": [
+        {"name": "ball", "shape": {"type": "disc", "radius": 0.1}, "position": [0, 1]},
+        {"name": "other", "shape": {"type": "disc", "radius": 0.1}, "position": [1, 1]},
+    ],
+    "statics": [{"name": "ground", "shape": {"type": "halfspace", "normal": [0, 1], "offset": 0}}],
+    "goal": {"type": "inside", "body": "ball", "region": [[2, 0], [3, 0], [3, 1], [2, 1]]},
+    "action": {
+        "components": [
+            {"target": "ball", "set": "vx", "low": 0, "high": 5},
+            {"target": "ball", "set": "vy", "low": 0, "high": 5},
+            {"target": "ball", "set": "omega", "low": 0, "high": 5},
+        ]
+    },
+}
+PEERS = ["openenv", "dm_env_rpc", "flask", "flask_urllib3"]
+BATCH = 256
+
+
+def main() -> None:
+    given = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    given.add_argument("--bin", default="target/release/iplw")
+    given.add_argument("--echo", default="target/release/examples/echo")
+    given.add_argument("--in-process", default="target/release/examples/in_process")
+    given.add_argument("--peers", help="a Python that has openenv-core, dm_env_rpc, flask and requests")
+    given.add_argument("--rounds", type=int, default=5)
+    given.add_argument("--steps", type=int, default=1000)
+    given.add_argument("--batches", type=int, default=20, help="of the vector environment")
+    given.add_argument("--out")
+    arguments = given.parse_args()
+    rounds: list[dict[str, float]] = []
+    for k in range(arguments.rounds):
+        row = {**wire(arguments), **vectors(arguments)}
+        if arguments.peers:
+            row |= peers(arguments)
+        rounds.append(row)
+        print(f"round {k + 1}: " + ", ".join(f"{name} {us:.0f}" for name, us in row.items()), file=sys.stderr)
+    best = {name: min(row[name] for row in rounds) for name in rounds[0]}
+    ratios = {name: statistics.median(of(row) for row in rounds) for name, of in RATIOS.items() if of_can(of, best)}
+    print("\n| | us | a second |\n|---|---|---|")
+    for name, us in best.items():
+        print(f"| {name} | {us:.1f} | {1e6 / us:.0f} |")
+    print("\n| ratio | |\n|---|---|")
+    for name, ratio in ratios.items():
+        print(f"| {name} | {ratio:.2f} |")
+    if arguments.out:
+        Path(arguments.out).write_text(json.dumps({"best_us": best, "ratios": ratios, "rounds": rounds}, indent=1))
+
+
+def wire(arguments: argparse.Namespace) -> dict[str, float]:
+    """Microseconds of single steps and of steps in batches, over both transports, and of bare requests."""
+    row: dict[str, float] = {}
+    with ExitStack() as stack:
+        ours = stack.enter_context(serving([arguments.bin, "serve", *LISTEN, "--exit-with-stdin"]))
+        echo = stack.enter_context(serving([arguments.echo, *LISTEN]))
+        bare_http = bare_http_of(echo["http"])
+        bare_zmq = bare_zmq_of(echo["tcp"])
+        clients = {name: iplw.Client(ours[name], timeout=60) for name in ("http", "tcp")}
+        for name, bare in (("http", bare_http), ("tcp", bare_zmq)):
+            client = clients[name]
+            made = client._transport.do(calls.create_worlds({"scene": SCENE}, arguments.steps))
+            ids = made["worlds"]
+            worlds = [World(client._transport, {"id": id}) for id in ids]
+            client._transport.do(calls.reset_worlds(ids, [0] * len(ids), None, None, None))
+            action = np.array([0.5, 0.5, 0.2])
+            for _ in range(200):
+                bare()
+            for world in worlds[:100]:
+                world.step(action)
+            # In turns, as the machine's pace changes.
+            ends = [0.0, 0.0]
+            for world in worlds[100:]:
+                a = time.perf_counter()
+                bare()
+                b = time.perf_counter()
+                world.step(action)
+                c = time.perf_counter()
+                ends[0] += b - a
+                ends[1] += c - b
+            n = len(worlds) - 100
+            row[f"{name} bare"], row[f"{name} step"] = (1e6 * end / n for end in ends)
+            row[f"{name} step in a batch of {BATCH}"] = batched(client, ids[:BATCH])
+            client._transport.do(calls.delete_worlds(ids))
+            client.close()
+    return row
+
+
+def batched(client: iplw.Client, ids: list[str], batches: int = 30) -> float:
+    """Microseconds of a step in a batch: what `step_worlds` takes, divided by the number of worlds."""
+    actions = np.random.default_rng(0).random((len(ids), 3))
+    spent = 0.0
+    for k in range(batches + 3):
+        client._transport.do(calls.reset_worlds(ids, [0] * len(ids), None, None, None))
+        start = time.perf_counter()
+        client._transport.do(calls.step_worlds(ids, actions, "disabled", None))
+        spent += time.perf_counter() - start if k >= 3 else 0.0
+    return 1e6 * spent / batches / len(ids)
+
+
+def vectors(arguments: argparse.Namespace) -> dict[str, float]:
+    """Microseconds a valid rollout of a 256-wide vector environment and of the library on the same actions."""
+    row: dict[str, float] = {}
+    with serving([arguments.bin, "serve", *LISTEN, "--exit-with-stdin"]) as ours:
+        for name in ("http", "tcp"):
+            envs = PlacementVectorEnv(
+                BATCH, "bowling", url=ours[name], autoreset_mode=AutoresetMode.SAME_STEP, timeout=120
+            )
+            _, infos = envs.reset(seed=1)
+            envs.action_space.seed(1)
+            sampled = [envs.action_space.sample() for _ in range(arguments.batches)]
+            tasks, work, valid, spent = list(infos["task"]), [], 0, 0.0
+            for actions in sampled:
+                work.append([[task, action.tolist()] for task, action in zip(tasks, actions.astype(float))])
+                start = time.perf_counter()
+                _, _, ended, _, infos = envs.step(actions)
+                spent += time.perf_counter() - start
+                valid += int(ended.sum())
+                tasks = list(infos["task"])
+            row[f"{name} rollout in a vector of {BATCH}"] = 1e6 * spent / valid
+            envs.close()
+    with tempfile.NamedTemporaryFile("w", suffix=".json") as file:
+        json.dump({"batches": work}, file)
+        file.flush()
+        said = json.loads(subprocess.check_output([arguments.in_process, file.name, "2"]))
+    assert said["valid"] == valid, "the same work"
+    row["in-process rollout"] = 1e6 * said["seconds"] / valid
+    return row
+
+
+def peers(arguments: argparse.Namespace) -> dict[str, float]:
+    """Microseconds of the others' single steps; none of them has batches, so 256 take 256 times as long."""
+    script = str(Path(__file__).with_name("wire_peers.py"))
+    row: dict[str, float] = {}
+    for name in PEERS:
+        port = free_port()
+        server = subprocess.Popen(
+            [arguments.peers, script, "serve", name, str(port)], stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL
+        )
+        try:
+            until = time.monotonic() + 60
+            while True:
+                try:
+                    socket.create_connection(("127.0.0.1", port), 1).close()
+                    break
+                except OSError:
+                    if time.monotonic() > until:
+                        raise
+                    time.sleep(0.1)
+            drive = [arguments.peers, script, "drive", name, str(port), str(arguments.steps)]
+            said = json.loads(subprocess.check_output(drive, stderr=subprocess.DEVNULL))
+            row[name] = 1e6 * said["seconds"] / arguments.steps
+        finally:
+            server.kill()
+            server.wait()
+    return row
+
+
+LISTEN = ["--http", "127.0.0.1:0", "--zmq", "tcp://127.0.0.1:0"]
+IN_BATCH = f"step in a batch of {BATCH}"
+HTTP_PEERS = ["openenv", "flask", "flask_urllib3"]
+RATIOS: dict[str, Callable[[dict[str, float]], float]] = {
+    "HTTP step / bare request (at most 1.3)": lambda r: r["http step"] / r["http bare"],
+    "ZeroMQ step / bare echo (at most 1.3)": lambda r: r["tcp step"] / r["tcp bare"],
+    "best HTTP peer / HTTP step": lambda r: min(r[p] for p in HTTP_PEERS) / r["http step"],
+    "best HTTP peer / ZeroMQ step (at least 3)": lambda r: min(r[p] for p in HTTP_PEERS) / r["tcp step"],
+    "dm_env_rpc / ZeroMQ step": lambda r: r["dm_env_rpc"] / r["tcp step"],
+    "best HTTP peer / HTTP step in a batch (at least 50)": lambda r: min(r[p] for p in HTTP_PEERS)
+    / r[f"http {IN_BATCH}"],
+    "best HTTP peer / ZeroMQ step in a batch (at least 50)": lambda r: min(r[p] for p in HTTP_PEERS)
+    / r[f"tcp {IN_BATCH}"],
+    "rollouts a second, vector over HTTP / in-process (at least 0.9)": lambda r: r["in-process rollout"]
+    / r[f"http rollout in a vector of {BATCH}"],
+    "rollouts a second, vector over ZeroMQ / in-process (at least 0.9)": lambda r: r["in-process rollout"]
+    / r[f"tcp rollout in a vector of {BATCH}"],
+}
+
+
+def of_can(of: Callable[[dict[str, float]], float], row: dict[str, float]) -> bool:
+    """Whether a ratio's rows were measured."""
+    try:
+        of(row)
+    except KeyError:
+        return False
+    return True
+
+
+def bare_http_of(url: str) -> Callable[[], Any]:
+    """A request to a handler that does nothing, over a connection kept alive."""
+    pool = urllib3.connection_from_url(url)
+    headers = {"Content-Type": "application/json"}
+    return lambda: pool.urlopen("POST", "/", body=b"{}", headers=headers, retries=False).data
+
+
+def bare_zmq_of(url: str) -> Callable[[], Any]:
+    """A message to a ROUTER that sends it back."""
+    dealer: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
+    dealer.linger = 0
+    dealer.connect(url)
+
+    def ask() -> Any:
+        dealer.send_multipart([b"{}"])
+        return dealer.recv_multipart()
+
+    return ask
+
+
+@contextmanager
+def serving(command: list[str]) -> Iterator[dict[str, str]]:
+    """A server that says where it listens, over HTTP and over ZeroMQ: scheme -> address."""
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, stdin=subprocess.PIPE, text=True)
+    try:
+        assert server.stdout is not None
+        found: dict[str, str] = {}
+        while len(found) < 2:
+            line = server.stdout.readline()
+            if not line:
+                raise SystemExit(f"{command[0]} ended without saying where it listens")
+            if "listening on " in line:
+                address = line.partition("listening on ")[2].strip()
+                found[address.partition(":")[0]] = address
+        yield found
+    finally:
+        server.kill()
+        server.wait()
+
+
+def free_port() -> int:
+    with socket.socket() as held:
+        held.bind(("127.0.0.1", 0))
+        return int(held.getsockname()[1])
+
+
+if __name__ == "__main__":
+    main()

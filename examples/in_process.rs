@@ -1,0 +1,73 @@
+//! The work of a vector environment without any server: batches of actions, each on a task of its own, through the
+//! library. What `benches/wire.py` compares the vector environment with.
+//!
+//! Reads `{"batches": [[[task, [x, y, radius]], ...], ...]}` from the file given; prints `{"seconds": s, "valid": n,
+//! "solved": n}`, the seconds being those of the fastest of REPEATS passes over all batches.
+//!
+//! `cargo run --release --example in_process -- actions.json 3`
+
+use std::time::Instant;
+
+use iplw::error::{Error, Result};
+use iplw::session::{Action, Catalogue, observation};
+use iplw::task::{Placement, Task};
+use iplw::world::{Engine, Latents, Rollout, simulate_map};
+use serde::Deserialize;
+
+#[derive(Deserialize)]
+struct Work {
+    batches: Vec<Vec<(String, Vec<f64>)>>,
+}
+
+fn main() -> Result<()> {
+    let mut arguments = std::env::args().skip(1);
+    let file = arguments.next().unwrap_or_default();
+    let repeats: usize = arguments.next().and_then(|n| n.parse().ok()).unwrap_or(1);
+    let text = std::fs::read_to_string(&file)
+        .map_err(|e| Error::Io { path: file.clone(), message: format!("cannot be read: {e}") })?;
+    let work: Work = serde_json::from_str(&text).map_err(|e| Error::Failed(format!("{file}: {e}")))?;
+    let catalogue = Catalogue::new();
+    // Tasks are found beforehand, as a server's worlds have theirs.
+    let found = |(id, action): &(String, Vec<f64>)| Ok((catalogue.task(id)?, Action::Vector(action.clone())));
+    let batches: Vec<Vec<(Task, Action)>> =
+        work.batches.iter().map(|b| b.iter().map(found).collect()).collect::<Result<_>>()?;
+    let mut best = f64::INFINITY;
+    let (mut valid, mut solved) = (0, 0);
+    for _ in 0..repeats.max(1) {
+        let start = Instant::now();
+        (valid, solved) = (0, 0);
+        for batch in &batches {
+            let (v, s) = step(&catalogue, batch)?;
+            (valid, solved) = (valid + v, solved + s);
+        }
+        best = best.min(start.elapsed().as_secs_f64());
+    }
+    println!("{}", serde_json::json!({"seconds": best, "valid": valid, "solved": solved}));
+    Ok(())
+}
+
+/// Places every action, rolls out those that can be placed, observes the ends; how many were valid and solved.
+fn step(catalogue: &Catalogue, batch: &[(Task, Action)]) -> Result<(usize, usize)> {
+    let placed: Vec<Placement> = batch
+        .iter()
+        .map(|(task, action)| Ok(task.place(&action.resolve(task.actions(), "action")?)))
+        .collect::<Result<_>>()?;
+    let prior = |task: &Task| {
+        let family = catalogue.family(&task.family).ok().and_then(|f| f.family);
+        family.map(|f| Latents::of(f.prior.map(|p| p.0))).unwrap_or_default()
+    };
+    let (tasks, rollouts): (Vec<&Task>, Vec<Rollout>) = batch
+        .iter()
+        .zip(&placed)
+        .filter_map(|((task, _), placement)| match placement {
+            Placement::Valid(scene) => {
+                Some((task, Rollout { scene, latents: prior(task), effects: &[], stop: true }))
+            }
+            Placement::Invalid(_) => None,
+        })
+        .unzip();
+    let observed = simulate_map(&rollouts, Engine::Auto, |i, t| {
+        (t.solved(), observation::observe(&tasks[i].scene, Some(&t)))
+    })?;
+    Ok((rollouts.len(), observed.iter().filter(|(solved, _)| *solved).count()))
+}
