@@ -8,13 +8,17 @@ use utoipa::openapi::path::{Operation, Parameter};
 use utoipa::openapi::schema::{
     AdditionalProperties, ArrayItems, KnownFormat, Object, Schema, SchemaFormat, SchemaType, Type,
 };
-use utoipa::openapi::{Content, OpenApi, RefOr};
+use utoipa::openapi::{Content, OpenApi, RefOr, Required};
 
 /// Completes the document.
 pub fn complete(document: &mut OpenApi) {
+    let optional = optional(document);
     for item in document.paths.paths.values_mut() {
         let operations = [&mut item.get, &mut item.post, &mut item.put, &mut item.delete];
-        operations.into_iter().flatten().for_each(operation);
+        for one in operations.into_iter().flatten() {
+            operation(one);
+            body(one, &optional);
+        }
     }
     if let Some(components) = &mut document.components {
         components.schemas.values_mut().for_each(schema);
@@ -30,10 +34,27 @@ fn operation(operation: &mut Operation) {
         }
         response.content.iter_mut().for_each(|(kind, content)| bytes(kind, content));
     }
-    if let Some(RefOr::T(body)) = &mut operation.request_body {
-        body.content.iter_mut().for_each(|(kind, content)| bytes(kind, content));
-    }
     operation.parameters.iter_mut().flatten().for_each(parameter);
+}
+
+/// References to schemas without a required field.
+fn optional(document: &OpenApi) -> Vec<String> {
+    let schemas = document.components.iter().flat_map(|c| &c.schemas);
+    let empty = schemas.filter(|(_, s)| matches!(s, RefOr::T(Schema::Object(o)) if o.required.is_empty()));
+    empty.map(|(name, _)| format!("#/components/schemas/{name}")).collect()
+}
+
+/// No body is `{}`: where every field may be absent, so may the body.
+fn body(operation: &mut Operation, optional: &[String]) {
+    let Some(RefOr::T(body)) = &mut operation.request_body else { return };
+    body.content.iter_mut().for_each(|(kind, content)| bytes(kind, content));
+    let absent = |content: &RefOr<Content>| match content {
+        RefOr::T(Content { schema: Some(RefOr::Ref(to)), .. }) => optional.contains(&to.ref_location),
+        _ => false,
+    };
+    if !body.content.is_empty() && body.content.values().all(absent) {
+        body.required = Some(Required::False);
+    }
 }
 
 /// Bounds that hold wherever a parameter of this name is.
@@ -67,7 +88,9 @@ fn schema(node: &mut RefOr<Schema>) {
     match node {
         Schema::Object(object) => {
             let long = SchemaFormat::KnownFormat(KnownFormat::Int64);
-            if object.format == Some(long) && object.minimum == Some(Number::UInt(0)) {
+            let none =
+                |least: &Number| matches!(least, Number::Int(0) | Number::UInt(0) | Number::Float(0.0));
+            if object.format == Some(long) && object.minimum.as_ref().is_some_and(none) {
                 object.format = None;
                 object.maximum = Some(Number::UInt(usize::MAX));
             }

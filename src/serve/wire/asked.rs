@@ -113,8 +113,9 @@ pub struct Told {
 /// The trials of an estimation.
 #[derive(Serialize, ToSchema)]
 pub struct Trials {
-    /// An `iplw.scene/1` document; its settings, one a trial, place what differs between these trials.
-    #[schema(value_type = Object)]
+    /// An `iplw.scene/1` document; its settings, one a trial, place what differs between these trials;
+    /// `null` without trials.
+    #[schema(value_type = Option<Object>)]
     pub scene: Option<Scene>,
     pub trials: Vec<TrialOut>,
     /// Cursor of the next page, if there is one.
