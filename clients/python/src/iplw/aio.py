@@ -6,8 +6,8 @@
             observation, reward, terminated, truncated, info = await world.step([0.5, 0.8, 0.3])
         found = await (await client.iplw("bowling", real={"damping": 0.8})).wait()
 
-Over ZeroMQ one connection carries any number of requests at once. Over HTTP each request under way takes one of
-`concurrency` threads. Cancelling a task stops the waiting; over ZeroMQ the server is told, too.
+Over ZeroMQ one connection carries all requests under way; over HTTP each takes a thread. Cancelling a task stops the
+waiting; over ZeroMQ the server is told, too.
 """
 
 from __future__ import annotations
@@ -46,7 +46,10 @@ POLL = 0.25
 
 
 class AsyncClient:
-    """A connection to an iplw server; also an asynchronous context manager. Arguments as for `Client`."""
+    """A connection to an iplw server; also an asynchronous context manager. Arguments as for `Client`.
+
+    `concurrency`: most requests under way at once; more wait for their turn.
+    """
 
     def __init__(
         self,
@@ -435,7 +438,9 @@ class _Threads(Line):
 class _Multiplexed(Line):
     """ZeroMQ: every request over one connection, answers in any order."""
 
-    def __init__(self, url: str, timeout: float, advice: Callable[[], str] | None) -> None:
+    def __init__(
+        self, url: str, timeout: float, advice: Callable[[], str] | None, concurrency: int
+    ) -> None:
         # Checks the arguments and says what to install if that is missing.
         connect(url, timeout).close()
         super().__init__(url, timeout)
@@ -443,6 +448,8 @@ class _Multiplexed(Line):
         self._numbers = itertools.count(1)
         self._made: AsyncZeroMq | None = None
         self._making = asyncio.Lock()
+        # The server refuses a peer that asks for more than 128 things at once.
+        self._turns = asyncio.Semaphore(concurrency)
         self._closed = False
 
     async def send(self, call: Call[Any]) -> Any:
@@ -451,7 +458,8 @@ class _Multiplexed(Line):
         repeats = REPEATS if call.repeatable else 0
         while True:
             try:
-                return await (await self._connection()).send(next(self._numbers), call)
+                async with self._turns:
+                    return await (await self._connection()).send(next(self._numbers), call)
             except Broken as lost:
                 if repeats == 0:
                     raise broke(self.url, call.op, self._advice) from lost
@@ -481,5 +489,5 @@ def _line(url: str, timeout: float, advice: Callable[[], str] | None, concurrenc
     if concurrency < 1:
         raise ValueError(f"concurrency is {concurrency}; allowed: 1 or more")
     if scheme_of(url) in ("tcp", "ipc"):
-        return _Multiplexed(url, timeout, advice)
+        return _Multiplexed(url, timeout, advice, concurrency)
     return _Threads(url, timeout, advice, concurrency)
