@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import math
 import os
+import time
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from typing import Any
@@ -13,26 +15,34 @@ from urllib.parse import quote, urlencode, urlsplit
 import numpy as np
 import urllib3
 from urllib3.connectionpool import HTTPConnectionPool
-from urllib3.util import Retry, Timeout
+from urllib3.util import Timeout
 
 from . import codec
 from .errors import Problem, ServerUnavailable
+from .exchange import Answer, Connection
 from .operations import OPERATIONS, Call
 from .transport import Event, Transport, closed, scheme_of
 
 _JSON = "application/json"
 _PACKED = "application/msgpack"
 _PROBLEM = "application/problem+json"
+#: Connections kept for the next requests.
+KEPT = 64
+#: Repeats of what may be repeated after a lost connection or a gateway's refusal.
+REPEATS = 2
 
 
 class Http(Transport):
-    """A keep-alive connection pool to one server."""
+    """Kept connections to one server: our own for requests, urllib3's for TLS and for streams of events."""
 
     def __init__(self, url: str, timeout: float, advice: Callable[[], str] | None = None) -> None:
-        scheme_of(url)
+        scheme = scheme_of(url)
         super().__init__(url.rstrip("/"), timeout, advice)
-        self._prefix = urlsplit(self.url).path.rstrip("/")
-        self._pool: HTTPConnectionPool | None = None
+        parts = urlsplit(self.url)
+        self._prefix = parts.path.rstrip("/")
+        self._where = (str(parts.hostname), parts.port or 80) if scheme == "http" else None
+        self._kept: deque[Connection] = deque()
+        self._streams: HTTPConnectionPool | None = None
         self._pid = os.getpid()
         self._closed = False
 
@@ -40,14 +50,14 @@ class Http(Transport):
         """The JSON or MessagePack answer (None if empty), or its bytes."""
         operation = OPERATIONS[call.op]
         address, headers, payload = request(call)
-        response = self._request(operation.method, address, payload, headers, call.slack, call.repeatable)
-        data = response.data
+        answer = self._request(operation.method, address, payload, headers, call.slack, call.repeatable)
+        data = answer.data
         if call.binary:
             return data
         if not data:
             return None
         try:
-            if response.headers.get("Content-Type", "").startswith(_PACKED):
+            if answer.headers.get("content-type", "").startswith(_PACKED):
                 return codec.unpack(data)
             return json.loads(data)
         except ValueError as error:
@@ -66,21 +76,27 @@ class Http(Transport):
             headers["Last-Event-ID"] = last_id
         slack = min(0.0, max(patience, 0.01) - self.timeout)
         path = f"/v1/jobs/{_quoted(job)}/events"
-        response = self._request("GET", path, None, headers, slack, False, stream=True)
         try:
-            yield from _parse(response.stream(65536))
+            response = self._through_urllib3("GET", path, None, headers, slack, stream=True)
+            if response.status >= 300:
+                raise _problem(_whole(response))
+            try:
+                yield from _parse(response.stream(65536))
+            finally:
+                # The rest of the stream is of no use, so neither is its connection.
+                response.close()
         except (urllib3.exceptions.HTTPError, OSError) as error:
             raise self._unavailable("GET", path, error) from error
-        finally:
-            # The rest of the stream is of no use, so neither is its connection.
-            response.close()
 
     def close(self) -> None:
         """Drops the connections; a second call does nothing."""
         self._closed = True
-        if self._pool is not None and self._pid == os.getpid():
-            self._pool.close()
-        self._pool = None
+        if self._pid == os.getpid():
+            while self._kept:
+                self._kept.pop().close()
+            if self._streams is not None:
+                self._streams.close()
+        self._streams = None
 
     def _request(
         self,
@@ -90,55 +106,109 @@ class Http(Transport):
         headers: Mapping[str, str],
         slack: float,
         repeat: bool,
+    ) -> Answer:
+        left = REPEATS if repeat else 0
+        while True:
+            try:
+                answer = self._once(method, path, payload, headers, slack)
+            except (urllib3.exceptions.HTTPError, OSError) as error:
+                # Nobody there is nobody there; silence has cost its time already.
+                if left == 0 or isinstance(error, (_Nobody, TimeoutError, urllib3.exceptions.TimeoutError)):
+                    raise self._unavailable(method, path, error) from error
+            else:
+                if left == 0 or answer.status not in (502, 503, 504):
+                    break
+            left -= 1
+            time.sleep(0.1)
+        if answer.status >= 300:
+            raise _problem(answer)
+        return answer
+
+    def _once(
+        self, method: str, path: str, payload: bytes | None, headers: Mapping[str, str], slack: float
+    ) -> Answer:
+        self._mine()
+        if self._where is None:
+            return _whole(self._through_urllib3(method, path, payload, headers, slack))
+        connection = self._connection(self._where)
+        try:
+            answer = connection.ask(method, self._prefix + path, headers, payload, self.timeout + slack)
+        except BaseException:
+            connection.close()
+            raise
+        if answer.keep and len(self._kept) < KEPT and not self._closed:
+            self._kept.append(connection)
+        else:
+            connection.close()
+        return answer
+
+    def _connection(self, where: tuple[str, int]) -> Connection:
+        while True:
+            try:
+                kept = self._kept.pop()
+            except IndexError:
+                break
+            if not kept.dropped():
+                return kept
+            kept.close()
+        try:
+            return Connection(*where, min(self.timeout, 10.0))
+        except OSError as error:
+            raise _Nobody(str(error)) from error
+
+    def _through_urllib3(
+        self,
+        method: str,
+        path: str,
+        payload: bytes | None,
+        headers: Mapping[str, str],
+        slack: float,
         stream: bool = False,
     ) -> urllib3.BaseHTTPResponse:
-        try:
-            response = self._connections().urlopen(
-                method,
-                self._prefix + path,
-                body=payload,
-                headers=headers,
-                retries=_retries() if repeat else False,
-                redirect=False,
-                timeout=Timeout(connect=min(self.timeout, 10.0), read=self.timeout + slack),
-                preload_content=not stream,
-            )
-        except (urllib3.exceptions.HTTPError, OSError) as error:
-            raise self._unavailable(method, path, error) from error
-        if response.status >= 300:
-            raise _problem(response)
-        return response
+        self._mine()
+        if self._streams is None:
+            self._streams = urllib3.connection_from_url(self.url, maxsize=KEPT)
+        return self._streams.urlopen(
+            method,
+            self._prefix + path,
+            body=payload,
+            headers=headers,
+            retries=False,
+            redirect=False,
+            timeout=Timeout(connect=min(self.timeout, 10.0), read=self.timeout + slack),
+            preload_content=not stream,
+        )
 
-    def _connections(self) -> HTTPConnectionPool:
+    def _mine(self) -> None:
         if self._closed:
             raise closed()
-        if self._pool is None or self._pid != os.getpid():
+        if self._pid != os.getpid():
             # A forked child must not talk over its parent's sockets.
-            self._pool = urllib3.connection_from_url(self.url, maxsize=64)
-            self._pid = os.getpid()
-        return self._pool
+            self._kept, self._streams, self._pid = deque(), None, os.getpid()
 
     def _unavailable(self, method: str, path: str, error: Exception) -> ServerUnavailable:
         advice = self._advice() if self._advice else ""
-        cause: BaseException = error
-        while isinstance(cause, urllib3.exceptions.MaxRetryError) and cause.reason is not None:
-            cause = cause.reason
-        if isinstance(cause, urllib3.exceptions.ReadTimeoutError):
+        if isinstance(error, (TimeoutError, urllib3.exceptions.ReadTimeoutError)):
             what = f"no answer to {method} {path} from {self.url} within {self.timeout:g} s"
             todo = advice or "give it longer with iplw.Client(timeout=...), or ask for less at once"
         elif isinstance(
-            cause, (urllib3.exceptions.NewConnectionError, urllib3.exceptions.ConnectTimeoutError)
+            error,
+            (_Nobody, urllib3.exceptions.NewConnectionError, urllib3.exceptions.ConnectTimeoutError),
         ):
             what = f"no iplw server at {self.url}"
             todo = advice or (
                 "start one with `iplw serve`, check the address, or leave `url` out to get a private server"
             )
         else:
-            what = f"the connection to {self.url} broke during {method} {path} ({cause})"
+            what = f"the connection to {self.url} broke during {method} {path} ({error})"
             todo = (
                 advice or "check whether the server still runs; what was asked may or may not have happened"
             )
         return ServerUnavailable(f"{what}; {todo}")
+
+
+class _Nobody(OSError):
+    """No connection could be made."""
 
 
 def request(call: Call[Any]) -> tuple[str, dict[str, str], bytes | None]:
@@ -184,29 +254,23 @@ def _quoted(part: str) -> str:
     return quote(part, safe=":")
 
 
-def _retries() -> Retry:
-    return Retry(
-        total=2,
-        redirect=0,
-        backoff_factor=0.1,
-        allowed_methods=None,
-        status_forcelist=(502, 503, 504),
-        raise_on_status=False,
-    )
-
-
-def _problem(response: urllib3.BaseHTTPResponse) -> Problem:
-    body = b""
+def _whole(response: urllib3.BaseHTTPResponse) -> Answer:
+    data = b""
     with suppress(urllib3.exceptions.HTTPError, OSError):
-        body = response.data
+        data = response.data
+    headers = {name.lower(): value for name, value in response.headers.items()}
+    return Answer(response.status, headers, data, True, response.reason or "")
+
+
+def _problem(answer: Answer) -> Problem:
     problem: Any = None
     with suppress(ValueError):
-        packed = "msgpack" in response.headers.get("Content-Type", "")
-        problem = codec.unpack(body) if packed else json.loads(body)
+        packed = "msgpack" in answer.headers.get("content-type", "")
+        problem = codec.unpack(answer.data) if packed else json.loads(answer.data)
     if isinstance(problem, dict):
-        return Problem.from_json(response.status, problem)
-    text = body.decode(errors="replace").strip()[:200]
-    return Problem(response.status, text or "the server gave no reason", title=response.reason or "")
+        return Problem.from_json(answer.status, problem)
+    text = answer.data.decode(errors="replace").strip()[:200]
+    return Problem(answer.status, text or "the server gave no reason", title=answer.reason)
 
 
 def _parse(chunks: Iterator[bytes]) -> Iterator[Event]:
