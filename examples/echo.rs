@@ -5,6 +5,7 @@
 
 use std::error::Error;
 
+use axum::body::Bytes;
 use axum::http::header;
 use axum::routing::any;
 use axum::serve::ListenerExt;
@@ -27,8 +28,9 @@ async fn main() -> Result<(), Box<dyn Error>> {
             let _ = router.send(message).await;
         }
     });
-    let app =
-        axum::Router::new().fallback(any(|| async { ([(header::CONTENT_TYPE, "application/json")], "{}") }));
+    // The body is read, or the connection would not be kept.
+    let answer = |_: Bytes| async { ([(header::CONTENT_TYPE, "application/json")], "{}") };
+    let app = axum::Router::new().fallback(any(answer));
     let prompt = listener.tap_io(|stream| drop(stream.set_nodelay(true)));
     axum::serve(prompt, app).await?;
     Ok(())

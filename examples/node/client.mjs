@@ -87,9 +87,9 @@ console.log(`an action was placed: solved ${step.info.solved} after ${step.info.
 assert.equal(step.observation.length, start.observation.length);
 
 // Many worlds in one request, arrays as frames both ways.
-const { worlds } = await client.call("create_worlds", { task: "basketball", count: 64 });
+const { worlds, world: first } = await client.call("create_worlds", { task: "basketball", count: 64 });
 await client.call("reset_worlds", { worlds });
-const dimension = 2;
+const { dimension } = first.action_space;
 const data = Float32Array.from({ length: 64 * dimension }, (_, i) => ((i * 7919) % 1000) / 1000);
 const batch = await client.call(
   "step_worlds",
