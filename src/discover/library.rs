@@ -67,9 +67,11 @@ pub fn at_clock(effect: &Effect, values: &[f64], clock: f64) -> EffectTerm {
     term
 }
 
-/// Difference for derivatives with respect to a parameter: far above rounding, far below what changes a path's shape.
-pub fn difference(parameter: &Parameter) -> f64 {
+/// Difference for derivatives with respect to a parameter: far above rounding, far below what changes a path's shape;
+/// for edges in space wide enough that some path crosses what is between.
+pub fn difference(effect: &Effect, parameter: &Parameter) -> f64 {
     match parameter.unit {
+        "m" if effect.acts_on == "region" => 0.03,
         "m/s^2" | "m/s" => 1e-2,
         "s" => 1e-4,
         _ => 2e-3,

@@ -19,8 +19,10 @@ mod law;
 mod library;
 mod model;
 mod noise;
+mod path;
 pub mod report;
 mod search;
+mod signs;
 mod stats;
 mod window;
 
@@ -257,7 +259,7 @@ fn expected(windows: &[Window], trials: usize, noise: &Noise) -> Expected {
         let n = w.points.iter().filter(|p| p.weight > 0.0).count() as f64;
         let axes = w.smooth.as_ref().map_or(2.0, |s| s.axes);
         let (mean, variance) = match w.kind {
-            Kind::Flight => {
+            Kind::Flight | Kind::Roll => {
                 let times: Vec<f64> = w.points.iter().map(|p| p.time).collect();
                 let weights: Vec<f64> = w.points.iter().map(|p| p.weight).collect();
                 expected_squares(&times, &weights, axes, noise.rho)
@@ -421,16 +423,33 @@ fn conclude(
     judged: &search::Judged,
     config: &Config,
 ) -> Result<Finding> {
-    let search::Found { base, fits, champion, rivals, considered, data } = found;
+    let search::Found { base, base_lack, fits, lacks, champion, rivals, considered, data } = found;
     let (names, settings, noise, expected) = (judged.names, judged.settings, judged.noise, judged.expected);
     let squares = |f: &Fitted| f.pass.trials.iter().map(|t| t.square).collect::<Vec<_>>();
     let (base_excess, base_p) = expected.misfit_of(&base, windows);
     let best = champion.map(|c| &fits[c]);
     let model = best.unwrap_or(&base);
     let (left_excess, left_p) = expected.misfit_of(model, windows);
+    let base_lack_p = base_lack.tested.p;
+    let lack = champion.and_then(|c| lacks[c].as_ref()).unwrap_or(&base_lack);
+    let sure_of_base = base_lack.sure().max(base_excess * expected.total());
+    // What is left: by the noise floor, or by what could be added in trial after trial.
+    let by_floor = if left_p < MISFIT && left_excess > SLIGHT { left_excess / base_excess.max(1e-9) } else { 0.0 };
+    let by_signs = if lack.tested.p < MISFIT { lack.sure() / sure_of_base.max(1e-9) } else { 0.0 };
     let unexplained = (base_excess > SLIGHT).then(|| (left_excess / base_excess).clamp(0.0, 1.0));
-    let misfit = base_p < UNKNOWN && base_excess > SLIGHT;
-    let remains = left_p < MISFIT && left_excess > SLIGHT && unexplained.is_some_and(|u| u > REMAINS);
+    let misfit = base_lack_p < MISFIT;
+    let remains = lack.tested.p < MISFIT && by_floor.max(by_signs) > REMAINS;
+    if std::env::var("LAB").is_ok() {
+        eprintln!(
+            "base p {base_lack_p} floor-p {base_p:.1e} excess {base_excess:.3} sure {:.1}/{:.1}; left p {} floor-p {left_p:.1e} shares {by_floor:.3} {by_signs:.3} {}",
+            base_lack.sure(), expected.total(), lack.tested.p, best.map(|f| f.names().join("+")).unwrap_or_default()
+        );
+        for (f, l) in fits.iter().zip(&lacks) {
+            if let Some(l) = l {
+                eprintln!("   {:<40} held {:.1} lack p {} sure {:.1} {:?}", f.names().join("+"), f.held.iter().sum::<f64>(), l.tested.p, l.sure(), l.tested.fields.iter().map(|t| t.p).collect::<Vec<_>>());
+            }
+        }
+    }
     let (verdict, reason) = match best {
         None if !misfit => (Verdict::None, "the base model explains the data to its noise floor".to_string()),
         None => (
@@ -604,8 +623,7 @@ fn evidence(
     let mut out = Evidence { settings: names.to_vec(), ..Evidence::default() };
     for (w, window) in windows.iter().enumerate() {
         if window.kind == Kind::Contact {
-            let speeds = model::along_normal(&paths[w], window);
-            if let Some((impact, rebound)) = speeds {
+            if let Some((impact, rebound)) = model::speeds(window, w, &model.layout, &model.state) {
                 out.bounces.push(Bounce { setting: window.setting, impact, rebound });
             }
             continue;
@@ -618,7 +636,7 @@ fn evidence(
                 setting: window.setting,
                 time: window.start + point.time,
                 position: point.seen,
-                velocity: model::velocity_at(&paths[w], point),
+                velocity: [paths[w][i][2], paths[w][i][3]],
                 before: pair(&base.pass.residuals[w]),
                 after: pair(&model.pass.residuals[w]),
             });

@@ -10,10 +10,10 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::library;
+use super::path::Physics;
 use super::stats::{inverse, solve};
 use super::window::{Kind, Window};
 use crate::error::Result;
-use crate::task::Scene;
 use crate::task::scene::EffectTerm;
 use crate::trajectory::{End, Trajectory};
 use crate::world::effect::Effect;
@@ -129,7 +129,7 @@ impl Layout {
                 let owners: Vec<Option<usize>> =
                     if term.per_setting { (0..settings).map(Some).collect() } else { vec![None] };
                 for setting in owners {
-                    let step = library::difference(parameter);
+                    let step = library::difference(term.effect, parameter);
                     let bounds = library::bounds(term.effect, parameter);
                     slots.push(Slot { what: What::Parameter(t, p), setting, bounds, step });
                 }
@@ -167,8 +167,8 @@ impl Layout {
             .collect()
     }
 
-    /// Effects and latents for a setting, the clock shifted to a window's start.
-    pub fn physics(&self, values: &[f64], setting: usize, clock: f64) -> (Vec<EffectTerm>, Latents) {
+    /// Values of every term, and latents, for a setting.
+    pub fn numbers(&self, values: &[f64], setting: usize) -> (Vec<Vec<f64>>, Latents) {
         let mut latents = [None; 3];
         let mut numbers: Vec<Vec<f64>> = self.terms.iter().map(|t| t.start.clone()).collect();
         for (slot, value) in self.slots.iter().zip(values) {
@@ -180,81 +180,50 @@ impl Layout {
                 What::Parameter(t, p) => numbers[t][p] = *value,
             }
         }
-        let terms = self
-            .terms
-            .iter()
-            .zip(numbers)
-            .map(|(term, numbers)| library::at_clock(term.effect, &numbers, clock))
-            .collect();
-        (terms, Latents { density: latents[0], friction: latents[1], restitution: latents[2] })
+        (numbers, Latents { density: latents[0], friction: latents[1], restitution: latents[2] })
+    }
+
+    /// Effects and latents for a setting, the clock shifted to a window's start.
+    pub fn physics(&self, values: &[f64], setting: usize, clock: f64) -> (Vec<EffectTerm>, Latents) {
+        let (numbers, latents) = self.numbers(values, setting);
+        let of = |(term, numbers): (&Term, &Vec<f64>)| library::at_clock(term.effect, numbers, clock);
+        (self.terms.iter().zip(&numbers).map(of).collect(), latents)
+    }
+
+    /// Whether a slot moves an edge in space, which a path feels only where it crosses it.
+    fn edged(&self, slot: usize) -> bool {
+        match self.slots[slot].what {
+            What::Parameter(t, p) => {
+                let effect = self.terms[t].effect;
+                effect.acts_on == "region" && library::shapes(&effect.parameters[p])
+            }
+            What::Latent(_) => false,
+        }
     }
 }
 
-/// The slots that concern a window, and for each of its columns how far down and up it is moved.
-type Plan = (Vec<usize>, Vec<(f64, f64)>);
+/// A term to be added to a model, at values near which it vanishes: the direction that it would move paths in.
+pub struct Extra {
+    pub effect: &'static Effect,
+    pub values: Vec<f64>,
+}
 
-/// One rollout of a window.
-struct Job {
-    window: usize,
-    scene: Scene,
-    effects: Vec<EffectTerm>,
-    latents: Latents,
+/// A window at a state: what is left, how it depends on the slots, and on extras; in units of the noise, the window's
+/// nuisances projected out.
+pub struct Look {
+    /// Square roots of weights over noise, by point; 0 for those that do not count.
+    pub weights: Vec<f64>,
+    pub residual: DVector<f64>,
+    /// A column for every slot, then for every extra.
+    pub columns: DMatrix<f64>,
+    /// Columns of the nuisances and what maps a column to its coefficients on them.
+    pub start: DMatrix<f64>,
+    pub project: DMatrix<f64>,
+    correction: (DVector<f64>, DMatrix<f64>),
 }
 
 /// Residuals, derivatives and sums at a state.
 pub fn pass(data: &Data, layout: &Layout, state: &State) -> Result<Pass> {
-    let mut jobs = Vec::new();
-    // For each window: the slots that concern it, and for each column its difference.
-    let mut plans: Vec<Plan> = Vec::with_capacity(data.windows.len());
-    for (w, window) in data.windows.iter().enumerate() {
-        let nuisances = &state.nuisances[w];
-        jobs.push(job(w, window, layout, &state.values, nuisances));
-        let mut differences = Vec::new();
-        for k in 0..nuisances.len().min(5) {
-            let h = if k < 2 {
-                1e-4
-            } else if k < 4 {
-                1e-3
-            } else {
-                1e-1
-            };
-            let mut moved = nuisances.clone();
-            moved[k] += h;
-            differences.push((0.0, h));
-            jobs.push(job(w, window, layout, &state.values, &moved));
-        }
-        let relevant: Vec<usize> = (0..layout.slots.len())
-            .filter(|i| layout.slots[*i].setting.is_none_or(|s| s == window.setting))
-            .filter(|i| window.kind != Kind::Flight || !matches!(layout.slots[*i].what, What::Latent(_)))
-            .collect();
-        for i in &relevant {
-            let slot = &layout.slots[*i];
-            let value = state.values[*i];
-            let wide = slot.step * if window.kind == Kind::Flight { 1.0 } else { 3.0 };
-            let h = wide.max(1e-4 * value.abs());
-            let (mut low, mut high) = ((value - h).max(slot.bounds[0]), (value + h).min(slot.bounds[1]));
-            if window.kind != Kind::Run {
-                // Paths through the air are smooth: one side is enough.
-                if value + h <= slot.bounds[1] { low = value } else { high = value }
-            }
-            for end in [low, high].into_iter().filter(|e| *e != value) {
-                let mut moved = state.values.clone();
-                moved[*i] = end;
-                jobs.push(job(w, window, layout, &moved, nuisances));
-            }
-            differences.push((low - value, high - value));
-        }
-        plans.push((relevant, differences));
-    }
-    let rollouts: Vec<Rollout> = jobs
-        .iter()
-        .map(|j| Rollout { scene: &j.scene, latents: j.latents, effects: &j.effects, stop: false })
-        .collect();
-    let seen = simulate_map(&rollouts, data.engine, |i, trajectory| {
-        predicted(&data.windows[jobs[i].window], &trajectory)
-    })?;
-    let mut seen = seen.into_iter();
-    let mut next = || seen.next().unwrap_or_default();
     let q = layout.slots.len();
     let empty = || Sums { gram: DMatrix::zeros(q, q), score: DVector::zeros(q), square: 0.0 };
     let mut out = Pass {
@@ -263,73 +232,230 @@ pub fn pass(data: &Data, layout: &Layout, state: &State) -> Result<Pass> {
         squares: Vec::new(),
         corrections: Vec::new(),
     };
-    for (w, window) in data.windows.iter().enumerate() {
-        let (relevant, differences) = &plans[w];
-        let nuisances = &state.nuisances[w];
-        let base = next();
-        let n = base.len();
-        let offset = nuisances.get(5).copied().unwrap_or(0.0);
-        let mut residual = DVector::from_fn(n, |i, _| {
-            window.points[i / 2].seen[i % 2] - base[i] - offset * window.normal[i % 2]
-        });
-        let weights = weights(data, w, window, &residual);
-        let weighted = |i: usize| weights[i / 2] / data.sd[w];
-        let moved = nuisances.len().min(5);
-        let extra = nuisances.len().saturating_sub(5);
-        let mut start = DMatrix::zeros(n, moved + extra);
-        for (k, (_, h)) in differences.iter().enumerate().take(moved) {
-            let other = next();
-            for i in 0..n {
-                start[(i, k)] = (other[i] - base[i]) / h * weighted(i);
-            }
-        }
-        if extra == 1 {
-            for i in 0..n {
-                start[(i, 5)] = window.normal[i % 2] * weighted(i);
-            }
-        }
-        let mut columns = DMatrix::zeros(n, q);
-        for (slot, (down, up)) in relevant.iter().zip(&differences[moved..]) {
-            let low = if *down == 0.0 { base.clone() } else { next() };
-            let high = if *up == 0.0 { base.clone() } else { next() };
-            for i in 0..n {
-                columns[(i, *slot)] = (high[i] - low[i]) / (up - down) * weighted(i);
-            }
-        }
-        for i in 0..n {
-            residual[i] = if weights[i / 2] > 0.0 { residual[i] * weighted(i) } else { 0.0 };
-        }
-        let finite = residual.iter().chain(columns.iter()).chain(start.iter()).all(|v| v.is_finite());
-        if !finite {
-            // A diverged rollout: as bad as can be, and it says nothing of where to go.
-            residual.fill(1e3);
-            columns.fill(0.0);
-            start.fill(0.0);
-        }
-        let mut correction = (DVector::zeros(nuisances.len()), DMatrix::zeros(nuisances.len(), q));
-        if !nuisances.is_empty() {
-            let mut gram = start.transpose() * &start;
-            if nuisances.len() == 6 {
-                // Spin and offset are held by what is plausible: 300 rad/s, 1 cm.
-                gram[(4, 4)] += 1.0 / (300.0f64 * 300.0);
-                gram[(5, 5)] += 1.0 / (0.01 * 0.01);
-            }
-            let project = inverse(&gram) * start.transpose();
-            correction = (&project * &residual, &project * &columns);
-            residual -= &start * &correction.0;
-            columns -= &start * &correction.1;
-        }
+    for (window, look) in data.windows.iter().zip(looks(data, layout, state, &[])?) {
+        let Look { weights, residual, columns, correction, .. } = look;
         let sums = &mut out.trials[window.trial];
-        sums.gram += columns.transpose() * &columns;
-        sums.score += columns.transpose() * &residual;
+        sums.gram += columns.tr_mul(&columns);
+        sums.score += columns.tr_mul(&residual);
         sums.square += residual.norm_squared();
         out.squares.push(residual.norm_squared());
-        out.residuals.push(
-            (0..n).map(|i| if weights[i / 2] > 0.0 { residual[i] / weighted(i) } else { f64::NAN }).collect(),
-        );
+        let metres = |i: usize| if weights[i / 2] > 0.0 { residual[i] / weights[i / 2] } else { f64::NAN };
+        out.residuals.push((0..residual.len()).map(metres).collect());
         out.corrections.push(correction);
     }
     Ok(out)
+}
+
+/// Every window at a state.
+pub fn looks(data: &Data, layout: &Layout, state: &State, extras: &[Extra]) -> Result<Vec<Look>> {
+    let runs = simulated(data, layout, state, extras)?;
+    let mut runs = runs.into_iter();
+    let mut out = Vec::with_capacity(data.windows.len());
+    for (w, window) in data.windows.iter().enumerate() {
+        let nuisances = &state.nuisances[w];
+        let shared = shared(layout, state, window);
+        let moved = if window.kind == Kind::Run {
+            runs.next().unwrap_or_default()
+        } else {
+            integrated(window, layout, state, nuisances, &shared, extras)
+        };
+        out.push(look(data, w, layout.slots.len(), &shared, moved));
+    }
+    Ok(out)
+}
+
+/// What a window's points are predicted to show: at the state, with each nuisance moved, each slot that concerns it
+/// moved down and up, and each extra.
+#[derive(Default)]
+struct Moved {
+    base: Vec<f64>,
+    /// Derivatives.
+    nuisances: Vec<Vec<f64>>,
+    slots: Vec<Vec<f64>>,
+    /// Differences.
+    extras: Vec<Vec<f64>>,
+}
+
+/// A slot that concerns a window, and its values below and above.
+struct Shared {
+    slot: usize,
+    low: f64,
+    high: f64,
+}
+
+fn shared(layout: &Layout, state: &State, window: &Window) -> Vec<Shared> {
+    let concerns = |slot: &Slot| {
+        let latent = matches!(slot.what, What::Latent(_));
+        slot.setting.is_none_or(|s| s == window.setting)
+            && !(latent && matches!(window.kind, Kind::Flight | Kind::Roll))
+    };
+    let slots = (0..layout.slots.len()).filter(|i| concerns(&layout.slots[*i]));
+    slots
+        .map(|i| {
+            let (slot, value) = (&layout.slots[i], state.values[i]);
+            let wide = slot.step * if window.kind == Kind::Run { 3.0 } else { 1.0 };
+            let h = wide.max(1e-4 * value.abs());
+            let (mut low, mut high) = ((value - h).max(slot.bounds[0]), (value + h).min(slot.bounds[1]));
+            if window.kind != Kind::Run && !layout.edged(i) {
+                // Paths integrated here are smooth: one side is enough.
+                if value + h <= slot.bounds[1] { low = value } else { high = value }
+            }
+            Shared { slot: i, low, high }
+        })
+        .collect()
+}
+
+/// Paths of a window that is integrated here.
+fn integrated(
+    window: &Window,
+    layout: &Layout,
+    state: &State,
+    nuisances: &[f64],
+    shared: &[Shared],
+    extras: &[Extra],
+) -> Moved {
+    let physics = |values: &[f64], extra: Option<&Extra>| {
+        let (numbers, latents) = layout.numbers(values, window.setting);
+        let own = layout.terms.iter().zip(&numbers).map(|(t, n)| (t.effect, n.as_slice()));
+        let terms: Vec<_> = own.chain(extra.map(|e| (e.effect, e.values.as_slice()))).collect();
+        Physics::new(window, &terms, &latents)
+    };
+    let here = physics(&state.values, None);
+    let base = here.seen(nuisances, |_, _| ());
+    let slope = |high: Vec<f64>, low: &[f64], by: f64| -> Vec<f64> {
+        high.iter().zip(low).map(|(a, b)| (a - b) / by).collect()
+    };
+    let steps: &[f64] = match window.kind {
+        Kind::Roll => &[1e-4, 1e-3, 1e-4, 1e-4],
+        _ => &[1e-4, 1e-4, 1e-3, 1e-3, 1e-1, 1e-4],
+    };
+    let moved_nuisance = |(k, h): (usize, &f64)| {
+        let mut moved = nuisances.to_vec();
+        moved[k] += h;
+        slope(here.seen(&moved, |_, _| ()), &base, *h)
+    };
+    let moved_slot = |s: &Shared| {
+        let end = |value: f64| {
+            let mut values = state.values.clone();
+            values[s.slot] = value;
+            physics(&values, None).seen(nuisances, |_, _| ())
+        };
+        let own = state.values[s.slot];
+        let low = if s.low == own { base.clone() } else { end(s.low) };
+        let high = if s.high == own { base.clone() } else { end(s.high) };
+        slope(high, &low, s.high - s.low)
+    };
+    Moved {
+        nuisances: steps.iter().enumerate().take(nuisances.len()).map(moved_nuisance).collect(),
+        slots: shared.iter().map(moved_slot).collect(),
+        extras: extras
+            .iter()
+            .map(|e| slope(physics(&state.values, Some(e)).seen(nuisances, |_, _| ()), &base, 1.0))
+            .collect(),
+        base,
+    }
+}
+
+/// Paths of the runs, simulated in one batch.
+fn simulated(data: &Data, layout: &Layout, state: &State, extras: &[Extra]) -> Result<Vec<Moved>> {
+    let runs: Vec<usize> = (0..data.windows.len()).filter(|w| data.windows[*w].kind == Kind::Run).collect();
+    if runs.is_empty() {
+        return Ok(Vec::new());
+    }
+    let plans: Vec<Vec<Shared>> = runs.iter().map(|w| shared(layout, state, &data.windows[*w])).collect();
+    let mut jobs: Vec<(usize, Vec<EffectTerm>, Latents)> = Vec::new();
+    for (w, plan) in runs.iter().zip(&plans) {
+        let window = &data.windows[*w];
+        let physics = |values: &[f64]| layout.physics(values, window.setting, 0.0);
+        let (effects, latents) = physics(&state.values);
+        jobs.push((*w, effects.clone(), latents));
+        for s in plan {
+            for end in [s.low, s.high] {
+                let mut moved = state.values.clone();
+                moved[s.slot] = end;
+                let (effects, latents) = physics(&moved);
+                jobs.push((*w, effects, latents));
+            }
+        }
+        for e in extras {
+            let mut effects = effects.clone();
+            effects.push(library::at_clock(e.effect, &e.values, 0.0));
+            jobs.push((*w, effects, latents));
+        }
+    }
+    let rollouts: Vec<Rollout> = jobs
+        .iter()
+        .map(|(w, effects, latents)| Rollout { scene: &data.windows[*w].scene, latents: *latents, effects, stop: false })
+        .collect();
+    let seen = simulate_map(&rollouts, data.engine, |i, path| predicted(&data.windows[jobs[i].0], &path))?;
+    let mut seen = seen.into_iter();
+    let mut next = || seen.next().unwrap_or_default();
+    let slope = |high: &[f64], low: &[f64], by: f64| -> Vec<f64> {
+        high.iter().zip(low).map(|(a, b)| (a - b) / by).collect()
+    };
+    let mut out = Vec::new();
+    for plan in &plans {
+        let base = next();
+        let mut slots = Vec::new();
+        for s in plan {
+            let (low, high) = (next(), next());
+            slots.push(slope(&high, &low, s.high - s.low));
+        }
+        let extras = extras.iter().map(|_| slope(&next(), &base, 1.0)).collect();
+        out.push(Moved { base, nuisances: Vec::new(), slots, extras });
+    }
+    Ok(out)
+}
+
+/// Weighs, and projects the nuisances out.
+fn look(data: &Data, w: usize, slots: usize, shared: &[Shared], moved: Moved) -> Look {
+    let window = &data.windows[w];
+    let n = moved.base.len();
+    let mut residual = DVector::from_fn(n, |i, _| window.points[i / 2].seen[i % 2] - moved.base[i]);
+    let weights: Vec<f64> =
+        weights(data, w, window, &residual).into_iter().map(|v| v / data.sd[w]).collect();
+    let count = moved.nuisances.len();
+    let mut start = DMatrix::from_fn(n, count, |i, k| moved.nuisances[k][i] * weights[i / 2]);
+    let mut columns = DMatrix::zeros(n, slots + moved.extras.len());
+    for (s, slope) in shared.iter().zip(&moved.slots) {
+        for i in 0..n {
+            columns[(i, s.slot)] = slope[i] * weights[i / 2];
+        }
+    }
+    for (k, difference) in moved.extras.iter().enumerate() {
+        for i in 0..n {
+            let d = difference[i] * weights[i / 2];
+            columns[(i, slots + k)] = if d.is_finite() { d } else { 0.0 };
+        }
+    }
+    for i in 0..n {
+        residual[i] = if weights[i / 2] > 0.0 { residual[i] * weights[i / 2] } else { 0.0 };
+    }
+    let finite = residual.iter().chain(columns.iter()).chain(start.iter()).all(|v| v.is_finite());
+    if !finite {
+        // A diverged path: as bad as can be, and it says nothing of where to go.
+        residual.fill(1e3);
+        columns.fill(0.0);
+        start.fill(0.0);
+    }
+    let mut project = DMatrix::zeros(count, n);
+    let mut correction = (DVector::zeros(count), DMatrix::zeros(count, slots));
+    if count > 0 {
+        let mut gram = start.tr_mul(&start);
+        // What bounces and rolls need beyond a state is held by what is plausible: 300 rad/s, 1 cm; 1 cm, 5 mm a metre.
+        let held: &[(usize, f64)] = match window.kind {
+            Kind::Contact => &[(4, 300.0), (5, 0.01)],
+            Kind::Roll => &[(2, 0.01), (3, 0.005)],
+            Kind::Flight | Kind::Run => &[],
+        };
+        held.iter().for_each(|(k, plausible)| gram[(*k, *k)] += 1.0 / (plausible * plausible));
+        project = inverse(&gram) * start.transpose();
+        let by_column = &project * &columns;
+        correction = (&project * &residual, by_column.columns(0, slots).into_owned());
+        residual -= &start * &correction.0;
+        columns -= &start * by_column;
+    }
+    Look { weights, residual, columns, start, project, correction }
 }
 
 /// Steps at the beginning of a fit that leave the shapes of effects alone: while an effect is weak its shape is told by
@@ -404,18 +530,6 @@ fn step(layout: &Layout, values: &[f64], pass: &Pass, damping: f64, hold_shapes:
     solve(&gram, &score)
 }
 
-fn job(w: usize, window: &Window, layout: &Layout, values: &[f64], nuisances: &[f64]) -> Job {
-    let (effects, latents) = layout.physics(values, window.setting, window.start);
-    let mut scene = window.scene.clone();
-    if let [x, y, vx, vy, rest @ ..] = nuisances {
-        let body = &mut scene.bodies[0];
-        body.position = Some([*x, *y]);
-        body.velocity = [*vx, *vy];
-        body.angular_velocity = rest.first().copied().unwrap_or(0.0);
-    }
-    Job { window: w, scene, effects, latents }
-}
-
 /// Square roots of the weights of a window's points.
 fn weights(data: &Data, w: usize, window: &Window, residual: &DVector<f64>) -> Vec<f64> {
     let last = window.points.last().map_or(0.0, |p| p.time);
@@ -476,38 +590,54 @@ fn predicted(window: &Window, trajectory: &Trajectory) -> Vec<f64> {
     out
 }
 
-/// A rollout of every window at a state, for pictures.
-pub fn paths(data: &Data, layout: &Layout, state: &State) -> Result<Vec<Trajectory>> {
-    let jobs: Vec<Job> = data
-        .windows
+/// States (x, y, vx, vy) at every window's points, for pictures and for what acts along a path.
+pub fn paths(data: &Data, layout: &Layout, state: &State) -> Result<Vec<Vec<[f64; 4]>>> {
+    let mut runs = Vec::new();
+    for window in data.windows.iter().filter(|w| w.kind == Kind::Run) {
+        runs.push((window, layout.physics(&state.values, window.setting, 0.0)));
+    }
+    let rollouts: Vec<Rollout> = runs
         .iter()
-        .enumerate()
-        .map(|(w, window)| job(w, window, layout, &state.values, &state.nuisances[w]))
+        .map(|(w, (effects, latents))| Rollout { scene: &w.scene, latents: *latents, effects, stop: false })
         .collect();
-    let rollouts: Vec<Rollout> = jobs
-        .iter()
-        .map(|j| Rollout { scene: &j.scene, latents: j.latents, effects: &j.effects, stop: false })
-        .collect();
-    simulate_map(&rollouts, data.engine, |_, trajectory| trajectory)
+    let mut simulated = simulate_map(&rollouts, data.engine, |i, path| {
+        runs[i].0.points.iter().map(|p| state_at(&path, p)).collect::<Vec<_>>()
+    })?
+    .into_iter();
+    let mut out = Vec::new();
+    for (w, window) in data.windows.iter().enumerate() {
+        out.push(match window.kind {
+            Kind::Run => simulated.next().unwrap_or_default(),
+            _ => {
+                let mut states = vec![[f64::NAN; 4]; window.points.len()];
+                with_physics(window, layout, state, |p| {
+                    p.seen(&state.nuisances[w], |i, s| states[i] = s);
+                });
+                states
+            }
+        });
+    }
+    Ok(out)
 }
 
-/// A body's velocity at a point's time, m/s.
-pub fn velocity_at(path: &Trajectory, point: &super::window::Point) -> [f64; 2] {
+/// Impact and rebound speed of a contact window, m/s.
+pub fn speeds(window: &Window, w: usize, layout: &Layout, state: &State) -> Option<(f64, f64)> {
+    with_physics(window, layout, state, |p| p.speeds(&state.nuisances[w]))
+}
+
+fn with_physics<T>(window: &Window, layout: &Layout, state: &State, f: impl FnOnce(&Physics) -> T) -> T {
+    let (numbers, latents) = layout.numbers(&state.values, window.setting);
+    let terms: Vec<_> = layout.terms.iter().zip(&numbers).map(|(t, n)| (t.effect, n.as_slice())).collect();
+    f(&Physics::new(window, &terms, &latents))
+}
+
+fn state_at(path: &Trajectory, point: &super::window::Point) -> [f64; 4] {
     let after = path.times.partition_point(|t| *t < point.time - 1e-9);
     match path.bodies.get(point.body) {
         Some(track) if !track.is_empty() => {
             let i = after.min(track.len() - 1);
-            [track.vx[i], track.vy[i]]
+            [track.x[i], track.y[i], track.vx[i], track.vy[i]]
         }
-        _ => [0.0; 2],
+        _ => [f64::NAN; 4],
     }
-}
-
-/// Speeds along a contact window's normal at its beginning and its end: (impact, rebound), m/s.
-pub fn along_normal(path: &Trajectory, window: &Window) -> Option<(f64, f64)> {
-    let track = path.bodies.first()?;
-    let along = |i: usize| track.vx[i] * window.normal[0] + track.vy[i] * window.normal[1];
-    let n = track.len();
-    let turn = (1..n).find(|i| along(*i) > 0.0 && along(*i - 1) < 0.0)?;
-    Some((-along(turn - 1), along(turn)))
 }

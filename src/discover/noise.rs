@@ -105,16 +105,24 @@ pub fn noise(flights: &[&Smooth]) -> Option<Noise> {
     if freedom < 6.0 {
         return None;
     }
-    // Expected sums under unit-variance AR(1) noise of correlation rho, after the projection.
-    let expected = |rho: f64| {
-        let (mut e0, mut e1) = (0.0, 0.0);
-        for s in flights {
-            let n = s.kept.len();
-            let m = &s.projector * correlation(n, rho) * &s.projector;
-            e0 += s.axes * m.trace();
-            e1 += s.axes * (1..n).map(|i| m[(i, i - 1)]).sum::<f64>();
+    // Expected sums under unit-variance AR(1) noise of correlation rho, after the projection: for both, sums over a
+    // matrix by distance from its diagonal, times the powers of rho.
+    let longest = flights.iter().map(|s| s.kept.len()).max().unwrap_or(0);
+    let (mut zeroth, mut first) = (vec![0.0; longest], vec![0.0; longest]);
+    for s in flights {
+        let n = s.kept.len();
+        let shifted = DMatrix::from_fn(n, n, |i, j| if i > 0 { s.projector[(i - 1, j)] } else { 0.0 });
+        let next = s.projector.tr_mul(&shifted);
+        for i in 0..n {
+            for j in 0..n {
+                zeroth[i.abs_diff(j)] += s.axes * s.projector[(i, j)];
+                first[i.abs_diff(j)] += s.axes * next[(i, j)];
+            }
         }
-        (e0, e1)
+    }
+    let expected = |rho: f64| {
+        let sum = |by_lag: &[f64]| by_lag.iter().rev().fold(0.0, |sum, v| sum * rho + v);
+        (sum(&zeroth), sum(&first))
     };
     let wanted = if squares > 0.0 { products / squares } else { 0.0 };
     let (mut low, mut high) = (-0.6, 0.95);

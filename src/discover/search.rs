@@ -9,22 +9,29 @@
 //! Pairs are tried wherever there is misfit (for whole runs, which cost more, while the best single does not reach the
 //! noise floor), triples while the best pair does not reach it.
 
+use rayon::prelude::*;
+
 use super::judge::{Fitted, paired, ranked};
 use super::library;
-use super::model::{self, Data, Layout, Pass, State, Term};
+use super::model::{self, Data, Extra, Layout, Pass, State, Term};
 use super::noise::Noise;
 use super::report::Considered;
+use super::signs::{self, Group, Tested};
 use super::stats::t_quantile;
-use super::window::{Kind, Window};
+use super::window::Kind;
 use super::{Config, Expected};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::task::Scene;
+use crate::world::effect::{Effect, Parameter};
 
 /// What the search brings home.
 pub struct Found<'a> {
     pub base: Fitted,
+    pub base_lack: Lack,
     pub fits: Vec<Fitted>,
+    /// What each fit lacks, where that was asked.
+    pub lacks: Vec<Option<Lack>>,
     /// Index of the simplest of the best sets.
     pub champion: Option<usize>,
     /// Indices of all sets that tie, the champion first.
@@ -41,85 +48,34 @@ pub struct Judged<'a> {
     pub expected: &'a Expected,
 }
 
-/// Corrected p below which a term is accepted.
+/// p of all trials' signs below which there is anything to look for.
+const ANYTHING: f64 = 0.01;
+/// p below which a set is known to lack something.
+const ADEQUATE: f64 = 0.01;
+/// p below which a term is accepted beside the others of its set.
 const ACCEPT: f64 = 0.01;
-/// The same where the base model is at the noise floor as far as a test without direction can see. Correlated noise can
-/// hide a slow push from that test, but not from the push's own.
-const ACCEPT_AT_FLOOR: f64 = 0.001;
-/// The same there for effects whose shape was chosen by the data as well: the correction by the number of starts is
-/// only a guess at how free that choice was.
-const ACCEPT_SHAPED_AT_FLOOR: f64 = 1e-6;
+/// p below which what the best set has and another has not would help the other.
+const BEATEN: f64 = 0.01;
 /// Share that a term must remove of the excess that the set without it leaves.
 const TENTH: f64 = 0.1;
 /// Share that a term must remove of the base's excess: real recordings have errors of their own, and some effect always
 /// helps against them a little.
 const HUNDREDTH: f64 = 0.01;
-/// Excess of the middle trial (share of the floor) from which the best set is known to be wrong itself: a set that
-/// leaves no more than [`AGAIN`] times as much is then as good, whatever the statistics of the difference say.
-const WRONG: f64 = 0.5;
-/// Twice the error is four times the square.
-const AGAIN: f64 = 4.0;
-/// Pairs are built from this many of the best singles with every other effect.
-const BEST_SINGLES: usize = 4;
+/// Share of the base's excess below which what a set lacks does not speak against it.
+const NEGLIGIBLE: f64 = 0.01;
 /// Standard errors by which a set with more parameters than the simplest must be better to be a rival. Many effects
 /// hold simpler ones within them (a gust of long period is wind): chance alone makes those a little better.
 const OCCAM: f64 = 1.65;
-/// Triples are built from this many of the best pairs.
-const BEST_PAIRS: usize = 2;
-/// Trials on which starts and larger sets are tried before the best are fitted to all.
-const SCREEN: usize = 16;
-/// Pairs, and triples, that are fitted to all trials.
-const FITTED: usize = 6;
-/// Share of the base's excess below which what is left is for no further effect to explain.
-const NEGLIGIBLE: f64 = 0.02;
-
-/// Some of the trials, evenly spread, for trying things out.
-struct Screen {
-    windows: Vec<Window>,
-    settings: Vec<usize>,
-    sd: Vec<f64>,
-    /// Which of all windows these are.
-    chosen: Vec<usize>,
-}
-
-impl Screen {
-    fn of(data: &Data) -> Screen {
-        let stride = data.trials.div_ceil(SCREEN);
-        let trials: Vec<usize> = (0..data.trials).step_by(stride.max(1)).collect();
-        let place = |t: usize| trials.iter().position(|k| *k == t);
-        let chosen: Vec<usize> =
-            (0..data.windows.len()).filter(|w| place(data.windows[*w].trial).is_some()).collect();
-        let windows = chosen.iter().map(|w| {
-            let window = &data.windows[*w];
-            Window { trial: place(window.trial).unwrap_or(0), ..window.clone() }
-        });
-        Screen {
-            windows: windows.collect(),
-            settings: trials.iter().map(|t| data.settings[*t]).collect(),
-            sd: chosen.iter().map(|w| data.sd[*w]).collect(),
-            chosen,
-        }
-    }
-
-    fn data(&self, of: &Data) -> Data<'_> {
-        Data {
-            windows: &self.windows,
-            trials: self.settings.len(),
-            settings: &self.settings,
-            sd: self.sd.clone(),
-            horizon: 1.0,
-            engine: of.engine,
-        }
-    }
-
-    /// A state of all windows, for these.
-    fn state(&self, full: &State) -> State {
-        State {
-            values: full.values.clone(),
-            nuisances: self.chosen.iter().map(|w| full.nuisances[*w].clone()).collect(),
-        }
-    }
-}
+/// Difference of losses, units of the noise's variance, that is worth looking at.
+const HAIR: f64 = 2.0;
+/// Best starts of an effect from which it is fitted.
+const STARTS: usize = 2;
+/// Pairs, and triples, that are fitted: those whose linear estimate is best.
+const FITTED: usize = 10;
+/// Fits of a size that are tested for what they lack.
+const TESTED: usize = 8;
+/// Sets of the size before from which larger ones are made: none, singles, pairs.
+const PARENTS: [usize; 3] = [0, 6, 4];
 
 /// Fits a layout, runs from their beginnings to their ends little by little: far from the right model a late
 /// collision says nothing.
@@ -138,7 +94,7 @@ pub fn settle(data: &mut Data, layout: &Layout, start: State) -> Result<(State, 
 /// Searches the library.
 pub fn search<'a>(
     scene: &Scene,
-    mut data: Data<'a>,
+    data: Data<'a>,
     base: Fitted,
     expected: &Expected,
     latents: &[usize],
@@ -146,201 +102,346 @@ pub fn search<'a>(
     progress: &dyn Progress,
 ) -> Result<Found<'a>> {
     let span = library::span(data.windows);
-    let candidates = library::candidates(scene, &span);
-    let count = data.settings.iter().max().map_or(1, |m| m + 1);
-    let settings = data.settings.to_vec();
-    let library_size = candidates.len();
-    let screen = Screen::of(&data);
-    let mut fits: Vec<Fitted> = Vec::new();
-    let mut starts_of: Vec<(&'static str, usize)> = Vec::new();
-    for (i, (effect, terms)) in candidates.iter().enumerate() {
-        progress.report("trying single effects", i as u64, library_size as u64)?;
-        starts_of.push((effect.name, terms.len()));
-        let mut tried: Vec<(f64, Layout, Vec<f64>)> = Vec::new();
-        for term in terms {
-            let layout = Layout::new(latents, vec![term.clone()], count);
-            let start = extended(&base, &layout);
-            if terms.len() == 1 {
-                tried.push((0.0, layout, start.values));
+    let library = Library { candidates: library::candidates(scene, &span) };
+    let hunt = Hunt { data: &data, library: &library, latents, seed: config.seed };
+    progress.report("looking for anything at all", 0, 1)?;
+    let lack = hunt.test(&base)?;
+    let mut found = Found {
+        base,
+        base_lack: lack,
+        fits: Vec::new(),
+        lacks: Vec::new(),
+        champion: None,
+        rivals: Vec::new(),
+        considered: Vec::new(),
+        data: Data { windows: data.windows, settings: data.settings, sd: data.sd.clone(), ..data },
+    };
+    if found.base_lack.tested.p >= ANYTHING {
+        return Ok(found);
+    }
+    let excess = (model::total(&found.base.pass) - expected.total()).max(0.0);
+    for size in 1..=config.most_effects {
+        let stage = ["trying single effects", "trying pairs of effects", "trying triples of effects"][size.min(3) - 1];
+        let first = found.fits.len();
+        let parents: Vec<(&Fitted, &Lack)> = match size {
+            1 => vec![(&found.base, &found.base_lack)],
+            _ => {
+                let own = (0..first).filter(|i| found.fits[*i].set.len() == size - 1);
+                let mut known: Vec<usize> = own.filter(|i| found.lacks[*i].is_some()).collect();
+                known.sort_by(|a, b| held(&found.fits[*a]).total_cmp(&held(&found.fits[*b])));
+                let best = known.into_iter().take(PARENTS[size.min(3) - 1]);
+                best.filter_map(|i| Some((&found.fits[i], found.lacks[i].as_ref()?))).collect()
+            }
+        };
+        let unions = hunt.unions(&parents, if size == 1 { usize::MAX } else { FITTED });
+        progress.report(stage, 0, unions.len() as u64)?;
+        let fitted: Vec<Result<Option<Fitted>>> = unions.into_par_iter().map(|u| hunt.fit(u)).collect();
+        let mut fits = Vec::new();
+        for fit in fitted {
+            fits.extend(fit?);
+        }
+        fits.sort_by(|a, b| held(a).total_cmp(&held(b)));
+        progress.report(stage, fits.len() as u64, fits.len() as u64 + 1)?;
+        let best = fits.first().map_or(0.0, held);
+        let base_held = held(&found.base);
+        let worth = |(i, f): (usize, &Fitted)| {
+            i < TESTED && held(f) - best < 0.5 * (base_held - best).max(0.0)
+        };
+        let lacks: Vec<Result<Option<Lack>>> =
+            fits.par_iter().enumerate().map(|(i, f)| worth((i, f)).then(|| hunt.test(f)).transpose()).collect();
+        for (fit, lack) in fits.into_iter().zip(lacks) {
+            found.fits.push(fit);
+            found.lacks.push(lack?);
+        }
+        hunt.complete(&mut found, first)?;
+        let enough = (first..found.fits.len()).any(|i| {
+            let lack = found.lacks[i].as_ref();
+            lack.is_some_and(|l| l.tested.p >= ADEQUATE || l.sure() < NEGLIGIBLE * excess)
+                && hunt.accepted(&found, i, expected)
+        });
+        if enough {
+            break;
+        }
+    }
+    for i in 0..found.fits.len() {
+        for t in 0..found.fits[i].set.len() {
+            let name = found.fits[i].set[t].name;
+            let starts = library.candidates.iter().find(|c| c.0.name == name).map_or(1, |c| c.1.len());
+            let p = found.fits[i].p_value(t, data.settings) * (library.candidates.len() * starts) as f64;
+            found.fits[i].p_values[t] = p.min(1.0);
+        }
+    }
+    let accepted: Vec<usize> =
+        (0..found.fits.len()).filter(|i| hunt.accepted(&found, *i, expected)).collect();
+    let (champion, rivals) = hunt.choose(&found, &accepted, excess)?;
+    (found.champion, found.rivals) = (champion, rivals);
+    found.considered = considered(&found.fits, &accepted, expected);
+    Ok(found)
+}
+
+/// The candidates with their starts.
+struct Library {
+    candidates: Vec<(&'static Effect, Vec<Term>)>,
+}
+
+/// What a fit lacks: by candidate the start at which adding it helps most.
+pub struct Lack {
+    pub tested: Tested,
+    /// (candidate, start, squares it would take away, values to start from)
+    best: Vec<(usize, usize, f64, Vec<f64>)>,
+}
+
+impl Lack {
+    /// Squares that something could take away beyond chance.
+    pub fn sure(&self) -> f64 {
+        self.tested.groups.iter().chain(&self.tested.fields).map(|t| t.sure).fold(0.0, f64::max)
+    }
+}
+
+/// Where a fit is to start: several places, of which the best counts.
+struct Union {
+    starts: Vec<(Layout, State)>,
+}
+
+/// What does not change during a search.
+struct Hunt<'a, 'b> {
+    data: &'b Data<'a>,
+    library: &'b Library,
+    latents: &'b [usize],
+    seed: u64,
+}
+
+impl Hunt<'_, '_> {
+    fn settings(&self) -> usize {
+        self.data.settings.iter().max().map_or(1, |m| m + 1)
+    }
+
+    /// What a fit lacks.
+    fn test(&self, fit: &Fitted) -> Result<Lack> {
+        let (mut groups, mut of) = (Vec::new(), Vec::new());
+        for (c, (effect, terms)) in self.library.candidates.iter().enumerate() {
+            if fit.set.iter().any(|e| e.name == effect.name) {
                 continue;
             }
-            let fitted = model::fit(&screen.data(&data), &layout, screen.state(&start), 3);
-            let Some((state, pass)) = simulated(fitted)? else { continue };
-            tried.push((model::total(&pass), layout, state.values));
+            for (s, term) in terms.iter().enumerate() {
+                of.push((c, s));
+                groups.push(directions(term, &term.start));
+            }
         }
-        tried.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let tested = signs::test(self.data, fit, groups, true, self.seed)?;
+        let mut best: Vec<(usize, usize, f64, Vec<f64>)> = Vec::new();
+        for ((c, s), told) in of.into_iter().zip(&tested.groups) {
+            let term = &self.library.candidates[c].1[s];
+            best.push((c, s, told.drop, sized(term, &told.sizes)));
+        }
+        best.sort_by(|a, b| b.2.total_cmp(&a.2));
+        Ok(Lack { tested, best })
+    }
+
+    /// The most promising unions of a fit and a candidate.
+    fn unions(&self, parents: &[(&Fitted, &Lack)], most: usize) -> Vec<Union> {
+        let mut all: Vec<(f64, Vec<&'static str>, Union)> = Vec::new();
+        for (fit, lack) in parents {
+            for (c, (effect, terms)) in self.library.candidates.iter().enumerate() {
+                let mut names = fit.names();
+                if names.contains(&effect.name) {
+                    continue;
+                }
+                names.push(effect.name);
+                names.sort_unstable();
+                let starts = lack.best.iter().filter(|b| b.0 == c).take(STARTS.min(terms.len()));
+                let starts: Vec<_> = starts.collect();
+                let Some(drop) = starts.first().map(|b| b.2) else { continue };
+                let left = model::total(&fit.pass) - drop;
+                let start = |b: &&(usize, usize, f64, Vec<f64>)| self.joined(fit, &terms[b.1], &b.3);
+                let union = Union { starts: starts.iter().map(start).collect() };
+                match all.iter_mut().find(|u| u.1 == names) {
+                    Some(known) if known.0 <= left => {}
+                    Some(known) => *known = (left, names, union),
+                    None => all.push((left, names, union)),
+                }
+            }
+        }
+        all.sort_by(|a, b| a.0.total_cmp(&b.0));
+        all.into_iter().take(most).map(|u| u.2).collect()
+    }
+
+    /// A fit's model with another term.
+    fn joined(&self, fit: &Fitted, term: &Term, values: &[f64]) -> (Layout, State) {
+        let mut terms: Vec<Term> = fit.layout.terms.clone();
+        terms.push(Term { start: values.to_vec(), ..term.clone() });
+        let layout = Layout::new(self.latents, terms, self.settings());
+        let mut all = layout.start(&[0.0; 3]);
+        let known = fit.state.values.len();
+        all[..known].copy_from_slice(&fit.state.values);
+        (layout, State { values: all, nuisances: fit.state.nuisances.clone() })
+    }
+
+    fn fit(&self, union: Union) -> Result<Option<Fitted>> {
         let mut best: Option<(Layout, State, Pass)> = None;
-        for (_, layout, values) in tried.into_iter().take(2) {
-            let start = State { values, nuisances: base.state.nuisances.clone() };
-            let fitted = if terms.len() == 1 {
-                settle(&mut data, &layout, start)
-            } else {
-                model::fit(&data, &layout, start, 8)
-            };
-            data.horizon = 1.0;
-            let Some((state, pass)) = simulated(fitted)? else { continue };
+        for (layout, start) in union.starts {
+            let Some((state, pass)) = simulated(model::fit(self.data, &layout, start, 8))? else { continue };
             if best.as_ref().is_none_or(|b| model::total(&pass) < model::total(&b.2)) {
                 best = Some((layout, state, pass));
             }
         }
-        if let Some((layout, state, pass)) = best {
-            fits.push(Fitted::new(layout, state, pass, &settings));
-        }
+        Ok(best.map(|(layout, state, pass)| Fitted::new(layout, state, pass, self.data.settings)))
     }
-    let singles = fits.len();
-    let windows = data.windows;
-    let misfit = |f: &Fitted| expected.misfit_of(f, windows);
-    let enough = NEGLIGIBLE * misfit(&base).0;
-    let at_floor = |f: &Fitted| {
-        let (excess, p) = misfit(f);
-        p > 0.05 || excess < super::SLIGHT.max(enough)
-    };
-    let floor_of_base = at_floor(&base);
-    let mut order: Vec<usize> = (0..singles).collect();
-    order.sort_by(|a, b| held(&fits[*a]).total_cmp(&held(&fits[*b])));
-    let reached = floor_of_base || order.first().is_some_and(|b| at_floor(&fits[*b]));
-    let runs = windows.iter().any(|w| w.kind == Kind::Run);
-    if config.most_effects >= 2 && !floor_of_base && !(reached && runs) {
-        let mut pairs = Vec::new();
-        for (rank, a) in order.iter().enumerate().take(BEST_SINGLES) {
-            pairs.extend(order.iter().skip(rank + 1).map(|b| (*a, *b)));
-        }
-        let joined =
-            best_joined(&mut data, &screen, &fits, &pairs, latents, "trying pairs of effects", progress)?;
-        fits.extend(joined);
-        let mut order: Vec<usize> = (singles..fits.len()).collect();
-        order.sort_by(|a, b| held(&fits[*a]).total_cmp(&held(&fits[*b])));
-        let reached = order.first().is_some_and(|b| at_floor(&fits[*b]));
-        if config.most_effects >= 3 && !reached {
-            let mut triples: Vec<(usize, usize)> = Vec::new();
-            let mut named: Vec<Vec<&str>> = Vec::new();
-            for pair in order.iter().take(BEST_PAIRS) {
-                for single in 0..singles {
-                    let mut names = fits[*pair].names();
-                    if names.contains(&fits[single].set[0].name) {
-                        continue;
-                    }
-                    names.push(fits[single].set[0].name);
-                    names.sort_unstable();
-                    if !named.contains(&names) {
-                        named.push(names);
-                        triples.push((*pair, single));
-                    }
+
+    /// Fits what the sets from `first` on are judged against: each without one of its terms.
+    fn complete(&self, found: &mut Found, first: usize) -> Result<()> {
+        let mut i = first;
+        while i < found.fits.len() {
+            for t in 0..found.fits[i].set.len() {
+                let names = without(&found.fits[i], t);
+                if names.is_empty() || find(&found.fits, &names).is_some() {
+                    continue;
+                }
+                let own = &found.fits[i].layout.terms;
+                let terms: Vec<Term> =
+                    own.iter().enumerate().filter(|(k, _)| *k != t).map(|(_, t)| t.clone()).collect();
+                let layout = Layout::new(self.latents, terms, self.settings());
+                let start = extended(&found.base, &layout);
+                if let Some(fit) = self.fit(Union { starts: vec![(layout, start)] })? {
+                    found.fits.push(fit);
+                    found.lacks.push(None);
                 }
             }
-            let joined = best_joined(
-                &mut data,
-                &screen,
-                &fits,
-                &triples,
-                latents,
-                "trying triples of effects",
-                progress,
-            )?;
-            fits.extend(joined);
+            i += 1;
         }
+        Ok(())
     }
-    for fit in &mut fits {
-        for t in 0..fit.set.len() {
-            let starts = starts_of.iter().find(|s| s.0 == fit.set[t].name).map_or(1, |s| s.1);
-            let p = fit.p_value(t, &settings) * library_size as f64 * starts as f64;
-            fit.p_values[t] = p.min(1.0);
-        }
-    }
-    // What a set loses by a term is judged against the set without it, which must have been fitted.
-    let mut i = 0;
-    while i < fits.len() {
-        if fits[i].set.len() > 1 && fits[i].p_values.iter().all(|p| *p < ACCEPT) {
-            for t in 0..fits[i].set.len() {
-                let names = without(&fits[i], t);
-                if find(&fits, &names).is_none() {
-                    let terms: Vec<Term> = fits[i]
-                        .layout
-                        .terms
-                        .iter()
-                        .enumerate()
-                        .filter(|(k, _)| *k != t)
-                        .map(|(_, term)| term.clone())
-                        .collect();
-                    let layout = Layout::new(latents, terms, count);
-                    let start = extended(&base, &layout);
-                    let fitted = settle(&mut data, &layout, start);
-                    data.horizon = 1.0;
-                    let Some((state, pass)) = simulated(fitted)? else { continue };
-                    fits.push(Fitted::new(layout, state, pass, &settings));
-                }
-            }
-        }
-        i += 1;
-    }
-    let accept = |f: &Fitted, t: usize| match (floor_of_base, f.set[t].parameters.iter().any(library::shapes))
-    {
-        (true, true) => ACCEPT_SHAPED_AT_FLOOR,
-        (true, false) => ACCEPT_AT_FLOOR,
-        (false, _) => ACCEPT,
-    };
-    let excess = (held(&base) - expected.total()).max(0.0);
-    let accepted: Vec<usize> = (0..fits.len())
-        .filter(|i| {
-            let f = &fits[*i];
-            (0..f.set.len()).all(|t| {
-                let names = without(f, t);
-                let other =
-                    if names.is_empty() { Some(&base) } else { find(&fits, &names).map(|k| &fits[k]) };
-                let Some(other) = other else { return false };
-                let (gain, t_value) = paired(&other.held, &f.held);
-                let gain = gain * other.held.len() as f64;
-                let left = (held(other) - expected.total()).max(0.0);
-                f.p_values[t] < accept(f, t)
-                    && t_value > 1.0
-                    && gain >= (TENTH * left).max(HUNDREDTH * excess)
-            })
+
+    /// Whether each term of a set earns its place.
+    fn accepted(&self, found: &Found, i: usize, expected: &Expected) -> bool {
+        let f = &found.fits[i];
+        let excess = (held(&found.base) - expected.total()).max(0.0);
+        (0..f.set.len()).all(|t| {
+            let names = without(f, t);
+            let other = match names.is_empty() {
+                true => Some(&found.base),
+                false => find(&found.fits, &names).map(|k| &found.fits[k]),
+            };
+            let Some(other) = other else { return false };
+            let (gain, t_value) = paired(&other.held, &f.held);
+            let gain = gain * other.held.len() as f64;
+            let left = (held(other) - expected.total()).max(0.0);
+            let helps = t_value > 1.0 && gain >= (TENTH * left).max(HUNDREDTH * excess);
+            helps && self.adds(other, f, ACCEPT).unwrap_or(false)
         })
-        .collect();
-    let (champion, rivals) = choose(&fits, &accepted, |f| expected.middle_excess(f, windows));
-    let considered = considered(&fits, &accepted, expected);
-    Ok(Found { base, fits, champion, rivals, considered, data })
+    }
+
+    /// Whether what `better` has and `fit` has not would help `fit` in trial after trial.
+    fn adds(&self, fit: &Fitted, better: &Fitted, level: f64) -> Result<bool> {
+        let mut groups = Vec::new();
+        for (t, term) in better.layout.terms.iter().enumerate() {
+            if fit.set.iter().any(|e| e.name == term.effect.name) {
+                continue;
+            }
+            let mut values = term.start.clone();
+            for i in better.layout.of_term(t) {
+                if let model::What::Parameter(_, p) = better.layout.slots[i].what {
+                    values[p] = better.state.values[i];
+                }
+            }
+            groups.push(directions(term, &values));
+        }
+        let per_setting = groups.iter().any(|g| g.per_setting);
+        let extras: Vec<Extra> = groups.into_iter().flat_map(|g| g.extras).collect();
+        if extras.is_empty() {
+            return Ok(false);
+        }
+        let tested = signs::test(self.data, fit, vec![Group { extras, per_setting }], false, self.seed)?;
+        let told = &tested.groups[0];
+        Ok(told.p.min(told.normal_p) < 0.5 * level)
+    }
+
+    /// The simplest of the best sets, and all that tie.
+    fn choose(&self, found: &Found, accepted: &[usize], excess: f64) -> Result<(Option<usize>, Vec<usize>)> {
+        let fits = &found.fits;
+        let adequate = |i: usize| {
+            found.lacks[i].as_ref().is_some_and(|l| l.tested.p >= ADEQUATE || l.sure() < NEGLIGIBLE * excess)
+        };
+        let any = accepted.iter().any(|i| adequate(*i));
+        let pool: Vec<usize> = accepted.iter().copied().filter(|i| !any || adequate(*i)).collect();
+        let Some(best) = pool.iter().copied().min_by(|a, b| held(&fits[*a]).total_cmp(&held(&fits[*b]))) else {
+            return Ok((None, Vec::new()));
+        };
+        let mut tied = Vec::new();
+        for i in pool {
+            let beaten = i != best
+                && held(&fits[i]) > held(&fits[best])
+                && (self.adds(&fits[i], &fits[best], BEATEN)? || beaten(&fits[i], &fits[best]));
+            if !beaten {
+                tied.push(i);
+            }
+        }
+        let within = |small: usize, large: usize| {
+            let large = fits[large].names();
+            fits[small].names().iter().all(|n| large.contains(n))
+        };
+        // A set within a larger one that is no better than chance makes it stands for it.
+        let all = tied.clone();
+        tied.retain(|i| {
+            !all.iter().any(|j| fits[*j].set.len() < fits[*i].set.len() && within(*j, *i) && adequate(*j))
+        });
+        tied.sort_by(|a, b| {
+            let key = |i: usize| (fits[i].set.len(), fits[i].parameters());
+            key(*a).cmp(&key(*b)).then(held(&fits[*a]).total_cmp(&held(&fits[*b])))
+        });
+        let Some(champion) = tied.first().copied() else { return Ok((None, Vec::new())) };
+        tied.retain(|i| {
+            let (own, simplest) = (&fits[*i], &fits[champion]);
+            let more = own.parameters().saturating_sub(simplest.parameters()) as f64;
+            let (gain, t) = paired(&simplest.held, &own.held);
+            (own.set.len() <= simplest.set.len() && more == 0.0)
+                || (t > OCCAM && gain * own.held.len() as f64 > HAIR * (1.0 + more))
+        });
+        Ok((Some(champion), tied))
+    }
 }
 
-/// The simplest of the best sets, and all that tie.
-fn choose(
-    fits: &[Fitted],
-    accepted: &[usize],
-    excess: impl Fn(&Fitted) -> f64,
-) -> (Option<usize>, Vec<usize>) {
-    let Some(best) = accepted.iter().copied().min_by(|a, b| held(&fits[*a]).total_cmp(&held(&fits[*b])))
-    else {
-        return (None, Vec::new());
+/// The directions of a term's amplitudes at some values.
+fn directions(term: &Term, values: &[f64]) -> Group {
+    let parameters = term.effect.parameters;
+    let neutral = |p: usize| library::shapes(&parameters[p]);
+    let extras = (0..parameters.len())
+        .filter(|p| !neutral(*p) && term.free[*p])
+        .map(|p| {
+            let own = |k: usize| match k {
+                _ if neutral(k) => values[k],
+                _ if k == p => parameters[k].neutral + library::difference(term.effect, &parameters[k]),
+                _ => parameters[k].neutral,
+            };
+            Extra { effect: term.effect, values: (0..parameters.len()).map(own).collect() }
+        })
+        .collect();
+    Group { extras, per_setting: term.per_setting }
+}
+
+/// A term's values with amplitudes of the sizes found along its directions.
+fn sized(term: &Term, sizes: &[f64]) -> Vec<f64> {
+    let mut sizes = sizes.iter();
+    let value = |(p, parameter): (usize, &Parameter)| {
+        if library::shapes(parameter) || !term.free[p] {
+            return term.start[p];
+        }
+        let size = sizes.next().copied().unwrap_or(0.0);
+        let value = parameter.neutral + size * library::difference(term.effect, parameter);
+        let [low, high] = library::bounds(term.effect, parameter);
+        // Off the bound, where nothing could be told.
+        let hair = 1e-3 * library::difference(term.effect, parameter);
+        value.clamp(low, high).max(if low == parameter.neutral { low + hair } else { low })
     };
-    // Two tests, each at one-sided 0.5 %: the mean, and the ranks.
-    let beats = t_quantile(0.01, fits[best].held.len() as f64 - 1.0);
-    let beaten = |i: usize| {
-        let (gain, t) = paired(&fits[i].held, &fits[best].held);
-        gain > 0.0 && (t > beats || ranked(&fits[i].held, &fits[best].held) > 2.576)
-    };
-    let wrong = excess(&fits[best]);
-    let no_worse = |i: usize| {
-        let simple = fits[i].parameters() <= fits[best].parameters();
-        wrong > WRONG && simple && excess(&fits[i]) < AGAIN * wrong
-    };
-    let mut tied: Vec<usize> =
-        accepted.iter().copied().filter(|i| *i == best || !beaten(*i) || no_worse(*i)).collect();
-    let within = |small: usize, large: usize| {
-        let large = fits[large].names();
-        fits[small].names().iter().all(|n| large.contains(n))
-    };
-    let all = tied.clone();
-    tied.retain(|i| !all.iter().any(|j| fits[*j].set.len() > fits[*i].set.len() && within(*i, *j)));
-    tied.sort_by(|a, b| {
-        let key = |i: usize| fits[i].parameters();
-        key(*a).cmp(&key(*b)).then(held(&fits[*a]).total_cmp(&held(&fits[*b])))
-    });
-    let Some(champion) = tied.first().copied() else { return (None, Vec::new()) };
-    tied.retain(|i| {
-        fits[*i].parameters() <= fits[champion].parameters()
-            || paired(&fits[champion].held, &fits[*i].held).1 > OCCAM
-    });
-    (Some(champion), tied)
+    term.effect.parameters.iter().enumerate().map(value).collect()
+}
+
+/// Whether one fit's held-out losses are smaller than another's by more than chance makes them: the mean, or the ranks.
+/// Twins differ by rounding alone, always to the same side: less than [`HAIR`] is no difference.
+fn beaten(worse: &Fitted, better: &Fitted) -> bool {
+    let least = t_quantile(0.01, better.held.len() as f64 - 1.0);
+    let (gain, t) = paired(&worse.held, &better.held);
+    gain * better.held.len() as f64 > HAIR && (t > least || ranked(&worse.held, &better.held) > 2.576)
 }
 
 fn considered(fits: &[Fitted], accepted: &[usize], expected: &Expected) -> Vec<Considered> {
@@ -388,48 +489,4 @@ fn simulated(fitted: Result<(State, Pass)>) -> Result<Option<(State, Pass)>> {
         Err(Error::Input(_) | Error::Failed(_)) => Ok(None),
         Err(other) => Err(other),
     }
-}
-
-/// Unions of two fits each, tried on some trials; the best of them fitted to all.
-fn best_joined(
-    data: &mut Data,
-    screen: &Screen,
-    fits: &[Fitted],
-    unions: &[(usize, usize)],
-    latents: &[usize],
-    stage: &str,
-    progress: &dyn Progress,
-) -> Result<Vec<Fitted>> {
-    let total = (unions.len() + FITTED) as u64;
-    let mut tried = Vec::new();
-    for (i, (a, b)) in unions.iter().enumerate() {
-        progress.report(stage, i as u64, total)?;
-        let (layout, start) = joined(&fits[*a], &fits[*b], latents, data);
-        let fitted = model::fit(&screen.data(data), &layout, screen.state(&start), 4);
-        let Some((state, pass)) = simulated(fitted)? else { continue };
-        tried.push((model::total(&pass), layout, State { values: state.values, ..start }));
-    }
-    tried.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let mut out = Vec::new();
-    for (i, (_, layout, start)) in tried.into_iter().take(FITTED).enumerate() {
-        progress.report(stage, (unions.len() + i) as u64, total)?;
-        let Some((state, pass)) = simulated(model::fit(data, &layout, start, 8))? else { continue };
-        out.push(Fitted::new(layout, state, pass, data.settings));
-    }
-    Ok(out)
-}
-
-/// Two fits as one model that starts where the first stands, the second's effects weak.
-fn joined(strong: &Fitted, weak: &Fitted, latents: &[usize], data: &Data) -> (Layout, State) {
-    let mut terms: Vec<Term> = strong.layout.terms.clone();
-    terms.extend(weak.layout.terms.iter().cloned());
-    let layout = Layout::new(latents, terms, data.settings.iter().max().map_or(1, |m| m + 1));
-    let mut values = strong.state.values.clone();
-    for (slot, value) in weak.layout.slots.iter().zip(&weak.state.values).skip(weak.layout.latents()) {
-        let model::What::Parameter(t, p) = slot.what else { continue };
-        let parameter = &weak.layout.terms[t].effect.parameters[p];
-        let amplitude = !library::shapes(parameter);
-        values.push(if amplitude { parameter.neutral + 0.1 * (value - parameter.neutral) } else { *value });
-    }
-    (layout, State { values, nuisances: strong.state.nuisances.clone() })
 }

@@ -4,6 +4,7 @@
 //!   scene, so that no perturbed start can hit anything.
 //! - *Contact*: a few observations before and after one bounce on a static. Nuisances: position, velocity, spin, and
 //!   where along its normal the surface really is (tables are level to millimetres at best).
+//! - *Roll*: a disc on a straight static. Nuisances: position and speed along it, its real height and slope.
 //! - *Run*: a whole trial whose start is known exactly; no nuisance, up to the horizon at which the start's smallest
 //!   error would show.
 //!
@@ -16,13 +17,32 @@ use crate::reality::Trial;
 use crate::task::Scene;
 use crate::task::scene::Shape;
 use crate::trajectory::Track;
+use crate::world::effect::{self, Active};
 
 /// What a window is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     Flight,
     Contact,
+    Roll,
     Run,
+}
+
+/// The straight piece of a static that a disc bounces off or rolls along.
+#[derive(Clone, Debug)]
+pub struct Surface {
+    /// Away from the static.
+    pub normal: [f64; 2],
+    /// The disc's centre is at `normal . p = level` when it touches, m.
+    pub level: f64,
+    /// Coefficients of the body and of the static, and whether each carries the latents.
+    pub friction: [f64; 2],
+    pub restitution: [f64; 2],
+    pub carries: [bool; 2],
+    /// m
+    pub radius: f64,
+    /// Moment of inertia over mass and radius squared.
+    pub inertia: f64,
 }
 
 /// One observed position.
@@ -39,7 +59,7 @@ pub struct Point {
 }
 
 /// A piece of a trial.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct Window {
     /// Index of the trial.
     pub trial: usize,
@@ -52,10 +72,13 @@ pub struct Window {
     pub start: f64,
     /// In order of time.
     pub points: Vec<Point>,
-    /// Initial values of the nuisances: none, or x, y, vx, vy (flight), and omega and offset (contact).
+    /// Initial values of the nuisances: none (run); x, y, vx, vy (flight), and omega and offset (contact); way, speed,
+    /// height, slope (roll).
     pub nuisances: Vec<f64>,
-    /// Direction of the offset.
-    pub normal: [f64; 2],
+    /// What is touched in a contact or roll.
+    pub surface: Option<Surface>,
+    /// The scene's own effects.
+    pub own: Vec<Active>,
     /// The data's own smooth, for the noise floor.
     pub smooth: Option<Smooth>,
 }
@@ -117,7 +140,7 @@ fn run(trial: &Trial, index: usize, setting: usize) -> Option<Window> {
         scene.observe_every = 1;
     }
     scene.steps = (last / scene.time_step).round().max(1.0) as u32 + u32::from(!on_grid);
-    let (nuisances, normal) = (Vec::new(), [0.0, 1.0]);
+    let (own, nuisances) = (own(&scene), Vec::new());
     Some(Window {
         trial: index,
         setting,
@@ -126,7 +149,8 @@ fn run(trial: &Trial, index: usize, setting: usize) -> Option<Window> {
         start,
         points,
         nuisances,
-        normal,
+        surface: None,
+        own,
         smooth: None,
     })
 }
@@ -182,20 +206,100 @@ fn flights(trial: &Trial, index: usize, setting: usize, body: usize, out: &mut V
         let ((a, b), (c, d)) = (pair[0], pair[1]);
         let touch = (b..c).find_map(|i| touches[i]);
         let single = c == b + 1 && rows[c].0 - rows[b - 1].0 < 3.0 * usual;
-        let (Some(Touch { normal, fixed: true }), true) = (touch, single && b - a >= 5 && d - c >= 5) else {
+        let (Some(Touch { normal, level, fixed: Some(fixed) }), true) =
+            (touch, single && b - a >= 5 && d - c >= 5)
+        else {
             continue;
         };
+        let Some(surface) = surface(trial, body, fixed, normal, level) else { continue };
         let (from, to) = (b - AROUND.min(b - a), c + AROUND.min(d - c));
         let mut chosen: Vec<(f64, [f64; 2])> = rows[from..b].to_vec();
         chosen.extend(&rows[c..to]);
         let mut window = shoot(&chosen, alone(true), Kind::Contact, &[]);
-        window.scene.time_step = (usual / 8.0).min(window.scene.time_step).min(1e-3);
-        window.scene.steps = steps(chosen[chosen.len() - 1].0 - chosen[0].0, window.scene.time_step);
         window.nuisances = start_of(&rows[from..b], window.scene.gravity);
         window.nuisances.extend([0.0, 0.0]);
-        window.normal = normal;
+        window.surface = Some(surface);
         out.push(Window { trial: index, setting, ..window });
     }
+    for (from, to, touch) in rolls(&touches, &rows) {
+        let Some(surface) = touch.fixed.and_then(|f| surface(trial, body, f, touch.normal, touch.level)) else {
+            continue;
+        };
+        let rows = &rows[from..to];
+        let smooth = smooth(rows);
+        let mut window = shoot(rows, alone(true), Kind::Roll, &[]);
+        for (point, kept) in window.points.iter_mut().zip(&smooth.kept) {
+            point.weight = if *kept { 1.0 } else { 0.0 };
+        }
+        let [_, _, vx, vy] = start_of(&rows[..rows.len().min(12)], [0.0; 2])[..] else { continue };
+        window.nuisances = vec![0.0, vx * touch.normal[1] - vy * touch.normal[0], 0.0, 0.0];
+        window.surface = Some(surface);
+        window.smooth = Some(smooth);
+        out.push(Window { trial: index, setting, ..window });
+    }
+}
+
+/// Stretches (first row, end, what is touched) along one straight static in which the height above it changes no more
+/// than noise does.
+fn rolls(touches: &[Option<Touch>], rows: &[(f64, [f64; 2])]) -> Vec<(usize, usize, Touch)> {
+    let mut out = Vec::new();
+    let mut i = 0;
+    while i < rows.len() {
+        let Some(touch) = touches[i] else {
+            i += 1;
+            continue;
+        };
+        let same = |k: usize| {
+            touches[k].is_some_and(|t| {
+                t.fixed.is_some()
+                    && t.fixed == touch.fixed
+                    && (t.normal[0] - touch.normal[0]).hypot(t.normal[1] - touch.normal[1]) < 1e-3
+            })
+        };
+        let end = (i..rows.len()).find(|k| !same(*k)).unwrap_or(rows.len());
+        // The first of a landing still slides or hops.
+        let from = i + if i > 0 { 2 } else { 0 };
+        if end >= from + FLIGHT {
+            let n = touch.normal;
+            let height = |k: usize| rows[k].1[0] * n[0] + rows[k].1[1] * n[1];
+            let way = |k: usize| rows[k].1[0] * n[1] - rows[k].1[1] * n[0];
+            let third = |f: &dyn Fn(usize) -> f64, k: usize| {
+                (f(k + 3) - 3.0 * f(k + 2) + 3.0 * f(k + 1) - f(k)).abs() / 20f64.sqrt()
+            };
+            let noise: Vec<f64> =
+                (from..end - 3).flat_map(|k| [third(&height, k), third(&way, k)]).collect();
+            let noise = 1.4826 * median(&noise);
+            let mean = (from..end).map(height).sum::<f64>() / (end - from) as f64;
+            let spread = (from..end).map(|k| (height(k) - mean).powi(2)).sum::<f64>() / (end - from) as f64;
+            if spread.sqrt() < 3.0 * noise + 1e-6 {
+                out.push((from, end, touch));
+            }
+        }
+        i = end.max(i + 1);
+    }
+    out
+}
+
+/// What a disc touches; `None` for other shapes, which turn as they touch.
+fn surface(trial: &Trial, body: usize, fixed: usize, normal: [f64; 2], level: f64) -> Option<Surface> {
+    let (own, other) = (&trial.scene.bodies[body], &trial.scene.statics[fixed]);
+    let Shape::Disc { radius } = own.shape else { return None };
+    let (mass, inertia) = own.mass_properties(None);
+    Some(Surface {
+        normal,
+        level,
+        friction: [own.friction, other.friction],
+        restitution: [own.restitution, other.restitution],
+        carries: [trial.scene.carries_latents(&own.name), trial.scene.carries_latents(&other.name)],
+        radius,
+        inertia: inertia / (mass * radius * radius),
+    })
+}
+
+/// The scene's own effects; a scene was checked before it came here.
+fn own(scene: &Scene) -> Vec<Active> {
+    let damping = scene.damping.filter(|kept| *kept < 1.0).map(effect::damping);
+    damping.iter().chain(&scene.effects).filter_map(|term| effect::resolve(term, "effects").ok()).collect()
 }
 
 fn shoot(rows: &[(f64, [f64; 2])], mut scene: Scene, kind: Kind, nuisances: &[f64]) -> Window {
@@ -205,6 +309,7 @@ fn shoot(rows: &[(f64, [f64; 2])], mut scene: Scene, kind: Kind, nuisances: &[f6
         .map(|(t, seen)| Point { body: 0, time: t - start, seen: *seen, weight: 1.0 })
         .collect::<Vec<_>>();
     scene.steps = steps(points[points.len() - 1].time, scene.time_step);
+    let own = own(&scene);
     Window {
         trial: 0,
         setting: 0,
@@ -213,7 +318,8 @@ fn shoot(rows: &[(f64, [f64; 2])], mut scene: Scene, kind: Kind, nuisances: &[f6
         start,
         points,
         nuisances: nuisances.to_vec(),
-        normal: [0.0, 1.0],
+        surface: None,
+        own,
         smooth: None,
     }
 }
@@ -249,8 +355,10 @@ fn start_of(rows: &[(f64, [f64; 2])], gravity: [f64; 2]) -> Vec<f64> {
 struct Touch {
     /// Away from the surface.
     normal: [f64; 2],
-    /// Whether the other is a static.
-    fixed: bool,
+    /// Where along the normal the body's centre touches, m.
+    level: f64,
+    /// The static, if the other is one.
+    fixed: Option<usize>,
 }
 
 /// For each row whether the body touches something about then: the gap to it has a low minimum where approach turns
@@ -267,7 +375,7 @@ fn touches(trial: &Trial, body: usize, rows: &[(f64, [f64; 2])]) -> Vec<Option<T
         }
     };
     let near = 0.15 * extent;
-    for fixed in &scene.statics {
+    for (f, fixed) in scene.statics.iter().enumerate() {
         let gap = |p: [f64; 2]| fixed.gap_to(&shape.placed(p, 0.0));
         let gaps: Vec<f64> = rows.iter().map(|(_, p)| gap(*p)).collect();
         let h = 1e-3 * extent;
@@ -279,7 +387,11 @@ fn touches(trial: &Trial, body: usize, rows: &[(f64, [f64; 2])]) -> Vec<Option<T
             let length = n[0].hypot(n[1]);
             if length > 0.0 { [n[0] / length, n[1] / length] } else { [0.0, 1.0] }
         };
-        mark(&gaps, near, |i| out[i] = Some(Touch { normal: normal(rows[i].1), fixed: true }));
+        mark(&gaps, near, |i| {
+            let (p, normal) = (rows[i].1, normal(rows[i].1));
+            let level = p[0] * normal[0] + p[1] * normal[1] - gaps[i];
+            out[i] = Some(Touch { normal, level, fixed: Some(f) });
+        });
     }
     for (k, other) in trial.observed.bodies.iter().enumerate().filter(|(k, _)| *k != body) {
         let Some(theirs) = scene.bodies[k].shape.convex() else { continue };
@@ -291,7 +403,7 @@ fn touches(trial: &Trial, body: usize, rows: &[(f64, [f64; 2])]) -> Vec<Option<T
                 None => f64::INFINITY,
             })
             .collect();
-        mark(&gaps, near, |i| out[i] = Some(Touch { normal: [0.0, 1.0], fixed: false }));
+        mark(&gaps, near, |i| out[i] = Some(Touch { normal: [0.0, 1.0], level: 0.0, fixed: None }));
     }
     out
 }

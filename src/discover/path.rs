@@ -1,0 +1,265 @@
+//! How one body moves in a window: through the air, against one surface once, or rolling along it; integrated here in
+//! microseconds, since a diagnosis needs a hundred thousand such paths.
+//!
+//! Effects enter as the registry has them: a law of motion's kick over [`INSTANT`] is its acceleration, a law of contact
+//! is asked once at the bounce, a sensor shows each state at the time its clock stands for. Between observations the
+//! classical Runge-Kutta method of fourth order.
+//!
+//! Differences from the engines: these are the continuous equations, which engines approach as their step shrinks. A
+//! bounce takes no time: normal speed turns by the restitution, slip goes to what the laws of contact ask for as far
+//! as friction reaches. Rolling is without slip.
+
+use super::window::{Kind, Surface, Window};
+use crate::world::Latents;
+use crate::world::effect::{
+    Act, Answer, Constants, Effect, Meeting, Motion, Moving, Sensor, Shown, Surroundings, Touch,
+};
+
+/// s; accelerations are speeds gained in it. Small against every motion, large against rounding.
+const INSTANT: f64 = 1e-6;
+/// Longest step of integration, s, and the longest where a law has edges in space.
+const STEP: [f64; 2] = [0.03, 0.004];
+
+/// What acts in a window.
+pub struct Physics<'a> {
+    window: &'a Window,
+    motions: Vec<(&'static dyn Motion, Constants)>,
+    touches: Vec<(&'static dyn Touch, Constants)>,
+    sensors: Vec<(&'static dyn Sensor, Constants)>,
+    /// True time = rate * stamp + offset.
+    clock: [f64; 2],
+    step: f64,
+    restitution: f64,
+    friction: f64,
+}
+
+/// x, y, vx, vy, omega
+type Body = [f64; 5];
+
+impl<'a> Physics<'a> {
+    /// The scene's own effects and `terms`, with the registry's order of values.
+    pub fn new(window: &'a Window, terms: &[(&'static Effect, &[f64])], latents: &Latents) -> Physics<'a> {
+        let around = Surroundings { time_step: INSTANT, gravity: window.scene.gravity };
+        let own = window.own.iter().map(|a| (a.effect, a.values.as_slice()));
+        let (mut motions, mut touches, mut sensors) = (Vec::new(), Vec::new(), Vec::new());
+        let mut step = STEP[0];
+        for (effect, values) in own.chain(terms.iter().copied()) {
+            if effect.parameters.iter().zip(values).all(|(p, v)| p.neutral == *v) {
+                continue;
+            }
+            match effect.act {
+                Act::Motion(law) => motions.push((law, law.constants(values, &around))),
+                Act::Contact(law) => touches.push((law, law.constants(values, &around))),
+                Act::Sensor(sensor) => sensors.push((sensor, sensor.constants(values, &around))),
+                // A start of its own takes up whatever a placement does.
+                Act::Action(_) => {}
+            }
+            if effect.acts_on == "region" {
+                step = STEP[1];
+            }
+        }
+        let clock = sensors.iter().fold([1.0, 0.0], |[rate, offset], (sensor, c)| {
+            let [r, o] = sensor.clock(c);
+            [rate * r, rate * o + offset]
+        });
+        let (mut restitution, mut friction) = (1.0, 1.0);
+        if let Some(s) = &window.surface {
+            for k in 0..2 {
+                let carried = |latent: Option<f64>, own: f64| if s.carries[k] { latent.unwrap_or(own) } else { own };
+                restitution *= carried(latents.restitution, s.restitution[k]);
+                friction *= carried(latents.friction, s.friction[k]);
+            }
+        }
+        Physics { window, motions, touches, sensors, clock, step, restitution, friction }
+    }
+
+    /// Seen positions at the window's points, two numbers each; NaN where the path leaves all bounds. `visit` is given
+    /// every true state: index of the point, (x, y, vx, vy).
+    pub fn seen(&self, nuisances: &[f64], mut visit: impl FnMut(usize, [f64; 4])) -> Vec<f64> {
+        let points = &self.window.points;
+        let mut out = Vec::with_capacity(2 * points.len());
+        let Some(first) = points.first() else { return out };
+        let stamp = |t: f64| self.clock[0] * (self.window.start + t) + self.clock[1];
+        let mut time = stamp(first.time);
+        let mut rolling = self.rolling(nuisances);
+        let mut body: Body = match (&rolling, nuisances) {
+            (Some(r), _) => r.body(),
+            (None, [x, y, vx, vy, rest @ ..]) => [*x, *y, *vx, *vy, rest.first().copied().unwrap_or(0.0)],
+            (None, _) => [f64::NAN; 5],
+        };
+        let mut surface = self.window.surface.as_ref().filter(|_| self.window.kind == Kind::Contact);
+        let offset = nuisances.get(5).copied().unwrap_or(0.0);
+        for (i, point) in points.iter().enumerate() {
+            let until = stamp(point.time);
+            let count = ((until - time) / self.step).ceil().max(1.0);
+            let h = (until - time) / count;
+            if h > 1e-12 {
+                for k in 0..count as usize {
+                    let now = time + h * k as f64;
+                    if let Some(r) = &mut rolling {
+                        self.roll(now, r, h);
+                        body = r.body();
+                        continue;
+                    }
+                    let next = self.advance(now, &body, h);
+                    body = match surface {
+                        Some(s) if s.below(&next, offset) && s.approaches(&next) => {
+                            surface = None;
+                            self.bounce(now, &body, h, s, offset)
+                        }
+                        _ => next,
+                    };
+                }
+            }
+            time = until;
+            visit(i, [body[0], body[1], body[2], body[3]]);
+            let state = Shown { x: body[0], y: body[1], angle: 0.0, vx: body[2], vy: body[3], omega: body[4] };
+            let shown = self.sensors.iter().fold(state, |s, (sensor, c)| sensor.show(c, s));
+            let fine = shown.x.abs() < 1e7 && shown.y.abs() < 1e7;
+            out.extend(if fine { [shown.x, shown.y] } else { [f64::NAN; 2] });
+        }
+        out
+    }
+
+    /// (impact, rebound) speed along the normal of a contact window, m/s.
+    pub fn speeds(&self, nuisances: &[f64]) -> Option<(f64, f64)> {
+        let normal = self.window.surface.as_ref()?.normal;
+        let mut along = Vec::new();
+        self.seen(nuisances, |_, s| along.push(s[2] * normal[0] + s[3] * normal[1]));
+        let turn = (1..along.len()).find(|i| along[*i] > 0.0 && along[*i - 1] < 0.0)?;
+        Some((-along[turn - 1], along[turn]))
+    }
+
+    fn acceleration(&self, time: f64, s: &Body) -> [f64; 3] {
+        let mut v = [s[2], s[3], s[4]];
+        for (law, constants) in &self.motions {
+            let moving = Moving { time, x: s[0], y: s[1], vx: v[0], vy: v[1], omega: v[2] };
+            v = law.kick(constants, moving, INSTANT);
+        }
+        let g = self.window.scene.gravity;
+        [(v[0] - s[2]) / INSTANT + g[0], (v[1] - s[3]) / INSTANT + g[1], (v[2] - s[4]) / INSTANT]
+    }
+
+    fn advance(&self, time: f64, s: &Body, h: f64) -> Body {
+        if self.motions.is_empty() {
+            let g = self.window.scene.gravity;
+            return [
+                s[0] + h * s[2] + 0.5 * h * h * g[0],
+                s[1] + h * s[3] + 0.5 * h * h * g[1],
+                s[2] + h * g[0],
+                s[3] + h * g[1],
+                s[4],
+            ];
+        }
+        let slope = |t: f64, s: &Body| {
+            let a = self.acceleration(t, s);
+            [s[2], s[3], a[0], a[1], a[2]]
+        };
+        let add = |k: &Body, h: f64| -> Body { std::array::from_fn(|i| s[i] + h * k[i]) };
+        let k1 = slope(time, s);
+        let k2 = slope(time + h / 2.0, &add(&k1, h / 2.0));
+        let k3 = slope(time + h / 2.0, &add(&k2, h / 2.0));
+        let k4 = slope(time + h, &add(&k3, h));
+        std::array::from_fn(|i| s[i] + h / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]))
+    }
+
+    /// A step in which the surface is met: up to it, off it, on.
+    fn bounce(&self, time: f64, s: &Body, h: f64, surface: &Surface, offset: f64) -> Body {
+        let height = |s: &Body| surface.height(s, offset);
+        let (mut low, mut high) = (0.0, h);
+        for _ in 0..40 {
+            let middle = 0.5 * (low + high);
+            if height(&self.advance(time, s, middle)) > 0.0 { low = middle } else { high = middle }
+        }
+        let mut at = self.advance(time, s, low);
+        let n = surface.normal;
+        let speed = at[2] * n[0] + at[3] * n[1];
+        let slip = at[3] * n[0] - at[2] * n[1] - surface.radius * at[4];
+        let meeting = Meeting { approach: (-speed).max(0.0), slip, begins: true };
+        let own = Answer { restitution: self.restitution, slip: 0.0 };
+        let answer = self.touches.iter().fold(own, |a, (law, c)| law.meet(c, meeting, a));
+        // Impulses over the mass; along the tangent (-ny, nx) of the slip.
+        let normal = -(1.0 + answer.restitution) * speed;
+        let mobility = 1.0 + 1.0 / surface.inertia;
+        let most = self.friction * normal;
+        let tangent = ((answer.slip - slip) / mobility).clamp(-most, most);
+        at[2] += normal * n[0] - tangent * n[1];
+        at[3] += normal * n[1] + tangent * n[0];
+        at[4] -= tangent / (surface.inertia * surface.radius);
+        self.advance(time + low, &at, h - low)
+    }
+
+    fn rolling(&self, nuisances: &[f64]) -> Option<Rolling> {
+        let surface = self.window.surface.as_ref().filter(|_| self.window.kind == Kind::Roll)?;
+        let [way, speed, height, slope] = *nuisances else { return None };
+        let first = self.window.points.first()?.seen;
+        let n = surface.normal;
+        Some(Rolling { first, normal: n, radius: surface.radius, inertia: surface.inertia, way, speed, height, slope })
+    }
+
+    fn roll(&self, time: f64, r: &mut Rolling, h: f64) {
+        let slope = |way: f64, speed: f64| {
+            let at = Rolling { way, speed, ..*r };
+            let body = at.body();
+            let a = self.acceleration(time, &body);
+            let along = a[0] * at.normal[1] - a[1] * at.normal[0];
+            // A rolling disc turns against the tangent: centre and spin share one speed.
+            let spin = -a[2] * at.radius;
+            let free = (along + at.inertia * spin) / (1.0 + at.inertia);
+            let load = -(a[0] * at.normal[0] + a[1] * at.normal[1]);
+            let off: f64 = self.touches.iter().map(|(law, c)| law.roll(c, load.max(0.0) * INSTANT)).sum();
+            free - speed.signum() * off / INSTANT
+        };
+        let a = slope(r.way, r.speed);
+        let middle = slope(r.way + 0.5 * h * r.speed, r.speed + 0.5 * h * a);
+        let next = r.speed + h * middle;
+        // What comes to rest stays.
+        let stopped = next * r.speed < 0.0 && !self.touches.is_empty();
+        r.way += h * (r.speed + 0.5 * h * middle);
+        r.speed = if stopped { 0.0 } else { next };
+    }
+}
+
+/// A disc that rolls along a straight surface.
+#[derive(Clone, Copy)]
+struct Rolling {
+    /// Where ways are counted from, m.
+    first: [f64; 2],
+    normal: [f64; 2],
+    radius: f64,
+    inertia: f64,
+    /// Along (ny, -nx), m and m/s.
+    way: f64,
+    speed: f64,
+    /// How far the surface is from where it is thought, m, and how that grows along it.
+    height: f64,
+    slope: f64,
+}
+
+impl Rolling {
+    fn body(&self) -> Body {
+        let n = self.normal;
+        let up = self.height + self.slope * self.way;
+        [
+            self.first[0] + self.way * n[1] + up * n[0],
+            self.first[1] - self.way * n[0] + up * n[1],
+            self.speed * n[1],
+            -self.speed * n[0],
+            -self.speed / self.radius,
+        ]
+    }
+}
+
+impl Surface {
+    fn height(&self, s: &Body, offset: f64) -> f64 {
+        s[0] * self.normal[0] + s[1] * self.normal[1] - self.level - offset
+    }
+
+    fn below(&self, s: &Body, offset: f64) -> bool {
+        self.height(s, offset) < 0.0
+    }
+
+    fn approaches(&self, s: &Body) -> bool {
+        s[2] * self.normal[0] + s[3] * self.normal[1] < 0.0
+    }
+}
