@@ -191,7 +191,7 @@ pub fn diagnose(
     let (state, first) = model::fit(&data, &layout, state, 6)?;
     let expected = expected(&windows, kept.len(), &noise);
     let base = Fitted::new(layout, state, first, &settings);
-    let found = search::search(scene, data, base, &expected, &latents, config, progress)?;
+    let found = search::search(scene, data, base, &expected, &noise, &latents, config, progress)?;
     let judged = search::Judged { names: &names, settings: &settings, noise: &noise, expected: &expected };
     conclude(scene, trials, &windows, &kept, found, &judged, config)
 }
@@ -232,6 +232,15 @@ impl Expected {
         }
         let shares: Vec<f64> = squares.iter().zip(&self.mean).map(|(s, m)| (s - m) / m.max(1.0)).collect();
         median(&shares).max(0.0)
+    }
+
+    /// Excess over the floor as a share of it; the same in its standard deviations if the noise is what it is taken for;
+    /// p by trial.
+    pub fn above(&self, fit: &Fitted, windows: &[Window]) -> (f64, f64, f64) {
+        let (excess, p) = self.misfit_of(fit, windows);
+        let all: f64 = self.mean.iter().sum();
+        let deviation = (self.variance.iter().sum::<f64>() + (all * self.floor_error).powi(2)).sqrt();
+        (excess, excess * all / deviation.max(1e-9), p)
     }
 
     /// Excess over the floor as a share of it, and p, by trial.
@@ -437,8 +446,9 @@ fn conclude(
     let by_floor = if left_p < MISFIT && left_excess > SLIGHT { left_excess / base_excess.max(1e-9) } else { 0.0 };
     let by_signs = if lack.tested.p < MISFIT { lack.sure() / sure_of_base.max(1e-9) } else { 0.0 };
     let unexplained = (base_excess > SLIGHT).then(|| (left_excess / base_excess).clamp(0.0, 1.0));
-    let misfit = base_lack_p < MISFIT;
-    let remains = lack.tested.p < MISFIT && by_floor.max(by_signs) > REMAINS;
+    let far = |f: &Fitted| search::far(expected.above(f, windows));
+    let misfit = base_lack_p < MISFIT || far(&base);
+    let remains = (lack.tested.p < MISFIT || far(model)) && by_floor.max(by_signs) > REMAINS;
     if std::env::var("LAB").is_ok() {
         eprintln!(
             "base p {base_lack_p} floor-p {base_p:.1e} excess {base_excess:.3} sure {:.1}/{:.1}; left p {} floor-p {left_p:.1e} shares {by_floor:.3} {by_signs:.3} {}",

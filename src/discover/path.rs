@@ -18,7 +18,7 @@ use crate::world::effect::{
 /// s; accelerations are speeds gained in it. Small against every motion, large against rounding.
 const INSTANT: f64 = 1e-6;
 /// Longest step of integration, s, and the longest where a law has edges in space.
-const STEP: [f64; 2] = [0.03, 0.004];
+const STEP: [f64; 2] = [0.03, 0.007];
 
 /// What acts in a window.
 pub struct Physics<'a> {

@@ -50,12 +50,12 @@ pub struct Judged<'a> {
 
 /// p of all trials' signs below which there is anything to look for.
 const ANYTHING: f64 = 0.01;
-/// p below which a set is known to lack something.
-const ADEQUATE: f64 = 0.01;
+/// The same by the noise floor: excess as a share of it, standard deviations above it, p by trial.
+const FAR: [f64; 3] = [0.4, 6.0, 0.1];
 /// p below which a term is accepted beside the others of its set.
 const ACCEPT: f64 = 0.01;
-/// p below which what the best set has and another has not would help the other.
-const BEATEN: f64 = 0.01;
+/// p (of two tests) below which what the best set has and another has not would help the other.
+const BEATEN: f64 = 0.015;
 /// Share that a term must remove of the excess that the set without it leaves.
 const TENTH: f64 = 0.1;
 /// Share that a term must remove of the base's excess: real recordings have errors of their own, and some effect always
@@ -63,19 +63,20 @@ const TENTH: f64 = 0.1;
 const HUNDREDTH: f64 = 0.01;
 /// Share of the base's excess below which what a set lacks does not speak against it.
 const NEGLIGIBLE: f64 = 0.01;
-/// Standard errors by which a set with more parameters than the simplest must be better to be a rival. Many effects
-/// hold simpler ones within them (a gust of long period is wind): chance alone makes those a little better.
-const OCCAM: f64 = 1.65;
-/// Difference of losses, units of the noise's variance, that is worth looking at.
+/// Difference of held-out losses, units of the noise's variance, that is worth looking at; so much again for every
+/// parameter more. Many effects hold simpler ones within them (a gust of long period is wind): chance alone makes
+/// those a little better.
 const HAIR: f64 = 2.0;
+/// Difference that decides: likelihoods a thousand to one.
+const LIKELY: f64 = 14.0;
 /// Best starts of an effect from which it is fitted.
 const STARTS: usize = 2;
 /// Pairs, and triples, that are fitted: those whose linear estimate is best.
-const FITTED: usize = 10;
+const FITTED: usize = 8;
 /// Fits of a size that are tested for what they lack.
-const TESTED: usize = 8;
+const TESTED: usize = 6;
 /// Sets of the size before from which larger ones are made: none, singles, pairs.
-const PARENTS: [usize; 3] = [0, 6, 4];
+const PARENTS: [usize; 3] = [0, 5, 3];
 
 /// Fits a layout, runs from their beginnings to their ends little by little: far from the right model a late
 /// collision says nothing.
@@ -97,13 +98,16 @@ pub fn search<'a>(
     data: Data<'a>,
     base: Fitted,
     expected: &Expected,
+    noise: &Noise,
     latents: &[usize],
     config: &Config,
     progress: &dyn Progress,
 ) -> Result<Found<'a>> {
     let span = library::span(data.windows);
     let library = Library { candidates: library::candidates(scene, &span) };
-    let hunt = Hunt { data: &data, library: &library, latents, seed: config.seed };
+    let rho = noise.rho.max(0.0);
+    let unit = (1.0 + rho) / (1.0 - rho);
+    let hunt = Hunt { data: &data, library: &library, latents, expected, unit, seed: config.seed };
     progress.report("looking for anything at all", 0, 1)?;
     let lack = hunt.test(&base)?;
     let mut found = Found {
@@ -116,10 +120,11 @@ pub fn search<'a>(
         considered: Vec::new(),
         data: Data { windows: data.windows, settings: data.settings, sd: data.sd.clone(), ..data },
     };
-    if found.base_lack.tested.p >= ANYTHING {
+    if !hunt.lacks(&found.base, &found.base_lack) {
         return Ok(found);
     }
     let excess = (model::total(&found.base.pass) - expected.total()).max(0.0);
+    let mut most_parameters = usize::MAX;
     for size in 1..=config.most_effects {
         let stage = ["trying single effects", "trying pairs of effects", "trying triples of effects"][size.min(3) - 1];
         let first = found.fits.len();
@@ -133,7 +138,7 @@ pub fn search<'a>(
                 best.filter_map(|i| Some((&found.fits[i], found.lacks[i].as_ref()?))).collect()
             }
         };
-        let unions = hunt.unions(&parents, if size == 1 { usize::MAX } else { FITTED });
+        let unions = hunt.unions(&parents, if size == 1 { usize::MAX } else { FITTED }, most_parameters);
         progress.report(stage, 0, unions.len() as u64)?;
         let fitted: Vec<Result<Option<Fitted>>> = unions.into_par_iter().map(|u| hunt.fit(u)).collect();
         let mut fits = Vec::new();
@@ -154,13 +159,20 @@ pub fn search<'a>(
             found.lacks.push(lack?);
         }
         hunt.complete(&mut found, first)?;
-        let enough = (first..found.fits.len()).any(|i| {
-            let lack = found.lacks[i].as_ref();
-            lack.is_some_and(|l| l.tested.p >= ADEQUATE || l.sure() < NEGLIGIBLE * excess)
-                && hunt.accepted(&found, i, expected)
-        });
-        if enough {
+        let enough = (first..found.fits.len())
+            .filter(|i| {
+                hunt.adequate(&found, *i, excess) && hunt.accepted(&found, *i)
+            })
+            .count()
+            > 0;
+        if most_parameters < usize::MAX {
             break;
+        }
+        if enough {
+            // A set of more effects can still be as simple, by its parameters, and better.
+            let accepted: Vec<usize> = (0..found.fits.len()).filter(|i| hunt.accepted(&found, *i)).collect();
+            let (_, tied) = hunt.choose(&found, &accepted, excess)?;
+            most_parameters = tied.iter().map(|i| found.fits[*i].parameters()).max().unwrap_or(0);
         }
     }
     for i in 0..found.fits.len() {
@@ -172,11 +184,16 @@ pub fn search<'a>(
         }
     }
     let accepted: Vec<usize> =
-        (0..found.fits.len()).filter(|i| hunt.accepted(&found, *i, expected)).collect();
+        (0..found.fits.len()).filter(|i| hunt.accepted(&found, *i)).collect();
     let (champion, rivals) = hunt.choose(&found, &accepted, excess)?;
     (found.champion, found.rivals) = (champion, rivals);
     found.considered = considered(&found.fits, &accepted, expected);
     Ok(found)
+}
+
+/// Whether a fit that is so far above the noise floor lacks something for that alone.
+pub fn far((excess, height, p): (f64, f64, f64)) -> bool {
+    excess > FAR[0] && height > FAR[1] && p < FAR[2]
 }
 
 /// The candidates with their starts.
@@ -208,12 +225,38 @@ struct Hunt<'a, 'b> {
     data: &'b Data<'a>,
     library: &'b Library,
     latents: &'b [usize],
+    expected: &'b Expected,
+    /// Variance of smooth things under the noise, in its own variance: correlated noise counts for less.
+    unit: f64,
     seed: u64,
 }
 
 impl Hunt<'_, '_> {
     fn settings(&self) -> usize {
         self.data.settings.iter().max().map_or(1, |m| m + 1)
+    }
+
+    /// Whether a fit is known to lack something: by the trials' signs, or by standing far above the noise floor. Few
+    /// trials that differ much can hold strong evidence that their signs alone do not show.
+    fn lacks(&self, fit: &Fitted, lack: &Lack) -> bool {
+        lack.tested.p < ANYTHING || far(self.expected.above(fit, self.data.windows))
+    }
+
+    /// Whether a fit is known to lack nothing that matters.
+    fn adequate(&self, found: &Found, i: usize, excess: f64) -> bool {
+        let lack = found.lacks[i].as_ref();
+        lack.is_some_and(|l| l.sure() < NEGLIGIBLE * excess || !self.lacks(&found.fits[i], l))
+    }
+
+    /// Whether one fit's held-out losses are smaller than another's by far more than chance makes them.
+    fn beats(&self, better: &Fitted, worse: &Fitted) -> Result<bool> {
+        let more = better.parameters().saturating_sub(worse.parameters()) as f64;
+        let gain = (held(worse) - held(better)) / self.unit;
+        if gain < HAIR * (1.0 + more) {
+            return Ok(false);
+        }
+        let likely = gain > LIKELY + HAIR * more && paired(&worse.held, &better.held).1 > 1.0;
+        Ok(likely || beaten(worse, better) || self.adds(worse, better, BEATEN)?)
     }
 
     /// What a fit lacks.
@@ -239,12 +282,12 @@ impl Hunt<'_, '_> {
     }
 
     /// The most promising unions of a fit and a candidate.
-    fn unions(&self, parents: &[(&Fitted, &Lack)], most: usize) -> Vec<Union> {
+    fn unions(&self, parents: &[(&Fitted, &Lack)], most: usize, parameters: usize) -> Vec<Union> {
         let mut all: Vec<(f64, Vec<&'static str>, Union)> = Vec::new();
         for (fit, lack) in parents {
             for (c, (effect, terms)) in self.library.candidates.iter().enumerate() {
                 let mut names = fit.names();
-                if names.contains(&effect.name) {
+                if names.contains(&effect.name) || fit.parameters() + effect.parameters.len() > parameters {
                     continue;
                 }
                 names.push(effect.name);
@@ -313,7 +356,8 @@ impl Hunt<'_, '_> {
     }
 
     /// Whether each term of a set earns its place.
-    fn accepted(&self, found: &Found, i: usize, expected: &Expected) -> bool {
+    fn accepted(&self, found: &Found, i: usize) -> bool {
+        let expected = self.expected;
         let f = &found.fits[i];
         let excess = (held(&found.base) - expected.total()).max(0.0);
         (0..f.set.len()).all(|t| {
@@ -353,15 +397,13 @@ impl Hunt<'_, '_> {
         }
         let tested = signs::test(self.data, fit, vec![Group { extras, per_setting }], false, self.seed)?;
         let told = &tested.groups[0];
-        Ok(told.p.min(told.normal_p) < 0.5 * level)
+        Ok(told.p.min(told.normal_p) < level)
     }
 
     /// The simplest of the best sets, and all that tie.
     fn choose(&self, found: &Found, accepted: &[usize], excess: f64) -> Result<(Option<usize>, Vec<usize>)> {
         let fits = &found.fits;
-        let adequate = |i: usize| {
-            found.lacks[i].as_ref().is_some_and(|l| l.tested.p >= ADEQUATE || l.sure() < NEGLIGIBLE * excess)
-        };
+        let adequate = |i: usize| self.adequate(found, i, excess);
         let any = accepted.iter().any(|i| adequate(*i));
         let pool: Vec<usize> = accepted.iter().copied().filter(|i| !any || adequate(*i)).collect();
         let Some(best) = pool.iter().copied().min_by(|a, b| held(&fits[*a]).total_cmp(&held(&fits[*b]))) else {
@@ -369,10 +411,7 @@ impl Hunt<'_, '_> {
         };
         let mut tied = Vec::new();
         for i in pool {
-            let beaten = i != best
-                && held(&fits[i]) > held(&fits[best])
-                && (self.adds(&fits[i], &fits[best], BEATEN)? || beaten(&fits[i], &fits[best]));
-            if !beaten {
+            if i == best || !self.beats(&fits[best], &fits[i])? {
                 tied.push(i);
             }
         }
@@ -393,9 +432,8 @@ impl Hunt<'_, '_> {
         tied.retain(|i| {
             let (own, simplest) = (&fits[*i], &fits[champion]);
             let more = own.parameters().saturating_sub(simplest.parameters()) as f64;
-            let (gain, t) = paired(&simplest.held, &own.held);
-            (own.set.len() <= simplest.set.len() && more == 0.0)
-                || (t > OCCAM && gain * own.held.len() as f64 > HAIR * (1.0 + more))
+            let gain = (held(simplest) - held(own)) / self.unit;
+            (own.set.len() <= simplest.set.len() && more == 0.0) || gain > HAIR * (1.0 + more)
         });
         Ok((Some(champion), tied))
     }

@@ -342,7 +342,7 @@ struct Field {
 
 /// Coordinates, and bumps along each: coarse, and as fine as a path's wiggles could be told from its start.
 const FIELDS: [(&[usize], &[usize]); 5] =
-    [(&[1, 2], &[5, 4]), (&[1, 2], &[12, 4]), (&[3, 4], &[4, 4]), (&[0], &[6]), (&[0], &[14])];
+    [(&[1, 2], &[4, 3]), (&[1, 2], &[10, 3]), (&[3, 4], &[4, 3]), (&[0], &[6]), (&[0], &[14])];
 
 fn fields_over(data: &Data, paths: &[Vec<[f64; 4]>]) -> Vec<Field> {
     let mut values: [Vec<f64>; 5] = Default::default();
