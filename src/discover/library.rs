@@ -159,9 +159,10 @@ pub fn span(windows: &[Window]) -> Span {
         }
         let last = w.points.last().map_or(0.0, |p| p.time);
         duration = duration.max(w.start + last);
-        for pair in w.points.windows(2).filter(|p| p[0].body == p[1].body) {
-            path += (pair[1].seen[0] - pair[0].seen[0]).hypot(pair[1].seen[1] - pair[0].seen[1]);
-            time += pair[1].time - pair[0].time;
+        let bodies = w.scene.bodies.len();
+        for (a, b) in w.points.iter().zip(w.points.iter().skip(bodies)).filter(|(a, b)| a.body == b.body) {
+            path += (b.seen[0] - a.seen[0]).hypot(b.seen[1] - a.seen[1]);
+            time += b.time - a.time;
             count += 1;
         }
     }
@@ -171,6 +172,6 @@ pub fn span(windows: &[Window]) -> Span {
         speed: if time > 0.0 { path / time } else { 1.0 },
         interval: time / count.max(1) as f64,
         contacts: windows.iter().any(|w| w.kind != Kind::Flight),
-        runs: windows.iter().any(|w| w.kind == Kind::Run),
+        runs: windows.iter().any(|w| w.kind.simulated()),
     }
 }

@@ -106,7 +106,9 @@ const MISFIT: f64 = 0.01;
 /// The same where no effect was found: to call physics unknown takes more than one odd trial.
 const UNKNOWN: f64 = 0.001;
 /// Share of the base's excess that may remain under a named set.
-const REMAINS: f64 = 0.10;
+const REMAINS: f64 = 0.05;
+/// Effects that push against the velocity.
+const DRAGS: [&str; 3] = ["linear_drag", "quadratic_drag", "moving_air"];
 /// Excess below this share of the noise floor (mean square) is too small to speak of.
 const SLIGHT: f64 = 0.03;
 
@@ -160,14 +162,14 @@ pub fn diagnose(
     trust(&mut windows, config.engine)?;
     let sd: Vec<f64> = windows
         .iter()
-        .map(|w| if w.kind == Kind::Run { runs.unwrap_or(noise.sd) } else { noise.sd })
+        .map(|w| if w.kind.simulated() { runs.unwrap_or(noise.sd) } else { noise.sd })
         .collect();
     let mut data = Data {
         windows: &windows,
         trials: kept.len(),
         settings: &settings,
         sd,
-        horizon: 1.0,
+        frozen: Vec::new(),
         engine: config.engine,
     };
     let layout = Layout::new(&latents, Vec::new(), names.len());
@@ -176,7 +178,7 @@ pub fn diagnose(
         nuisances: windows.iter().map(|w| w.nuisances.clone()).collect(),
     };
     progress.report("fitting the base model", 0, 1)?;
-    let (state, first) = search::settle(&mut data, &layout, start)?;
+    let (state, first) = begin(&mut data, trials, &kept, &layout, start)?;
     // A contact window is trusted as far as contacts repeat.
     let contacts: Vec<f64> = (0..windows.len())
         .filter(|w| windows[*w].kind == Kind::Contact)
@@ -189,7 +191,7 @@ pub fn diagnose(
         }
     }
     let (state, first) = model::fit(&data, &layout, state, 6)?;
-    let expected = expected(&windows, kept.len(), &noise);
+    let expected = expected(&windows, &data.sd, kept.len(), &noise);
     let base = Fitted::new(layout, state, first, &settings);
     let found = search::search(scene, data, base, &expected, &noise, &latents, config, progress)?;
     let judged = search::Judged { names: &names, settings: &settings, noise: &noise, expected: &expected };
@@ -256,7 +258,7 @@ impl Expected {
     }
 }
 
-fn expected(windows: &[Window], trials: usize, noise: &Noise) -> Expected {
+fn expected(windows: &[Window], sd: &[f64], trials: usize, noise: &Noise) -> Expected {
     let mut out = Expected {
         mean: vec![0.0; trials],
         contacts: 0.0,
@@ -264,7 +266,7 @@ fn expected(windows: &[Window], trials: usize, noise: &Noise) -> Expected {
         coordinates: vec![0.0; trials],
         floor_error: (2.0 / noise.freedom * (1.0 + noise.rho.powi(2)) / (1.0 - noise.rho.powi(2))).sqrt(),
     };
-    for w in windows {
+    for (w, _) in windows.iter().zip(sd).filter(|(_, sd)| sd.is_finite()) {
         let n = w.points.iter().filter(|p| p.weight > 0.0).count() as f64;
         let axes = w.smooth.as_ref().map_or(2.0, |s| s.axes);
         let (mean, variance) = match w.kind {
@@ -278,7 +280,10 @@ fn expected(windows: &[Window], trials: usize, noise: &Noise) -> Expected {
                 out.coordinates[w.trial] += 2.0 * n;
                 continue;
             }
-            Kind::Run => (2.0 * n, 4.0 * n),
+            Kind::Run | Kind::Shot => {
+                let left = (2.0 * n - w.nuisances.len() as f64).max(1.0);
+                (left, 2.0 * left)
+            }
         };
         out.mean[w.trial] += mean.max(0.0);
         out.variance[w.trial] += variance;
@@ -290,7 +295,7 @@ fn expected(windows: &[Window], trials: usize, noise: &Noise) -> Expected {
 /// Noise of runs from third differences, which smooth motion and rest leave at nothing; m.
 fn run_noise(windows: &[Window]) -> Option<f64> {
     let mut thirds = Vec::new();
-    for w in windows.iter().filter(|w| w.kind == Kind::Run) {
+    for w in windows.iter().filter(|w| w.kind.simulated()) {
         for body in 0..w.scene.bodies.len() {
             let own: Vec<[f64; 2]> = w.points.iter().filter(|p| p.body == body).map(|p| p.seen).collect();
             for k in own.windows(4) {
@@ -302,6 +307,54 @@ fn run_noise(windows: &[Window]) -> Option<f64> {
     }
     // Half a millimetre: what two engines that mean the same can differ by.
     (!thirds.is_empty()).then(|| (1.4826 * median(&thirds) / 20f64.sqrt()).max(5e-4))
+}
+
+/// Square of a shot's residual, over what noise leaves, beyond which its collisions went another way than simulated.
+const ASTRAY: f64 = 30.0;
+
+/// Fits the base model. Shots try several guesses of their starts first; those that stay far off are left out for good.
+fn begin(
+    data: &mut Data,
+    trials: &[Trial],
+    kept: &[usize],
+    layout: &Layout,
+    start: State,
+) -> Result<(State, model::Pass)> {
+    let mut state = start;
+    if data.windows.iter().any(|w| w.kind == Kind::Shot) {
+        let mut best: Vec<f64> = vec![f64::INFINITY; data.windows.len()];
+        let mut chosen = state.clone();
+        for way in 0..3 {
+            let mut tried = state.clone();
+            for (w, window) in data.windows.iter().enumerate().filter(|(_, w)| w.kind == Kind::Shot) {
+                let observed = &trials[kept[window.trial]].observed;
+                let Some(at) = observed.times.iter().position(|t| *t == window.start) else { continue };
+                let of = |b| window::launch(b, &observed.times, at, window.scene.gravity, way);
+                tried.nuisances[w] = observed.bodies.iter().flat_map(of).collect();
+            }
+            // One step shows how near each guess comes.
+            let (tried, pass) = model::fit(data, layout, tried, 2)?;
+            for (w, square) in pass.squares.iter().enumerate() {
+                if *square < best[w] {
+                    best[w] = *square;
+                    chosen.nuisances[w].clone_from(&tried.nuisances[w]);
+                }
+            }
+        }
+        state.nuisances = chosen.nuisances;
+    }
+    let (state, pass) = model::fit(data, layout, state, 8)?;
+    if data.windows.iter().any(|w| w.kind == Kind::Shot) {
+        for (w, window) in data.windows.iter().enumerate().filter(|(_, w)| w.kind == Kind::Shot) {
+            let left = (2.0 * window.points.len() as f64 - window.nuisances.len() as f64).max(1.0);
+            if pass.squares[w] > ASTRAY * left {
+                data.sd[w] = f64::INFINITY;
+            }
+        }
+        model::freeze(data, layout, &state)?;
+        return model::fit(data, layout, state, 6);
+    }
+    Ok((state, pass))
 }
 
 /// Growth of a start's error beyond which a run is no longer trusted.
@@ -473,14 +526,19 @@ fn conclude(
                 100.0 * unexplained.unwrap_or(0.0)
             ),
         ),
-        Some(f) if rivals.len() > 1 => (
-            Verdict::Ambiguous,
-            format!(
-                "{} sets explain the data equally well; {} is the simplest",
+        Some(f) if rivals.len() > 1 => {
+            let drags = |i: &usize| fits[*i].names().iter().any(|n| DRAGS.contains(n));
+            let against = match rivals.iter().all(drags) {
+                true => "a force against the velocity, its law not identified: ",
+                false => "",
+            };
+            let reason = format!(
+                "{against}{} sets explain the data equally well; {} is the simplest",
                 rivals.len(),
                 f.names().join(" + ")
-            ),
-        ),
+            );
+            (Verdict::Ambiguous, reason)
+        }
         Some(f) => {
             (Verdict::Named, format!("{} explains the data to its noise floor", f.names().join(" + ")))
         }

@@ -14,6 +14,7 @@ use super::path::Physics;
 use super::stats::{inverse, solve};
 use super::window::{Kind, Window};
 use crate::error::Result;
+use crate::task::Scene;
 use crate::task::scene::EffectTerm;
 use crate::trajectory::{End, Trajectory};
 use crate::world::effect::Effect;
@@ -96,12 +97,12 @@ pub struct Data<'a> {
     pub settings: &'a [usize],
     /// Scale of the residuals by window, m.
     pub sd: Vec<f64>,
-    /// Points of a run later than this share of its trusted time do not count.
-    pub horizon: f64,
+    /// Derivatives by the nuisances of shots, found once: by window, by nuisance.
+    pub frozen: Vec<Vec<Vec<f64>>>,
     pub engine: Engine,
 }
 
-/// Residuals of runs count in full up to this many noise scales and by their size beyond (Huber 1964).
+/// Residuals of runs and shots count in full up to this many noise scales and by their size beyond (Huber 1964).
 const HUBER: f64 = 3.0;
 
 impl Slot {
@@ -254,7 +255,7 @@ pub fn looks(data: &Data, layout: &Layout, state: &State, extras: &[Extra]) -> R
     for (w, window) in data.windows.iter().enumerate() {
         let nuisances = &state.nuisances[w];
         let shared = shared(layout, state, window);
-        let moved = if window.kind == Kind::Run {
+        let moved = if window.kind.simulated() {
             runs.next().unwrap_or_default()
         } else {
             integrated(window, layout, state, nuisances, &shared, extras)
@@ -293,10 +294,10 @@ fn shared(layout: &Layout, state: &State, window: &Window) -> Vec<Shared> {
     slots
         .map(|i| {
             let (slot, value) = (&layout.slots[i], state.values[i]);
-            let wide = slot.step * if window.kind == Kind::Run { 3.0 } else { 1.0 };
+            let wide = slot.step * if window.kind.simulated() { 3.0 } else { 1.0 };
             let h = wide.max(1e-4 * value.abs());
             let (mut low, mut high) = ((value - h).max(slot.bounds[0]), (value + h).min(slot.bounds[1]));
-            if window.kind != Kind::Run && !layout.edged(i) {
+            if !window.kind.simulated() && !layout.edged(i) {
                 // Paths integrated here are smooth: one side is enough.
                 if value + h <= slot.bounds[1] { low = value } else { high = value }
             }
@@ -356,36 +357,57 @@ fn integrated(
     }
 }
 
-/// Paths of the runs, simulated in one batch.
+/// Paths of the runs and shots, simulated in one batch.
 fn simulated(data: &Data, layout: &Layout, state: &State, extras: &[Extra]) -> Result<Vec<Moved>> {
-    let runs: Vec<usize> = (0..data.windows.len()).filter(|w| data.windows[*w].kind == Kind::Run).collect();
-    if runs.is_empty() {
+    let chosen: Vec<usize> = (0..data.windows.len()).filter(|w| data.windows[*w].kind.simulated()).collect();
+    if chosen.is_empty() {
         return Ok(Vec::new());
     }
-    let plans: Vec<Vec<Shared>> = runs.iter().map(|w| shared(layout, state, &data.windows[*w])).collect();
-    let mut jobs: Vec<(usize, Vec<EffectTerm>, Latents)> = Vec::new();
-    for (w, plan) in runs.iter().zip(&plans) {
+    let plans: Vec<Vec<Shared>> = chosen.iter().map(|w| shared(layout, state, &data.windows[*w])).collect();
+    let frozen = |w: usize| data.frozen.get(w).filter(|f| !f.is_empty());
+    // Scenes first (by window: as it stands, then each nuisance moved), then what is simulated in them.
+    let mut scenes: Vec<Scene> = Vec::new();
+    let mut jobs: Vec<(usize, usize, Vec<EffectTerm>, Latents)> = Vec::new();
+    for (w, plan) in chosen.iter().zip(&plans) {
         let window = &data.windows[*w];
-        let physics = |values: &[f64]| layout.physics(values, window.setting, 0.0);
+        let physics = |values: &[f64]| layout.physics(values, window.setting, window.start);
         let (effects, latents) = physics(&state.values);
-        jobs.push((*w, effects.clone(), latents));
+        let here = scenes.len();
+        let nuisances = &state.nuisances[*w];
+        scenes.push(placed(window, nuisances));
+        jobs.push((*w, here, effects.clone(), latents));
+        if frozen(*w).is_none() {
+            for k in 0..nuisances.len() {
+                for to in [-1.0, 1.0] {
+                    let mut moved = nuisances.clone();
+                    moved[k] += to * NUDGE[k % 5];
+                    jobs.push((*w, scenes.len(), effects.clone(), latents));
+                    scenes.push(placed(window, &moved));
+                }
+            }
+        }
         for s in plan {
             for end in [s.low, s.high] {
                 let mut moved = state.values.clone();
                 moved[s.slot] = end;
                 let (effects, latents) = physics(&moved);
-                jobs.push((*w, effects, latents));
+                jobs.push((*w, here, effects, latents));
             }
         }
         for e in extras {
             let mut effects = effects.clone();
-            effects.push(library::at_clock(e.effect, &e.values, 0.0));
-            jobs.push((*w, effects, latents));
+            effects.push(library::at_clock(e.effect, &e.values, window.start));
+            jobs.push((*w, here, effects, latents));
         }
     }
     let rollouts: Vec<Rollout> = jobs
         .iter()
-        .map(|(w, effects, latents)| Rollout { scene: &data.windows[*w].scene, latents: *latents, effects, stop: false })
+        .map(|(_, scene, effects, latents)| Rollout {
+            scene: &scenes[*scene],
+            latents: *latents,
+            effects,
+            stop: false,
+        })
         .collect();
     let seen = simulate_map(&rollouts, data.engine, |i, path| predicted(&data.windows[jobs[i].0], &path))?;
     let mut seen = seen.into_iter();
@@ -394,17 +416,50 @@ fn simulated(data: &Data, layout: &Layout, state: &State, extras: &[Extra]) -> R
         high.iter().zip(low).map(|(a, b)| (a - b) / by).collect()
     };
     let mut out = Vec::new();
-    for plan in &plans {
+    for (w, plan) in chosen.iter().zip(&plans) {
         let base = next();
+        let nuisances = match frozen(*w) {
+            Some(known) => known.clone(),
+            None => (0..state.nuisances[*w].len())
+                .map(|k| {
+                    let (low, high) = (next(), next());
+                    slope(&high, &low, 2.0 * NUDGE[k % 5])
+                })
+                .collect(),
+        };
         let mut slots = Vec::new();
         for s in plan {
             let (low, high) = (next(), next());
             slots.push(slope(&high, &low, s.high - s.low));
         }
         let extras = extras.iter().map(|_| slope(&next(), &base, 1.0)).collect();
-        out.push(Moved { base, nuisances: Vec::new(), slots, extras });
+        out.push(Moved { base, nuisances, slots, extras });
     }
     Ok(out)
+}
+
+/// Differences for derivatives by a body's x, y, vx, vy, omega in a shot.
+const NUDGE: [f64; 5] = [1e-3, 1e-3, 1e-2, 1e-2, 5e-2];
+
+/// A shot's scene with its bodies where the nuisances say; a run's as it is.
+fn placed(window: &Window, nuisances: &[f64]) -> Scene {
+    let mut scene = window.scene.clone();
+    for (body, own) in scene.bodies.iter_mut().zip(nuisances.chunks_exact(5)) {
+        body.position = Some([own[0], own[1]]);
+        body.velocity = [own[2], own[3]];
+        body.angular_velocity = own[4];
+    }
+    scene
+}
+
+/// Derivatives by the nuisances of every shot at a state, to be kept: they change little with what a search tries.
+pub fn freeze(data: &mut Data, layout: &Layout, state: &State) -> Result<()> {
+    data.frozen.clear();
+    let mut found = simulated(data, layout, state, &[])?.into_iter();
+    let known = |w: &Window| if w.kind.simulated() { found.next().unwrap_or_default().nuisances } else { Vec::new() };
+    let frozen = data.windows.iter().map(known).collect();
+    data.frozen = frozen;
+    Ok(())
 }
 
 /// Weighs, and projects the nuisances out.
@@ -446,9 +501,12 @@ fn look(data: &Data, w: usize, slots: usize, shared: &[Shared], moved: Moved) ->
         let held: &[(usize, f64)] = match window.kind {
             Kind::Contact => &[(4, 300.0), (5, 0.01)],
             Kind::Roll => &[(2, 0.01), (3, 0.005)],
+            Kind::Shot => &[(4, 3.0), (9, 3.0), (14, 3.0), (19, 3.0)],
             Kind::Flight | Kind::Run => &[],
         };
-        held.iter().for_each(|(k, plausible)| gram[(*k, *k)] += 1.0 / (plausible * plausible));
+        for (k, plausible) in held.iter().filter(|(k, _)| *k < count) {
+            gram[(*k, *k)] += 1.0 / (plausible * plausible);
+        }
         project = inverse(&gram) * start.transpose();
         let by_column = &project * &columns;
         correction = (&project * &residual, by_column.columns(0, slots).into_owned());
@@ -532,17 +590,13 @@ fn step(layout: &Layout, values: &[f64], pass: &Pass, damping: f64, hold_shapes:
 
 /// Square roots of the weights of a window's points.
 fn weights(data: &Data, w: usize, window: &Window, residual: &DVector<f64>) -> Vec<f64> {
-    let last = window.points.last().map_or(0.0, |p| p.time);
     window
         .points
         .iter()
         .enumerate()
         .map(|(i, p)| {
-            if window.kind != Kind::Run {
+            if !window.kind.simulated() {
                 return p.weight.sqrt();
-            }
-            if p.time > data.horizon * last + 1e-9 {
-                return 0.0;
             }
             let size = residual[2 * i].hypot(residual[2 * i + 1]) / data.sd[w];
             (p.weight * (HUBER / size.max(HUBER))).sqrt()
@@ -593,12 +647,13 @@ fn predicted(window: &Window, trajectory: &Trajectory) -> Vec<f64> {
 /// States (x, y, vx, vy) at every window's points, for pictures and for what acts along a path.
 pub fn paths(data: &Data, layout: &Layout, state: &State) -> Result<Vec<Vec<[f64; 4]>>> {
     let mut runs = Vec::new();
-    for window in data.windows.iter().filter(|w| w.kind == Kind::Run) {
-        runs.push((window, layout.physics(&state.values, window.setting, 0.0)));
+    for (w, window) in data.windows.iter().enumerate().filter(|(_, w)| w.kind.simulated()) {
+        let scene = placed(window, &state.nuisances[w]);
+        runs.push((window, scene, layout.physics(&state.values, window.setting, window.start)));
     }
     let rollouts: Vec<Rollout> = runs
         .iter()
-        .map(|(w, (effects, latents))| Rollout { scene: &w.scene, latents: *latents, effects, stop: false })
+        .map(|(_, scene, (effects, latents))| Rollout { scene, latents: *latents, effects, stop: false })
         .collect();
     let mut simulated = simulate_map(&rollouts, data.engine, |i, path| {
         runs[i].0.points.iter().map(|p| state_at(&path, p)).collect::<Vec<_>>()
@@ -607,7 +662,7 @@ pub fn paths(data: &Data, layout: &Layout, state: &State) -> Result<Vec<Vec<[f64
     let mut out = Vec::new();
     for (w, window) in data.windows.iter().enumerate() {
         out.push(match window.kind {
-            Kind::Run => simulated.next().unwrap_or_default(),
+            Kind::Run | Kind::Shot => simulated.next().unwrap_or_default(),
             _ => {
                 let mut states = vec![[f64::NAN; 4]; window.points.len()];
                 with_physics(window, layout, state, |p| {

@@ -18,7 +18,6 @@ use super::noise::Noise;
 use super::report::Considered;
 use super::signs::{self, Group, Tested};
 use super::stats::t_quantile;
-use super::window::Kind;
 use super::{Config, Expected};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
@@ -69,6 +68,10 @@ const NEGLIGIBLE: f64 = 0.01;
 const HAIR: f64 = 2.0;
 /// Difference that decides: likelihoods a thousand to one.
 const LIKELY: f64 = 14.0;
+/// Excess of the middle trial (share of the floor) from which the best set is known to be wrong itself, and how many
+/// times as much another set may leave then: twice the error is four times the square.
+const WRONG: f64 = 0.3;
+const AGAIN: f64 = 4.0;
 /// Best starts of an effect from which it is fitted.
 const STARTS: usize = 2;
 /// Pairs, and triples, that are fitted: those whose linear estimate is best.
@@ -77,20 +80,6 @@ const FITTED: usize = 8;
 const TESTED: usize = 6;
 /// Sets of the size before from which larger ones are made: none, singles, pairs.
 const PARENTS: [usize; 3] = [0, 5, 3];
-
-/// Fits a layout, runs from their beginnings to their ends little by little: far from the right model a late
-/// collision says nothing.
-pub fn settle(data: &mut Data, layout: &Layout, start: State) -> Result<(State, Pass)> {
-    let mut state = start;
-    if data.windows.iter().any(|w| w.kind == Kind::Run) {
-        for horizon in [0.12, 0.3, 0.6] {
-            data.horizon = horizon;
-            state = model::fit(data, layout, state, 3)?.0;
-        }
-        data.horizon = 1.0;
-    }
-    model::fit(data, layout, state, 10)
-}
 
 /// Searches the library.
 pub fn search<'a>(
@@ -118,7 +107,7 @@ pub fn search<'a>(
         champion: None,
         rivals: Vec::new(),
         considered: Vec::new(),
-        data: Data { windows: data.windows, settings: data.settings, sd: data.sd.clone(), ..data },
+        data: Data { sd: data.sd.clone(), frozen: data.frozen.clone(), ..data },
     };
     if !hunt.lacks(&found.base, &found.base_lack) {
         return Ok(found);
@@ -409,8 +398,19 @@ impl Hunt<'_, '_> {
         let Some(best) = pool.iter().copied().min_by(|a, b| held(&fits[*a]).total_cmp(&held(&fits[*b]))) else {
             return Ok((None, Vec::new()));
         };
+        // Where the best is known to be wrong itself, statistics of differences mean little: what is not much further
+        // from the data is as good.
+        let middle = |i: usize| self.expected.middle_excess(&fits[i], self.data.windows);
+        let wrong = middle(best);
+        let no_worse = |i: usize| {
+            wrong > WRONG && fits[i].parameters() <= fits[best].parameters() && middle(i) < AGAIN * wrong
+        };
         let mut tied = Vec::new();
         for i in pool {
+            if no_worse(i) {
+                tied.push(i);
+                continue;
+            }
             if i == best || !self.beats(&fits[best], &fits[i])? {
                 tied.push(i);
             }

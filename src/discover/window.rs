@@ -5,8 +5,10 @@
 //! - *Contact*: a few observations before and after one bounce on a static. Nuisances: position, velocity, spin, and
 //!   where along its normal the surface really is (tables are level to millimetres at best).
 //! - *Roll*: a disc on a straight static. Nuisances: position and speed along it, its real height and slope.
-//! - *Run*: a whole trial whose start is known exactly; no nuisance, up to the horizon at which the start's smallest
-//!   error would show.
+//! - *Run*: the beginning of a trial whose start is known exactly; no nuisance, up to the time at which the start's
+//!   smallest error would show.
+//! - *Shot*: a few observations of all bodies of such a trial, simulated with everything that can touch; each body's
+//!   position, velocity and spin are nuisances. Short enough that one collision does not hide what came before it.
 //!
 //! Source: multiple shooting (Bock, 1983), with starts taken as nuisances instead of being tied together: what happens
 //! in a contact then cannot leak into what is said about the motion.
@@ -26,6 +28,14 @@ pub enum Kind {
     Contact,
     Roll,
     Run,
+    Shot,
+}
+
+impl Kind {
+    /// Whether a world's engine simulates it, with all that can touch.
+    pub fn simulated(self) -> bool {
+        matches!(self, Kind::Run | Kind::Shot)
+    }
 }
 
 /// The straight piece of a static that a disc bounces off or rolls along.
@@ -73,7 +83,7 @@ pub struct Window {
     /// In order of time.
     pub points: Vec<Point>,
     /// Initial values of the nuisances: none (run); x, y, vx, vy (flight), and omega and offset (contact); way, speed,
-    /// height, slope (roll).
+    /// height, slope (roll); x, y, vx, vy, omega of each body (shot).
     pub nuisances: Vec<f64>,
     /// What is touched in a contact or roll.
     pub surface: Option<Surface>,
@@ -85,6 +95,12 @@ pub struct Window {
 
 /// Fewest observations of a flight: 4 nuisances for 2n coordinates must leave something to test.
 pub const FLIGHT: usize = 7;
+/// Intervals of a shot: each body's 5 unknowns against 2 coordinates at one observation more than that.
+pub const SHOT: usize = 3;
+/// Most shots of a trial.
+const SHOTS: usize = 8;
+/// m in a shot; less is rest.
+const MOVES: f64 = 0.1;
 /// Observations on each side of a bounce.
 const AROUND: usize = 8;
 /// Longest gap between observations within a window, as a multiple of the usual one.
@@ -94,12 +110,16 @@ const GAP: f64 = 6.0;
 pub fn cut(base: &Scene, trials: &[Trial], settings: &[usize]) -> Vec<Window> {
     let mut windows = Vec::new();
     for (i, trial) in trials.iter().enumerate() {
-        if start_is_known(base, trial) {
-            windows.extend(run(trial, i, settings[i]));
-            continue;
+        let known = start_is_known(base, trial);
+        let before = windows.len();
+        if !known || trial.scene.bodies.len() == 1 {
+            for body in 0..trial.scene.bodies.len() {
+                flights(trial, i, settings[i], body, &mut windows);
+            }
         }
-        for body in 0..trial.scene.bodies.len() {
-            flights(trial, i, settings[i], body, &mut windows);
+        if known && windows.len() == before {
+            windows.extend(run(trial, i, settings[i]));
+            shots(trial, i, settings[i], &mut windows);
         }
     }
     windows
@@ -123,7 +143,7 @@ fn run(trial: &Trial, index: usize, setting: usize) -> Option<Window> {
     scene.stop = Some(false);
     let start = *trial.observed.times.first()?;
     let mut points = Vec::new();
-    for (i, t) in trial.observed.times.iter().enumerate().skip(1) {
+    for (i, t) in trial.observed.times.iter().enumerate().skip(1).take(SHOT) {
         for (body, track) in trial.observed.bodies.iter().enumerate() {
             if let Some(seen) = seen(track, i) {
                 points.push(Point { body, time: t - start, seen, weight: 1.0 });
@@ -153,6 +173,82 @@ fn run(trial: &Trial, index: usize, setting: usize) -> Option<Window> {
         own,
         smooth: None,
     })
+}
+
+/// Stretches of a trial of [`SHOT`] intervals in which something moves, evenly spread.
+fn shots(trial: &Trial, index: usize, setting: usize, out: &mut Vec<Window>) {
+    let observed = &trial.observed;
+    let bodies = observed.bodies.len();
+    let whole = |i: usize| observed.bodies.iter().all(|b| seen(b, i).is_some());
+    let moves = |i: usize| {
+        observed.bodies.iter().any(|b| (b.x[i + SHOT] - b.x[i]).hypot(b.y[i + SHOT] - b.y[i]) > MOVES)
+    };
+    let last = observed.times.len().saturating_sub(SHOT);
+    let froms: Vec<usize> = (1..last)
+        .step_by(SHOT)
+        .filter(|i| (*i..=i + SHOT).all(whole) && moves(*i))
+        .collect();
+    let stride = froms.len().div_ceil(SHOTS).max(1);
+    for from in froms.into_iter().step_by(stride) {
+        let start = observed.times[from];
+        let mut scene = trial.scene.clone();
+        scene.stop = Some(false);
+        (scene.goal, scene.action) = (None, None);
+        let mut points = Vec::new();
+        for i in from..=from + SHOT {
+            for (body, track) in observed.bodies.iter().enumerate() {
+                points.push(Point {
+                    body,
+                    time: observed.times[i] - start,
+                    seen: [track.x[i], track.y[i]],
+                    weight: 1.0,
+                });
+            }
+        }
+        let time = observed.times[from + SHOT] - start;
+        let gap = time / SHOT as f64 / scene.time_step;
+        let even = (1..=SHOT).all(|k| {
+            let steps = (observed.times[from + k] - start) / scene.time_step;
+            (steps - gap * k as f64).abs() < 1e-6
+        });
+        scene.observe_every = if even && (gap - gap.round()).abs() < 1e-6 { gap.round() as u32 } else { 1 };
+        scene.steps = (time / scene.time_step - 1e-6).ceil() as u32;
+        let mut nuisances = Vec::new();
+        for (b, track) in observed.bodies.iter().enumerate() {
+            scene.bodies[b].angle = if track.angle[from].is_finite() { track.angle[from] } else { 0.0 };
+            nuisances.extend(launch(track, &observed.times, from, scene.gravity, 0));
+        }
+        debug_assert_eq!(nuisances.len(), 5 * bodies);
+        let own = own(&scene);
+        out.push(Window {
+            trial: index,
+            setting,
+            kind: Kind::Shot,
+            scene,
+            start,
+            points,
+            nuisances,
+            surface: None,
+            own,
+            smooth: None,
+        });
+    }
+}
+
+/// Guesses of a body's position, velocity and spin at an observation: as in flight to the next (0), as if nothing
+/// pulled (1), as in flight from the one before (2).
+pub fn launch(track: &Track, times: &[f64], at: usize, gravity: [f64; 2], way: usize) -> [f64; 5] {
+    let (i, j) = if way == 2 && at > 0 { (at - 1, at) } else { (at, at + 1) };
+    let dt = times[j] - times[i];
+    let pull = [-0.5, 0.0, 0.5][way] * dt;
+    let known = |v: f64| if v.is_finite() { v } else { 0.0 };
+    [
+        track.x[at],
+        track.y[at],
+        known((track.x[j] - track.x[i]) / dt + pull * gravity[0]),
+        known((track.y[j] - track.y[i]) / dt + pull * gravity[1]),
+        known((track.angle[j] - track.angle[i]) / dt),
+    ]
 }
 
 /// Flights of one body, and the bounces between them.
