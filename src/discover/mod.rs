@@ -104,7 +104,7 @@ const FEWEST_TRIALS: usize = 4;
 /// p below which a lack of fit counts.
 const MISFIT: f64 = 0.01;
 /// The same where no effect was found: to call physics unknown takes more than one odd trial.
-const UNKNOWN: f64 = 0.001;
+const UNKNOWN: f64 = 0.002;
 /// Share of the base's excess that may remain under a named set.
 const REMAINS: f64 = 0.05;
 /// Effects that push against the velocity.
@@ -179,12 +179,7 @@ pub fn diagnose(
     };
     progress.report("fitting the base model", 0, 1)?;
     let (state, first) = begin(&mut data, trials, &kept, &layout, start)?;
-    // A contact window is trusted as far as contacts repeat.
-    let contacts: Vec<f64> = (0..windows.len())
-        .filter(|w| windows[*w].kind == Kind::Contact)
-        .map(|w| first.squares[w] / (2.0 * windows[w].points.len() as f64 - 5.0).max(1.0))
-        .collect();
-    let blur = median(&contacts).max(1.0).sqrt();
+    let blur = blur(scene, &data, &latents, names.len(), &state, &first)?;
     for (w, window) in windows.iter().enumerate() {
         if window.kind == Kind::Contact {
             data.sd[w] *= blur;
@@ -309,6 +304,37 @@ fn run_noise(windows: &[Window]) -> Option<f64> {
     (!thirds.is_empty()).then(|| (1.4826 * median(&thirds) / 20f64.sqrt()).max(5e-4))
 }
 
+/// How far contacts repeat, in units of the noise: what the usual bounce leaves when every law of contact helps.
+fn blur(
+    scene: &Scene,
+    data: &Data,
+    latents: &[usize],
+    settings: usize,
+    state: &State,
+    base: &model::Pass,
+) -> Result<f64> {
+    let contact = |w: &Window| w.kind == Kind::Contact;
+    if !data.windows.iter().any(contact) {
+        return Ok(1.0);
+    }
+    let laws = library::candidates(scene, &library::span(data.windows)).into_iter();
+    let terms: Vec<model::Term> = laws
+        .filter(|(e, _)| e.acts_on == "contact")
+        .filter_map(|(_, starts)| starts.into_iter().next())
+        .collect();
+    let layout = Layout::new(latents, terms, settings);
+    let mut values = layout.start(&[0.0; 3]);
+    values[..state.values.len()].copy_from_slice(&state.values);
+    let start = State { values, nuisances: state.nuisances.clone() };
+    let (_, helped) = model::fit(data, &layout, start, 8)?;
+    let usual = |pass: &model::Pass| {
+        let contacts = (0..data.windows.len()).filter(|w| contact(&data.windows[*w]));
+        let left = |w: usize| (2.0 * data.windows[w].points.len() as f64 - 5.0).max(1.0);
+        median(&contacts.map(|w| pass.squares[w] / left(w)).collect::<Vec<_>>())
+    };
+    Ok(usual(&helped).min(usual(base)).max(1.0).sqrt())
+}
+
 /// Square of a shot's residual, over what noise leaves, beyond which its collisions went another way than simulated.
 const ASTRAY: f64 = 30.0;
 
@@ -333,7 +359,7 @@ fn begin(
                 tried.nuisances[w] = observed.bodies.iter().flat_map(of).collect();
             }
             // One step shows how near each guess comes.
-            let (tried, pass) = model::fit(data, layout, tried, 2)?;
+            let (tried, pass) = model::fit(data, layout, tried, 1)?;
             for (w, square) in pass.squares.iter().enumerate() {
                 if *square < best[w] {
                     best[w] = *square;
@@ -352,7 +378,7 @@ fn begin(
             }
         }
         model::freeze(data, layout, &state)?;
-        return model::fit(data, layout, state, 6);
+        return model::fit(data, layout, state, 4);
     }
     Ok((state, pass))
 }
@@ -496,20 +522,41 @@ fn conclude(
     let lack = champion.and_then(|c| lacks[c].as_ref()).unwrap_or(&base_lack);
     let sure_of_base = base_lack.sure().max(base_excess * expected.total());
     // What is left: by the noise floor, or by what could be added in trial after trial.
-    let by_floor = if left_p < MISFIT && left_excess > SLIGHT { left_excess / base_excess.max(1e-9) } else { 0.0 };
-    let by_signs = if lack.tested.p < MISFIT { lack.sure() / sure_of_base.max(1e-9) } else { 0.0 };
+    // Shots that went astray lie far above any floor, whatever the model.
+    let shots = windows.iter().any(|w| w.kind == Kind::Shot);
+    let by_floor = if !shots && left_p < MISFIT && left_excess > SLIGHT {
+        left_excess / base_excess.max(1e-9)
+    } else {
+        0.0
+    };
+    let by_signs = if lack.tested.p < MISFIT || lack.is_much(expected.total()) {
+        lack.sure() / sure_of_base.max(1e-9)
+    } else {
+        0.0
+    };
     let unexplained = (base_excess > SLIGHT).then(|| (left_excess / base_excess).clamp(0.0, 1.0));
-    let far = |f: &Fitted| search::far(expected.above(f, windows));
-    let misfit = base_lack_p < MISFIT || far(&base);
-    let remains = (lack.tested.p < MISFIT || far(model)) && by_floor.max(by_signs) > REMAINS;
+    let far = |f: &Fitted| !shots && search::far(expected.above(f, windows));
+    let much = |l: &search::Lack| l.is_much(expected.total());
+    let misfit = base_lack_p < UNKNOWN || far(&base) || much(&base_lack);
+    let remains = (lack.tested.p < MISFIT || far(model) || much(lack)) && by_floor.max(by_signs) > REMAINS;
     if std::env::var("LAB").is_ok() {
         eprintln!(
             "base p {base_lack_p} floor-p {base_p:.1e} excess {base_excess:.3} sure {:.1}/{:.1}; left p {} floor-p {left_p:.1e} shares {by_floor:.3} {by_signs:.3} {}",
-            base_lack.sure(), expected.total(), lack.tested.p, best.map(|f| f.names().join("+")).unwrap_or_default()
+            base_lack.sure(),
+            expected.total(),
+            lack.tested.p,
+            best.map(|f| f.names().join("+")).unwrap_or_default()
         );
         for (f, l) in fits.iter().zip(&lacks) {
             if let Some(l) = l {
-                eprintln!("   {:<40} held {:.1} lack p {} sure {:.1} {:?}", f.names().join("+"), f.held.iter().sum::<f64>(), l.tested.p, l.sure(), l.tested.fields.iter().map(|t| t.p).collect::<Vec<_>>());
+                eprintln!(
+                    "   {:<40} held {:.1} lack p {} sure {:.1} {:?}",
+                    f.names().join("+"),
+                    f.held.iter().sum::<f64>(),
+                    l.tested.p,
+                    l.sure(),
+                    l.tested.fields.iter().map(|t| t.p).collect::<Vec<_>>()
+                );
             }
         }
     }

@@ -97,12 +97,20 @@ pub struct Data<'a> {
     pub settings: &'a [usize],
     /// Scale of the residuals by window, m.
     pub sd: Vec<f64>,
-    /// Derivatives by the nuisances of shots, found once: by window, by nuisance.
-    pub frozen: Vec<Vec<Vec<f64>>>,
+    /// Derivatives of shots by their nuisances and by the latents, found once: by window; empty for others.
+    pub frozen: Vec<Frozen>,
     pub engine: Engine,
 }
 
-/// Residuals of runs and shots count in full up to this many noise scales and by their size beyond (Huber 1964).
+/// Derivatives that change little with what a search tries.
+#[derive(Clone, Default)]
+pub struct Frozen {
+    nuisances: Vec<Vec<f64>>,
+    /// Of the first slots, which are the latents.
+    latents: Vec<Vec<f64>>,
+}
+
+/// Residuals of runs count in full up to this many noise scales and by their size beyond (Huber 1964).
 const HUBER: f64 = 3.0;
 
 impl Slot {
@@ -220,8 +228,14 @@ pub struct Look {
     /// Columns of the nuisances and what maps a column to its coefficients on them.
     pub start: DMatrix<f64>,
     pub project: DMatrix<f64>,
+    /// Square of the residual; of a shot that went astray, only what grows with its logarithm.
+    pub square: f64,
     correction: (DVector<f64>, DMatrix<f64>),
 }
+
+/// Square of a shot's residual, over what noise leaves, from which it counts for less and less (as Cauchy's
+/// distribution has it): some collisions go another way than simulated, whatever the model.
+const TAME: f64 = 6.0;
 
 /// Residuals, derivatives and sums at a state.
 pub fn pass(data: &Data, layout: &Layout, state: &State) -> Result<Pass> {
@@ -234,12 +248,12 @@ pub fn pass(data: &Data, layout: &Layout, state: &State) -> Result<Pass> {
         corrections: Vec::new(),
     };
     for (window, look) in data.windows.iter().zip(looks(data, layout, state, &[])?) {
-        let Look { weights, residual, columns, correction, .. } = look;
+        let Look { weights, residual, columns, correction, square, .. } = look;
         let sums = &mut out.trials[window.trial];
         sums.gram += columns.tr_mul(&columns);
         sums.score += columns.tr_mul(&residual);
-        sums.square += residual.norm_squared();
-        out.squares.push(residual.norm_squared());
+        sums.square += square;
+        out.squares.push(square);
         let metres = |i: usize| if weights[i / 2] > 0.0 { residual[i] / weights[i / 2] } else { f64::NAN };
         out.residuals.push((0..residual.len()).map(metres).collect());
         out.corrections.push(correction);
@@ -364,7 +378,8 @@ fn simulated(data: &Data, layout: &Layout, state: &State, extras: &[Extra]) -> R
         return Ok(Vec::new());
     }
     let plans: Vec<Vec<Shared>> = chosen.iter().map(|w| shared(layout, state, &data.windows[*w])).collect();
-    let frozen = |w: usize| data.frozen.get(w).filter(|f| !f.is_empty());
+    let frozen = |w: usize| data.frozen.get(w).filter(|f| !f.nuisances.is_empty());
+    let known = |w: usize, s: &Shared| frozen(w).and_then(|f| f.latents.get(s.slot));
     // Scenes first (by window: as it stands, then each nuisance moved), then what is simulated in them.
     let mut scenes: Vec<Scene> = Vec::new();
     let mut jobs: Vec<(usize, usize, Vec<EffectTerm>, Latents)> = Vec::new();
@@ -386,7 +401,7 @@ fn simulated(data: &Data, layout: &Layout, state: &State, extras: &[Extra]) -> R
                 }
             }
         }
-        for s in plan {
+        for s in plan.iter().filter(|s| known(*w, s).is_none()) {
             for end in [s.low, s.high] {
                 let mut moved = state.values.clone();
                 moved[s.slot] = end;
@@ -419,7 +434,7 @@ fn simulated(data: &Data, layout: &Layout, state: &State, extras: &[Extra]) -> R
     for (w, plan) in chosen.iter().zip(&plans) {
         let base = next();
         let nuisances = match frozen(*w) {
-            Some(known) => known.clone(),
+            Some(known) => known.nuisances.clone(),
             None => (0..state.nuisances[*w].len())
                 .map(|k| {
                     let (low, high) = (next(), next());
@@ -429,6 +444,10 @@ fn simulated(data: &Data, layout: &Layout, state: &State, extras: &[Extra]) -> R
         };
         let mut slots = Vec::new();
         for s in plan {
+            if let Some(known) = known(*w, s) {
+                slots.push(known.clone());
+                continue;
+            }
             let (low, high) = (next(), next());
             slots.push(slope(&high, &low, s.high - s.low));
         }
@@ -456,9 +475,14 @@ fn placed(window: &Window, nuisances: &[f64]) -> Scene {
 pub fn freeze(data: &mut Data, layout: &Layout, state: &State) -> Result<()> {
     data.frozen.clear();
     let mut found = simulated(data, layout, state, &[])?.into_iter();
-    let known = |w: &Window| if w.kind.simulated() { found.next().unwrap_or_default().nuisances } else { Vec::new() };
-    let frozen = data.windows.iter().map(known).collect();
-    data.frozen = frozen;
+    let known = |w: &Window| match w.kind {
+        Kind::Run | Kind::Shot => {
+            let moved = found.next().unwrap_or_default();
+            Frozen { nuisances: moved.nuisances, latents: moved.slots }
+        }
+        _ => Frozen::default(),
+    };
+    data.frozen = data.windows.iter().map(known).collect();
     Ok(())
 }
 
@@ -467,8 +491,7 @@ fn look(data: &Data, w: usize, slots: usize, shared: &[Shared], moved: Moved) ->
     let window = &data.windows[w];
     let n = moved.base.len();
     let mut residual = DVector::from_fn(n, |i, _| window.points[i / 2].seen[i % 2] - moved.base[i]);
-    let weights: Vec<f64> =
-        weights(data, w, window, &residual).into_iter().map(|v| v / data.sd[w]).collect();
+    let weights: Vec<f64> = weights(data, w, window, &residual).into_iter().map(|v| v / data.sd[w]).collect();
     let count = moved.nuisances.len();
     let mut start = DMatrix::from_fn(n, count, |i, k| moved.nuisances[k][i] * weights[i / 2]);
     let mut columns = DMatrix::zeros(n, slots + moved.extras.len());
@@ -497,9 +520,10 @@ fn look(data: &Data, w: usize, slots: usize, shared: &[Shared], moved: Moved) ->
     let mut correction = (DVector::zeros(count), DMatrix::zeros(count, slots));
     if count > 0 {
         let mut gram = start.tr_mul(&start);
-        // What bounces and rolls need beyond a state is held by what is plausible: 300 rad/s, 1 cm; 1 cm, 5 mm a metre.
+        // What bounces and rolls need beyond a state is held by what is plausible: spin, 1 cm; 1 cm, 5 mm a metre.
+        let spin = window.surface.as_ref().map_or(3.0, |s| s.spin);
         let held: &[(usize, f64)] = match window.kind {
-            Kind::Contact => &[(4, 300.0), (5, 0.01)],
+            Kind::Contact => &[(4, spin), (5, 0.01)],
             Kind::Roll => &[(2, 0.01), (3, 0.005)],
             Kind::Shot => &[(4, 3.0), (9, 3.0), (14, 3.0), (19, 3.0)],
             Kind::Flight | Kind::Run => &[],
@@ -513,7 +537,16 @@ fn look(data: &Data, w: usize, slots: usize, shared: &[Shared], moved: Moved) ->
         residual -= &start * &correction.0;
         columns -= &start * by_column;
     }
-    Look { weights, residual, columns, start, project, correction }
+    let mut square = residual.norm_squared();
+    let left = n as f64 - count as f64;
+    if window.kind == Kind::Shot && square > TAME * left {
+        let share = TAME * left / square;
+        residual *= share.sqrt();
+        columns *= share.sqrt();
+        start *= share.sqrt();
+        square = TAME * left * (1.0 - share.ln());
+    }
+    Look { weights, residual, columns, start, project, square, correction }
 }
 
 /// Steps at the beginning of a fit that leave the shapes of effects alone: while an effect is weak its shape is told by
@@ -595,7 +628,7 @@ fn weights(data: &Data, w: usize, window: &Window, residual: &DVector<f64>) -> V
         .iter()
         .enumerate()
         .map(|(i, p)| {
-            if !window.kind.simulated() {
+            if window.kind != Kind::Run {
                 return p.weight.sqrt();
             }
             let size = residual[2 * i].hypot(residual[2 * i + 1]) / data.sd[w];

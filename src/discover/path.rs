@@ -65,7 +65,8 @@ impl<'a> Physics<'a> {
         let (mut restitution, mut friction) = (1.0, 1.0);
         if let Some(s) = &window.surface {
             for k in 0..2 {
-                let carried = |latent: Option<f64>, own: f64| if s.carries[k] { latent.unwrap_or(own) } else { own };
+                let carried =
+                    |latent: Option<f64>, own: f64| if s.carries[k] { latent.unwrap_or(own) } else { own };
                 restitution *= carried(latents.restitution, s.restitution[k]);
                 friction *= carried(latents.friction, s.friction[k]);
             }
@@ -113,7 +114,8 @@ impl<'a> Physics<'a> {
             }
             time = until;
             visit(i, [body[0], body[1], body[2], body[3]]);
-            let state = Shown { x: body[0], y: body[1], angle: 0.0, vx: body[2], vy: body[3], omega: body[4] };
+            let state =
+                Shown { x: body[0], y: body[1], angle: 0.0, vx: body[2], vy: body[3], omega: body[4] };
             let shown = self.sensors.iter().fold(state, |s, (sensor, c)| sensor.show(c, s));
             let fine = shown.x.abs() < 1e7 && shown.y.abs() < 1e7;
             out.extend(if fine { [shown.x, shown.y] } else { [f64::NAN; 2] });
@@ -194,7 +196,16 @@ impl<'a> Physics<'a> {
         let [way, speed, height, slope] = *nuisances else { return None };
         let first = self.window.points.first()?.seen;
         let n = surface.normal;
-        Some(Rolling { first, normal: n, radius: surface.radius, inertia: surface.inertia, way, speed, height, slope })
+        Some(Rolling {
+            first,
+            normal: n,
+            radius: surface.radius,
+            inertia: surface.inertia,
+            way,
+            speed,
+            height,
+            slope,
+        })
     }
 
     fn roll(&self, time: f64, r: &mut Rolling, h: f64) {

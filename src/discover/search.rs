@@ -49,6 +49,13 @@ pub struct Judged<'a> {
 
 /// p of all trials' signs below which there is anything to look for.
 const ANYTHING: f64 = 0.01;
+/// The same where neither the noise floor nor what could be added says that there is much.
+const INVISIBLE: f64 = 0.002;
+/// Share of the floor that the excess must be, or that what could be added must take away, to be much.
+const VISIBLE: [f64; 2] = [0.15, 0.05];
+/// The same where what could be added takes away more than this share of what noise leaves: several times what it does
+/// by chance, even of correlated noise.
+const LIKELY_MUCH: [f64; 2] = [0.05, 0.15];
 /// The same by the noise floor: excess as a share of it, standard deviations above it, p by trial.
 const FAR: [f64; 3] = [0.4, 6.0, 0.1];
 /// p below which a term is accepted beside the others of its set.
@@ -115,7 +122,8 @@ pub fn search<'a>(
     let excess = (model::total(&found.base.pass) - expected.total()).max(0.0);
     let mut most_parameters = usize::MAX;
     for size in 1..=config.most_effects {
-        let stage = ["trying single effects", "trying pairs of effects", "trying triples of effects"][size.min(3) - 1];
+        let stage = ["trying single effects", "trying pairs of effects", "trying triples of effects"]
+            [size.min(3) - 1];
         let first = found.fits.len();
         let parents: Vec<(&Fitted, &Lack)> = match size {
             1 => vec![(&found.base, &found.base_lack)],
@@ -138,20 +146,20 @@ pub fn search<'a>(
         progress.report(stage, fits.len() as u64, fits.len() as u64 + 1)?;
         let best = fits.first().map_or(0.0, held);
         let base_held = held(&found.base);
-        let worth = |(i, f): (usize, &Fitted)| {
-            i < TESTED && held(f) - best < 0.5 * (base_held - best).max(0.0)
-        };
-        let lacks: Vec<Result<Option<Lack>>> =
-            fits.par_iter().enumerate().map(|(i, f)| worth((i, f)).then(|| hunt.test(f)).transpose()).collect();
+        let worth =
+            |(i, f): (usize, &Fitted)| i < TESTED && held(f) - best < 0.5 * (base_held - best).max(0.0);
+        let lacks: Vec<Result<Option<Lack>>> = fits
+            .par_iter()
+            .enumerate()
+            .map(|(i, f)| worth((i, f)).then(|| hunt.test(f)).transpose())
+            .collect();
         for (fit, lack) in fits.into_iter().zip(lacks) {
             found.fits.push(fit);
             found.lacks.push(lack?);
         }
         hunt.complete(&mut found, first)?;
         let enough = (first..found.fits.len())
-            .filter(|i| {
-                hunt.adequate(&found, *i, excess) && hunt.accepted(&found, *i)
-            })
+            .filter(|i| hunt.adequate(&found, *i, excess) && hunt.accepted(&found, *i))
             .count()
             > 0;
         if most_parameters < usize::MAX {
@@ -172,8 +180,7 @@ pub fn search<'a>(
             found.fits[i].p_values[t] = p.min(1.0);
         }
     }
-    let accepted: Vec<usize> =
-        (0..found.fits.len()).filter(|i| hunt.accepted(&found, *i)).collect();
+    let accepted: Vec<usize> = (0..found.fits.len()).filter(|i| hunt.accepted(&found, *i)).collect();
     let (champion, rivals) = hunt.choose(&found, &accepted, excess)?;
     (found.champion, found.rivals) = (champion, rivals);
     found.considered = considered(&found.fits, &accepted, expected);
@@ -198,6 +205,11 @@ pub struct Lack {
 }
 
 impl Lack {
+    /// Whether something could take away much more than chance does, of the `expected` squares that noise leaves.
+    pub fn is_much(&self, expected: f64) -> bool {
+        self.tested.p < LIKELY_MUCH[0] && self.sure() > LIKELY_MUCH[1] * expected
+    }
+
     /// Squares that something could take away beyond chance.
     pub fn sure(&self) -> f64 {
         self.tested.groups.iter().chain(&self.tested.fields).map(|t| t.sure).fold(0.0, f64::max)
@@ -228,7 +240,12 @@ impl Hunt<'_, '_> {
     /// Whether a fit is known to lack something: by the trials' signs, or by standing far above the noise floor. Few
     /// trials that differ much can hold strong evidence that their signs alone do not show.
     fn lacks(&self, fit: &Fitted, lack: &Lack) -> bool {
-        lack.tested.p < ANYTHING || far(self.expected.above(fit, self.data.windows))
+        let shots = !self.data.frozen.is_empty();
+        let (excess, ..) = self.expected.above(fit, self.data.windows);
+        let visible = excess > VISIBLE[0] || lack.sure() > VISIBLE[1] * self.expected.total();
+        lack.tested.p < if visible || shots { ANYTHING } else { INVISIBLE }
+            || lack.is_much(self.expected.total())
+            || (!shots && far(self.expected.above(fit, self.data.windows)))
     }
 
     /// Whether a fit is known to lack nothing that matters.
@@ -312,7 +329,15 @@ impl Hunt<'_, '_> {
     fn fit(&self, union: Union) -> Result<Option<Fitted>> {
         let mut best: Option<(Layout, State, Pass)> = None;
         for (layout, start) in union.starts {
-            let Some((state, pass)) = simulated(model::fit(self.data, &layout, start, 8))? else { continue };
+            let Some((state, pass)) = simulated(model::fit(
+                self.data,
+                &layout,
+                start,
+                if self.data.frozen.is_empty() { 8 } else { 5 },
+            ))?
+            else {
+                continue;
+            };
             if best.as_ref().is_none_or(|b| model::total(&pass) < model::total(&b.2)) {
                 best = Some((layout, state, pass));
             }
@@ -395,7 +420,8 @@ impl Hunt<'_, '_> {
         let adequate = |i: usize| self.adequate(found, i, excess);
         let any = accepted.iter().any(|i| adequate(*i));
         let pool: Vec<usize> = accepted.iter().copied().filter(|i| !any || adequate(*i)).collect();
-        let Some(best) = pool.iter().copied().min_by(|a, b| held(&fits[*a]).total_cmp(&held(&fits[*b]))) else {
+        let Some(best) = pool.iter().copied().min_by(|a, b| held(&fits[*a]).total_cmp(&held(&fits[*b])))
+        else {
             return Ok((None, Vec::new()));
         };
         // Where the best is known to be wrong itself, statistics of differences mean little: what is not much further

@@ -194,7 +194,8 @@ fn fisher(
     count: usize,
 ) -> Scored {
     let n = gram.nrows();
-    let fresh: Vec<usize> = (0..n).filter(|k| gram[(*k, *k)] > NEW * all[*k] && gram[(*k, *k)] > 1e-12).collect();
+    let fresh: Vec<usize> =
+        (0..n).filter(|k| gram[(*k, *k)] > NEW * all[*k] && gram[(*k, *k)] > 1e-12).collect();
     let m = DMatrix::from_fn(fresh.len(), fresh.len(), |i, j| gram[(fresh[i], fresh[j])]);
     let s = DMatrix::from_fn(scores.nrows(), fresh.len(), |i, j| scores[(i, fresh[j])]);
     let total = DVector::from_fn(fresh.len(), |j, _| s.column(j).sum());
@@ -266,7 +267,8 @@ fn judge(scored: Vec<Scored>, clusters: usize, seed: u64) -> (f64, Vec<Told>) {
         let height = |square: f64| ((square / expected).cbrt() - (1.0 - spread)) / spread.sqrt();
         let n = rows.ncols();
         // By cluster, so that a draw runs along memory.
-        let flat: Vec<f64> = (0..clusters).flat_map(|c| (0..n).map(move |k| (c, k))).map(|i| rows[i]).collect();
+        let flat: Vec<f64> =
+            (0..clusters).flat_map(|c| (0..n).map(move |k| (c, k))).map(|i| rows[i]).collect();
         let mut sum = vec![0.0; n];
         let mut square = |signs: Option<&Vec<f64>>| {
             sum.fill(0.0);

@@ -53,6 +53,8 @@ pub struct Surface {
     pub radius: f64,
     /// Moment of inertia over mass and radius squared.
     pub inertia: f64,
+    /// By how much the spin may differ from where it starts, rad/s: little where it was seen.
+    pub spin: f64,
 }
 
 /// One observed position.
@@ -98,9 +100,12 @@ pub const FLIGHT: usize = 7;
 /// Intervals of a shot: each body's 5 unknowns against 2 coordinates at one observation more than that.
 pub const SHOT: usize = 3;
 /// Most shots of a trial.
-const SHOTS: usize = 8;
+const SHOTS: usize = 6;
 /// m in a shot; less is rest.
 const MOVES: f64 = 0.1;
+/// rad/s: what a ball may spin at that nobody watched, and the error of a spin that was seen.
+const UNSEEN_SPIN: f64 = 300.0;
+const SEEN_SPIN: f64 = 0.5;
 /// Observations on each side of a bounce.
 const AROUND: usize = 8;
 /// Longest gap between observations within a window, as a multiple of the usual one.
@@ -184,10 +189,8 @@ fn shots(trial: &Trial, index: usize, setting: usize, out: &mut Vec<Window>) {
         observed.bodies.iter().any(|b| (b.x[i + SHOT] - b.x[i]).hypot(b.y[i + SHOT] - b.y[i]) > MOVES)
     };
     let last = observed.times.len().saturating_sub(SHOT);
-    let froms: Vec<usize> = (1..last)
-        .step_by(SHOT)
-        .filter(|i| (*i..=i + SHOT).all(whole) && moves(*i))
-        .collect();
+    let froms: Vec<usize> =
+        (1..last).step_by(SHOT).filter(|i| (*i..=i + SHOT).all(whole) && moves(*i)).collect();
     let stride = froms.len().div_ceil(SHOTS).max(1);
     for from in froms.into_iter().step_by(stride) {
         let start = observed.times[from];
@@ -313,12 +316,15 @@ fn flights(trial: &Trial, index: usize, setting: usize, body: usize, out: &mut V
         chosen.extend(&rows[c..to]);
         let mut window = shoot(&chosen, alone(true), Kind::Contact, &[]);
         window.nuisances = start_of(&rows[from..b], window.scene.gravity);
-        window.nuisances.extend([0.0, 0.0]);
-        window.surface = Some(surface);
+        let spin = spin(trial, body, &rows[from..b]);
+        window.nuisances.extend([spin.unwrap_or(0.0), 0.0]);
+        let held = if spin.is_some() { SEEN_SPIN } else { UNSEEN_SPIN };
+        window.surface = Some(Surface { spin: held, ..surface });
         out.push(Window { trial: index, setting, ..window });
     }
     for (from, to, touch) in rolls(&touches, &rows) {
-        let Some(surface) = touch.fixed.and_then(|f| surface(trial, body, f, touch.normal, touch.level)) else {
+        let Some(surface) = touch.fixed.and_then(|f| surface(trial, body, f, touch.normal, touch.level))
+        else {
             continue;
         };
         let rows = &rows[from..to];
@@ -333,6 +339,25 @@ fn flights(trial: &Trial, index: usize, setting: usize, body: usize, out: &mut V
         window.smooth = Some(smooth);
         out.push(Window { trial: index, setting, ..window });
     }
+}
+
+/// Spin before a bounce, from angles if they were seen, rad/s.
+fn spin(trial: &Trial, body: usize, rows: &[(f64, [f64; 2])]) -> Option<f64> {
+    let track = &trial.observed.bodies[body];
+    let angle = |t: f64| {
+        let at = trial.observed.times.iter().position(|s| *s == t)?;
+        track.angle.get(at).copied().filter(|a| a.is_finite())
+    };
+    let seen: Vec<(f64, f64)> = rows.iter().filter_map(|(t, _)| Some((*t, angle(*t)?))).collect();
+    if seen.len() < 4 {
+        return None;
+    }
+    let n = seen.len() as f64;
+    let (mean_t, mean_a) =
+        (seen.iter().map(|s| s.0).sum::<f64>() / n, seen.iter().map(|s| s.1).sum::<f64>() / n);
+    let up: f64 = seen.iter().map(|s| (s.0 - mean_t) * (s.1 - mean_a)).sum();
+    let down: f64 = seen.iter().map(|s| (s.0 - mean_t).powi(2)).sum();
+    Some(up / down.max(1e-12))
 }
 
 /// Stretches (first row, end, what is touched) along one straight static in which the height above it changes no more
@@ -362,8 +387,7 @@ fn rolls(touches: &[Option<Touch>], rows: &[(f64, [f64; 2])]) -> Vec<(usize, usi
             let third = |f: &dyn Fn(usize) -> f64, k: usize| {
                 (f(k + 3) - 3.0 * f(k + 2) + 3.0 * f(k + 1) - f(k)).abs() / 20f64.sqrt()
             };
-            let noise: Vec<f64> =
-                (from..end - 3).flat_map(|k| [third(&height, k), third(&way, k)]).collect();
+            let noise: Vec<f64> = (from..end - 3).flat_map(|k| [third(&height, k), third(&way, k)]).collect();
             let noise = 1.4826 * median(&noise);
             let mean = (from..end).map(height).sum::<f64>() / (end - from) as f64;
             let spread = (from..end).map(|k| (height(k) - mean).powi(2)).sum::<f64>() / (end - from) as f64;
@@ -389,6 +413,7 @@ fn surface(trial: &Trial, body: usize, fixed: usize, normal: [f64; 2], level: f6
         carries: [trial.scene.carries_latents(&own.name), trial.scene.carries_latents(&other.name)],
         radius,
         inertia: inertia / (mass * radius * radius),
+        spin: UNSEEN_SPIN,
     })
 }
 
