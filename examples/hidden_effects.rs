@@ -58,7 +58,7 @@ fn main() -> std::io::Result<()> {
         if done.contains(&id) {
             continue;
         }
-        let world = world(i, count, seed);
+        let world = world(i, seed);
         let from = std::time::Instant::now();
         let d = match diagnose(&world.scene, &world.trials, &Config::standard(i), &Silent) {
             Ok(found) => found.diagnosis,
@@ -75,16 +75,17 @@ fn main() -> std::io::Result<()> {
     Ok(())
 }
 
-/// World number `i`: first those with something hidden, kind after kind; then those with nothing.
-fn world(i: u64, count: u64, seed: u64) -> World {
+/// World number `i`: with something hidden, kind after kind, if it is even; with nothing if it is odd.
+fn world(i: u64, seed: u64) -> World {
     let own = rng::derive(seed, "world", i);
+    let (nothing, i) = (i % 2 == 1, i / 2);
     let round = (i / KINDS as u64) as usize;
     let noise = NOISES[(round + i as usize % KINDS) % 4];
     let fly = |kind: String, hidden: worlds::Hidden, noise, shift: f64| {
         let trials = worlds::trials(&hidden, noise, TRIALS, ROWS, shift, own);
         World { kind, names: hidden.names, parameter: hidden.parameter, scene: worlds::scene(), trials }
     };
-    if i >= count {
+    if nothing {
         let noise = NOISES[i as usize % 4];
         return fly(format!("nothing, {noise:?} noise"), worlds::nothing(), noise, MEDIUM);
     }

@@ -30,6 +30,30 @@ fn nothing_is_found_in_noise_of_any_kind() {
     }
 }
 
+/// What happens at a floor is told from what happens above it: a rebound that falls with the speed of impact, a
+/// resistance to rolling; and a floor alone is nothing.
+#[test]
+fn hidden_laws_of_contact_are_named() {
+    for (kind, seed) in [(0, 1), (1, 1), (3, 1), (4, 1)] {
+        let (truth, trials) = worlds::contact(kind, Noise::White, 12, 60, seed);
+        let d = diagnose(&worlds::floor(), &trials, &Config::standard(seed), &Silent).unwrap().diagnosis;
+        match truth[..] {
+            [] => assert_eq!(d.verdict, Verdict::None, "{}", d.reason),
+            [name] => assert!(d.rivals.iter().any(|r| r[..] == [name]), "{name}: {:?}, {}", d.rivals, d.reason),
+            _ => unreachable!("one law at most is hidden"),
+        }
+    }
+}
+
+/// A swirl is in no library; a push that no set explains is said to be unknown, and described.
+#[test]
+fn what_no_library_holds_is_unknown() {
+    let trials = worlds::trials(&worlds::outside(2, 5), Noise::White, 14, 40, 15.0, 5);
+    let d = diagnose(&worlds::scene(), &trials, &Config::standard(5), &Silent).unwrap().diagnosis;
+    assert_eq!(d.verdict, Verdict::Unknown, "{:?}: {}", d.rivals, d.reason);
+    assert!(d.residual_law.is_some_and(|law| law.contains('=')));
+}
+
 /// Every hidden effect is noticed, and what is named with confidence is what was hidden.
 #[test]
 fn hidden_effects_are_noticed_and_never_misnamed() {

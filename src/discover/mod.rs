@@ -109,6 +109,8 @@ const UNKNOWN: f64 = 0.002;
 const REMAINS: f64 = 0.05;
 /// Effects that push against the velocity.
 const DRAGS: [&str; 3] = ["linear_drag", "quadratic_drag", "moving_air"];
+/// Excess of the middle trial, as a share of the floor, below which the excess of all is that of a few.
+const USUAL: f64 = 0.15;
 /// Excess below this share of the noise floor (mean square) is too small to speak of.
 const SLIGHT: f64 = 0.03;
 
@@ -237,7 +239,9 @@ impl Expected {
         let (excess, p) = self.misfit_of(fit, windows);
         let all: f64 = self.mean.iter().sum();
         let deviation = (self.variance.iter().sum::<f64>() + (all * self.floor_error).powi(2)).sqrt();
-        (excess, excess * all / deviation.max(1e-9), p)
+        // One trial with a missed outlier must not speak for all.
+        let usual = if self.middle_excess(fit, windows) > USUAL { excess } else { 0.0 };
+        (usual, usual * all / deviation.max(1e-9), p)
     }
 
     /// Excess over the floor as a share of it, and p, by trial.

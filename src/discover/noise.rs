@@ -52,7 +52,7 @@ pub fn smooth(rows: &[(f64, [f64; 2])]) -> Smooth {
     let mut kept = vec![true; n];
     let mut projector = DMatrix::identity(n, n);
     let mut residual = [vec![0.0; n], vec![0.0; n]];
-    for pass in 0..6 {
+    for pass in 0..12 {
         let basis = DMatrix::from_fn(n, degree + 1, |i, k| if kept[i] { full[(i, k)] } else { 0.0 });
         let Some(q) = orthonormal(&basis) else { break };
         projector = DMatrix::from_fn(n, n, |i, j| f64::from(i == j && kept[i])) - &q * q.transpose();
@@ -82,7 +82,7 @@ pub fn smooth(rows: &[(f64, [f64; 2])]) -> Smooth {
         let limit = OUTLIER.max(0.5 * worst);
         let left = kept.iter().filter(|k| **k).count();
         let out: Vec<usize> = (0..n).filter(|i| kept[*i] && scaled[*i] > limit).collect();
-        if out.is_empty() || pass == 5 || left - out.len() < degree + 4 {
+        if out.is_empty() || pass == 11 || left - out.len() < degree + 4 {
             break;
         }
         out.iter().for_each(|i| kept[*i] = false);
