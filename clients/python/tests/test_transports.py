@@ -24,6 +24,7 @@ import zmq
 import iplw
 from iplw import codec, frames, zeromq
 from iplw.operations import OPERATIONS, Call
+from iplw.server import find_binary
 
 CHECKOUT = Path(__file__).resolve().parents[3]
 
@@ -155,6 +156,20 @@ def test_a_forked_child_speaks_for_itself(over: iplw.Client) -> None:
         for k in range(20):
             own.world("bowling-real").reset(seed=k)
         assert os.waitpid(pid, 0)[1] == 0
+
+
+def test_over_a_unix_socket(tmp_path: Path) -> None:
+    address = f"ipc://{tmp_path}/socket"
+    command = [str(find_binary()), "serve", "--http", "127.0.0.1:0", "--zmq", address, "--exit-with-stdin"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as server:
+        assert server.stdout is not None and server.stdin is not None
+        lines = [server.stdout.readline(), server.stdout.readline()]
+        assert lines[1] == f"listening on {address}\n"
+        with iplw.Client(address) as client, client.create_world("bowling") as world:
+            world.reset(seed=1)
+            assert world.step(20_000)[4]["task"]
+        server.stdin.close()
+        assert server.wait(10) == 0
 
 
 # --- when things go wrong over ZeroMQ; over HTTP see test_client.py ---

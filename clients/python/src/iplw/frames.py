@@ -72,7 +72,8 @@ def answer(head: dict[str, Any], frames: Sequence[Any], binary: bool) -> Any:
     if binary:
         if described:
             return bytes(frames[1])
-        return result if isinstance(result, bytes) else str(result).encode()
+        # A file that is JSON comes as what it says.
+        return codec.to_json(result)
     for array, frame in zip(described, frames[1:]):
         if result is None:
             result = {}
