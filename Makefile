@@ -1,12 +1,13 @@
 # make run   builds what is missing and runs the story: hidden world, estimate, policy, transfer, report
 # make test  everything a fresh machine needs, then all tests
+# make bench-wire steps per second over HTTP and ZeroMQ, beside bare requests, other servers and the library in process
 # make bench rollouts per second beside Pymunk on the same scenes, and how far that is from the machine's limits
 
 VENV := .venv
 PYTHON := $(VENV)/bin/python
 CARGO := cargo
 
-.PHONY: run test test-rust test-python test-examples lint bench openapi tasks clean help
+.PHONY: run test test-rust test-python test-clients test-examples lint bench bench-wire bench-hold openapi tasks clean help
 
 help:
 	@sed -n 's/^# //p' Makefile
@@ -15,7 +16,7 @@ run:
 	$(CARGO) build --release --locked
 	./target/release/iplw run --out out/quickstart
 
-test: lint test-rust test-examples test-python
+test: lint test-rust test-examples test-python test-clients
 
 lint:
 	$(CARGO) fmt --check
@@ -36,14 +37,41 @@ test-python: $(VENV)/.installed
 	cd clients/python && IPLW_BIN=$(CURDIR)/target/debug/iplw ../../$(PYTHON) -m pytest -q
 	cd clients/python && ../../$(PYTHON) -m mypy
 
+# Clients made from the OpenAPI document by others' generators, and the document held against the server.
+test-clients: $(VENV)/.generators clients/generated/node_modules/.installed
+	$(CARGO) build --locked --bin iplw
+	cd clients/generated && IPLW_BIN=$(CURDIR)/target/debug/iplw ../../$(PYTHON) -m pytest -q
+
+$(VENV)/.generators: clients/generated/requirements.txt $(VENV)/.installed
+	$(PYTHON) -m pip install --quiet --disable-pip-version-check -r clients/generated/requirements.txt
+	touch $@
+
+clients/generated/node_modules/.installed: clients/generated/package-lock.json
+	if command -v npm >/dev/null; then cd clients/generated && npm ci --silent --no-audit --no-fund; fi
+	mkdir -p clients/generated/node_modules && touch $@
+
 $(VENV)/.installed: clients/python/pyproject.toml
 	python3 -m venv $(VENV)
-	$(PYTHON) -m pip install --quiet --disable-pip-version-check -e 'clients/python[test,learn,pandas]'
+	$(PYTHON) -m pip install --quiet --disable-pip-version-check -e 'clients/python[test,learn,pandas,zmq]'
 	touch $@
 
 bench: $(VENV)/.installed
 	$(PYTHON) -m pip install --quiet --disable-pip-version-check pymunk==7.3.1 Box2D
 	PYTHON=$(PYTHON) sh benches/compare.sh
+
+# The others have an environment of their own: their requirements are not ours.
+bench-wire: $(VENV)/.installed
+	$(CARGO) build --release --locked --bin iplw --example echo --example in_process
+	test -d $(VENV)-peers || python3 -m venv $(VENV)-peers
+	$(VENV)-peers/bin/python -m pip install --quiet --disable-pip-version-check \
+		openenv-core==0.3.0 dm_env_rpc==1.1.7 flask==3.1.3 requests numpy
+	$(PYTHON) benches/wire.py --peers $(VENV)-peers/bin/python
+
+# A thousand sessions, 64 clients at once; the figure in the README is with SECONDS=300.
+SECONDS := 20
+bench-hold: $(VENV)/.installed
+	$(CARGO) build --release --locked --bin iplw
+	$(PYTHON) benches/hold.py --seconds $(SECONDS)
 
 openapi:
 	$(CARGO) run --locked --bin iplw -- openapi > openapi/openapi.json.new && mv openapi/openapi.json.new openapi/openapi.json
@@ -54,4 +82,4 @@ tasks:
 	for f in bowling basketball; do ./target/release/iplw tasks $$f --certify > $$f.new && mv $$f.new src/task/$$f.certified.json; done
 
 clean:
-	rm -rf out $(VENV)
+	rm -rf out $(VENV) $(VENV)-peers clients/generated/node_modules clients/generated/out

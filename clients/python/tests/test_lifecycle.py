@@ -30,9 +30,9 @@ def gone(pid: int, within: float = 10.0) -> bool:
     return False
 
 
-def run(script: str) -> subprocess.Popen[str]:
+def run(script: str, client: str = "iplw.Client()") -> subprocess.Popen[str]:
     """Another Python with a client; it prints its server's process id first."""
-    head = "import iplw, os, sys\nclient = iplw.Client()\nprint(client.server.pid, flush=True)\n"
+    head = f"import iplw, os, sys\nclient = {client}\nprint(client.server.pid, flush=True)\n"
     return subprocess.Popen(
         [sys.executable, "-c", head + script], stdout=subprocess.PIPE, stdin=subprocess.PIPE, text=True
     )
@@ -43,6 +43,14 @@ def server_of(child: subprocess.Popen[str]) -> int:
     pid = int(child.stdout.readline())
     os.kill(pid, 0)
     return pid
+
+
+@pytest.mark.parametrize("how", ["iplw.AsyncClient()", "iplw.AsyncClient('tcp://private')"])
+def test_server_ends_with_an_asynchronous_client_never_closed(how: str) -> None:
+    child = run("import asyncio\nasync def use():\n    await client.worlds()\nasyncio.run(use())", how)
+    pid = server_of(child)
+    child.communicate()
+    assert child.returncode == 0 and gone(pid)
 
 
 @pytest.mark.parametrize(
@@ -64,10 +72,12 @@ def test_server_ends_with_its_client(end: str) -> None:
     assert gone(pid)
 
 
+@pytest.mark.parametrize("client", ["iplw.Client()", "iplw.Client('tcp://private')"])
 @pytest.mark.parametrize("fork", [False, True])
-def test_server_ends_when_its_client_is_killed(fork: bool) -> None:
+def test_server_ends_when_its_client_is_killed(fork: bool, client: str) -> None:
     # With a forked child alive, too: it must not keep the server's pipe open.
-    child = run(("pid = os.fork()\n" if fork else "") + "sys.stdin.read()")
+    use = "world = client.create_world('bowling')\nworld.reset()\n"
+    child = run(use + ("pid = os.fork()\n" if fork else "") + "sys.stdin.read()", client)
     pid = server_of(child)
     child.send_signal(signal.SIGKILL)
     child.wait()

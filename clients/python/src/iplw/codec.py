@@ -30,7 +30,7 @@ def has_msgpack() -> bool:
 
 def to_json(value: Any) -> bytes:
     """JSON with arrays as lists; numbers that are not finite raise `ValueError`."""
-    return json.dumps(value, allow_nan=False, default=_listed).encode()
+    return _ENCODER.encode(value).encode()
 
 
 def pack(value: Any) -> bytes:
@@ -69,6 +69,10 @@ def _listed(value: Any) -> Any:
     if isinstance(value, (np.ndarray, np.generic)):
         return value.tolist()
     raise TypeError(f"cannot send {type(value).__name__}")
+
+
+#: Made once: json.dumps would make one for every request.
+_ENCODER = json.JSONEncoder(allow_nan=False, default=_listed)
 
 
 def _extension(value: Any) -> Any:

@@ -9,6 +9,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
+from functools import lru_cache
 from typing import Any
 from urllib.parse import quote, urlencode, urlsplit
 
@@ -59,7 +60,8 @@ class Http(Transport):
         try:
             if answer.headers.get("content-type", "").startswith(_PACKED):
                 return codec.unpack(data)
-            return json.loads(data)
+            # Decoded here, since json would first look for other encodings.
+            return json.loads(data.decode())
         except ValueError as error:
             raise ServerUnavailable(
                 f"{self.url} answered {call.op} with something other than JSON ({data[:60]!r}); "
@@ -239,17 +241,13 @@ def request(call: Call[Any]) -> tuple[str, dict[str, str], bytes | None]:
     return address + ("?" + urlencode(rest) if rest else ""), headers, payload
 
 
+@lru_cache
 def _parts(path: str) -> list[str]:
     """`/v1/worlds/{id}/step` as `/v1/worlds/`, `{id}`, `/step`."""
-    known = _PARTS.get(path)
-    if known is None:
-        known = _PARTS[path] = path.replace("{", "\0{").replace("}", "}\0").split("\0")
-    return known
+    return path.replace("{", "\0{").replace("}", "}\0").split("\0")
 
 
-_PARTS: dict[str, list[str]] = {}
-
-
+@lru_cache(4096)
 def _quoted(part: str) -> str:
     return quote(part, safe=":")
 

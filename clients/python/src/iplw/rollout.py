@@ -123,12 +123,37 @@ def encode_all(actions: Sequence[Action] | NDArray[Any]) -> NDArray[Any] | list[
 
 def read_rollouts(answer: Mapping[str, Any]) -> list[Rollout]:
     """The results of a batch, whichever way they came."""
-    return [_rollout(result) for result in answer["results"]]
+    results = answer["results"]
+    if "states" in answer:
+        return [_rollout(result, *_cut(answer, i)) for i, result in enumerate(results)]
+    return [_rollout(result, *_columns(result)) for result in results]
 
 
-def _rollout(result: Mapping[str, Any]) -> Rollout:
+_Track: TypeAlias = "tuple[NDArray[np.float64] | None, dict[str, NDArray[np.float64]]]"
+
+
+def _cut(answer: Mapping[str, Any], i: int) -> _Track:
+    """One trajectory out of the arrays of all: times (N, T), states (N, bodies, T, 3), lengths (N,)."""
+    length = int(answer["length"][i])
+    if not answer["results"][i]["valid"]:
+        return None, {}
+    states = answer["states"][i, :, :length]
+    return answer["t"][i, :length], dict(zip(answer["bodies"], states))
+
+
+def _columns(result: Mapping[str, Any]) -> _Track:
+    """One trajectory out of lists."""
+    t = result.get("t")
+    return None if t is None else np.asarray(t, dtype=np.float64), {
+        name: np.column_stack([np.asarray(track[key], dtype=np.float64) for key in ("x", "y", "angle")])
+        for name, track in (result.get("bodies") or {}).items()
+    }
+
+
+def _rollout(
+    result: Mapping[str, Any], t: NDArray[np.float64] | None, bodies: dict[str, NDArray[np.float64]]
+) -> Rollout:
     contacts = result.get("contacts") or {}
-    t, bodies = result.get("t"), result.get("bodies") or {}
     return Rollout(
         valid=bool(result["valid"]),
         reason=result.get("reason"),
@@ -136,9 +161,6 @@ def _rollout(result: Mapping[str, Any]) -> Rollout:
         steps=int(result.get("steps") or 0),
         collisions=int(contacts.get("collisions") or 0),
         rolling_steps=int(contacts.get("rolling_steps") or 0),
-        t=None if t is None else np.asarray(t, dtype=np.float64),
-        bodies={
-            name: np.column_stack([np.asarray(track[key], dtype=np.float64) for key in ("x", "y", "angle")])
-            for name, track in bodies.items()
-        },
+        t=t,
+        bodies=bodies,
     )

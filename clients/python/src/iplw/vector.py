@@ -95,7 +95,6 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         self._generators: list[np.random.Generator | None] = [None] * num_envs
         self._seeds: list[int | None] = [None] * num_envs
         self._fresh = np.ones(num_envs, np.bool_)
-        self._splits: dict[str, str] = {}
         self._observations = np.zeros(self.observation_space.shape or (), self.observation_space.dtype)
         self._ended = np.zeros(num_envs, np.bool_)
         self._acted: list[Action | None] = [None] * num_envs
@@ -117,14 +116,13 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         call = calls.reset_worlds(self.worlds, draws, task, split, None if everyone else mask)
         answer = self.client._transport.do(call)
         self._fresh &= ~mask
-        self._splits |= {task: part for task, part in zip(answer["task"], answer["split"]) if task is not None}
         self._start(mask)
         self._observations = np.where(
             self._rows(mask), self._observe(answer["observation"], answer["task"]), self._observations
         )
         self._ended &= ~mask
         infos: dict[str, Any] = {}
-        self._begun(infos, mask, answer)
+        _begun(infos, mask, answer)
         return self._observations.copy(), infos
 
     def step(
@@ -151,7 +149,7 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         else:
             _stepped(infos, acted, answer, answer["task"])
         if reset.any():
-            self._begun(infos, reset, answer)
+            _begun(infos, reset, answer)
             self._start(reset)
         self._ended = (ended | truncated) if self._mode is not AutoresetMode.SAME_STEP else self._ended
         self._observations = self._observe(answer["observation"], answer["task"])
@@ -213,12 +211,6 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         """Forgets what was placed where an episode begins."""
         for i in np.flatnonzero(mask):
             self._acted[i] = None
-
-    def _begun(self, infos: dict[str, Any], mask: NDArray[np.bool_], answer: Mapping[str, Any]) -> None:
-        """Adds what a reset tells of the environments in the mask."""
-        tasks = answer["task"]
-        _add(infos, "task", mask, tasks, object)
-        _add(infos, "split", mask, [self._splits.get(task, self._split) for task in tasks], object)
 
     def _finish(self, infos: dict[str, Any], ends: NDArray[np.bool_], answer: Mapping[str, Any]) -> None:
         """`final_obs` and `final_info` of those that ended and were reset in the same step."""
@@ -299,6 +291,12 @@ def make_vec(task: str = "bowling", num_envs: int = 1, **settings: Any) -> Place
     made = gymnasium.make_vec(task, num_envs, "vector_entry_point", **settings)
     assert isinstance(made, PlacementVectorEnv)
     return made
+
+
+def _begun(infos: dict[str, Any], mask: NDArray[np.bool_], answer: Mapping[str, Any]) -> None:
+    """Adds what a reset tells of the environments in the mask."""
+    for key in ("task", "split"):
+        _add(infos, key, mask, answer[key], object)
 
 
 def _stepped(
