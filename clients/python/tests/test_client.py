@@ -65,6 +65,9 @@ def test_budgets_are_kept(client: iplw.Client) -> None:
     [
         (lambda c: c.world("nowhere"), 404, ["nowhere"]),
         (lambda c: c.world("../v1/tasks"), 404, []),
+        (lambda c: c.policy("untrained").learn("nowhere"), 404, []),
+        (lambda c: c.find_surface("bowlign"), 404, ["bowlign"]),
+        (lambda c: c.diagnose(job="nowhere"), 404, ["nowhere"]),
         (lambda c: c.create_world("bowlign"), 404, ["bowlign", "bowling"]),
         (lambda c: c.create_world("bowling", latents={"friction": -1}), 422, ["friction", "-1"]),
         (lambda c: c.create_world("bowling", latents={"colour": 1}), 400, ["colour"]),

@@ -184,6 +184,38 @@ class AsyncClient:
         )
         return AsyncJob(self._line, await self._line.do(calls.post("train_policy", body, key)))
 
+    async def diagnose(
+        self,
+        scene: Mapping[str, Any] | None = None,
+        trials: str | None = None,
+        *,
+        job: AsyncJob | str | None = None,
+        seed: int | None = None,
+        key: str | None = None,
+    ) -> AsyncJob:
+        """What the simulation gets wrong, by name, as a job: of a scene and trials as CSV, or of a job's trials."""
+        body = given(
+            scene=scene, trials=trials, job=job.id if isinstance(job, AsyncJob) else job, seed=seed
+        )
+        return AsyncJob(self._line, await self._line.do(calls.post("start_diagnosis", body, key)))
+
+    async def find_surface(
+        self,
+        task: str,
+        *,
+        factors: Sequence[str] | None = None,
+        points: int | None = None,
+        route: str | None = None,
+        actions: int | None = None,
+        seed: int | None = None,
+        key: str | None = None,
+    ) -> AsyncJob:
+        """Which latent factors a family's performance depends on, as a job."""
+        body = given(
+            task=task, factors=factors, points=points, route=route, actions=actions, seed=seed
+        )
+        return AsyncJob(self._line, await self._line.do(calls.post("find_surface", body, key)))
+
     async def policies(self) -> list[AsyncPolicy]:
         """Every policy on the server."""
         return [AsyncPolicy(self._line, data) async for data in self._line.items("list_policies", "policies")]
@@ -361,6 +393,29 @@ class AsyncPolicy(AsyncHandle):
         """AUCCESS on a world's tasks, as a job."""
         name = world.id if isinstance(world, AsyncWorld) else world
         return AsyncJob(self._line, await self._line.do(calls.evaluate(self.id, name, split, attempts)))
+
+    async def learn(
+        self,
+        world: AsyncWorld | str,
+        *,
+        attempts: int | None = None,
+        batches: int | None = None,
+        batch_size: int | None = None,
+        learning_rate: float | None = None,
+        seed: int | None = None,
+        key: str | None = None,
+    ) -> AsyncJob:
+        """Learns on in a world, as a job whose result names the new policy; attempts are counted there."""
+        body = given(
+            id=self.id,
+            world=world.id if isinstance(world, AsyncWorld) else world,
+            attempts=attempts,
+            batches=batches,
+            batch_size=batch_size,
+            learning_rate=learning_rate,
+            seed=seed,
+        )
+        return AsyncJob(self._line, await self._line.do(calls.post("learn_policy", body, key)))
 
     async def download(self) -> bytes:
         """The weights as safetensors bytes."""

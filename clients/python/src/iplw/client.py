@@ -209,6 +209,38 @@ class Client:
         )
         return Job(self._transport, self._transport.do(calls.post("train_policy", body, key)))
 
+    def diagnose(
+        self,
+        scene: Mapping[str, Any] | None = None,
+        trials: str | None = None,
+        *,
+        job: Job | str | None = None,
+        seed: int | None = None,
+        key: str | None = None,
+    ) -> Job:
+        """What the simulation gets wrong, by name, as a job: of a scene and trials as CSV, or of a job's trials."""
+        body = given(
+            scene=scene, trials=trials, job=job.id if isinstance(job, Job) else job, seed=seed
+        )
+        return Job(self._transport, self._transport.do(calls.post("start_diagnosis", body, key)))
+
+    def find_surface(
+        self,
+        task: str,
+        *,
+        factors: Sequence[str] | None = None,
+        points: int | None = None,
+        route: str | None = None,
+        actions: int | None = None,
+        seed: int | None = None,
+        key: str | None = None,
+    ) -> Job:
+        """Which latent factors a family's performance depends on, as a job."""
+        body = given(
+            task=task, factors=factors, points=points, route=route, actions=actions, seed=seed
+        )
+        return Job(self._transport, self._transport.do(calls.post("find_surface", body, key)))
+
     def policies(self) -> list[Policy]:
         """Every policy on the server."""
         return [Policy(self._transport, data) for data in self._transport.items("list_policies", "policies")]

@@ -83,6 +83,13 @@ OPERATIONS: dict[str, Operation] = {
     "evaluate_policy": Operation("POST", "/v1/policies/{id}/evaluate"),
     "download_weights": Operation("GET", "/v1/policies/{id}/weights"),
     "upload_weights": Operation("PUT", "/v1/policies/{id}/weights"),
+    "start_diagnosis": Operation("POST", "/v1/diagnoses"),
+    "learn_policy": Operation("POST", "/v1/policies/{id}/learn"),
+    "list_surfaces": Operation("GET", "/v1/surfaces"),
+    "find_surface": Operation("POST", "/v1/surfaces"),
+    "get_surface": Operation("GET", "/v1/surfaces/{id}"),
+    "delete_surface": Operation("DELETE", "/v1/surfaces/{id}"),
+    "draw_surface": Operation("GET", "/v1/surfaces/{id}/picture"),
 }
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from . import calls
 from .handle import Handle
 from .job import Job
+from .operations import given
 from .world import World
 
 
@@ -42,6 +43,29 @@ class Policy(Handle):
         """AUCCESS on a world's tasks, as a job. Attempts on a real world are interactions."""
         name = world.id if isinstance(world, World) else world
         return Job(self._transport, self._transport.do(calls.evaluate(self.id, name, split, attempts)))
+
+    def learn(
+        self,
+        world: World | str,
+        *,
+        attempts: int | None = None,
+        batches: int | None = None,
+        batch_size: int | None = None,
+        learning_rate: float | None = None,
+        seed: int | None = None,
+        key: str | None = None,
+    ) -> Job:
+        """Learns on in a world, as a job whose result names the new policy; attempts are counted there."""
+        body = given(
+            id=self.id,
+            world=world.id if isinstance(world, World) else world,
+            attempts=attempts,
+            batches=batches,
+            batch_size=batch_size,
+            learning_rate=learning_rate,
+            seed=seed,
+        )
+        return Job(self._transport, self._transport.do(calls.post("learn_policy", body, key)))
 
     def download(self, file: str | Path | None = None) -> bytes:
         """The weights as safetensors bytes; also written to `file`, if given."""
