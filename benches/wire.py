@@ -4,7 +4,7 @@
         --in-process target/release/examples/in_process [--peers PYTHON] [--out FILE.json]
 
 Server and client share the machine's cores. Everything is measured in rounds, each with all rows, so that what
-disturbs one disturbs all; a row is its fastest round, a ratio the median over the rounds. A single step is one step in
+disturbs one disturbs all; a row is its fastest round, a ratio the median over the rounds. Single requests are medians. A single step is one step in
 a world of its own, reset beforehand, of a scene of one ball and one time step; for the others see `wire_peers.py`.
 """
 
@@ -30,6 +30,7 @@ from gymnasium.vector import AutoresetMode
 
 import iplw
 from iplw import calls
+from iplw.exchange import Connection
 from iplw.vector import PlacementVectorEnv
 from iplw.world import World
 
@@ -92,9 +93,10 @@ def wire(arguments: argparse.Namespace) -> dict[str, float]:
         ours = stack.enter_context(serving([arguments.bin, "serve", *LISTEN, "--exit-with-stdin"]))
         echo = stack.enter_context(serving([arguments.echo, *LISTEN]))
         bare_http = bare_http_of(echo["http"])
+        barest_http = barest_http_of(echo["http"])
         bare_zmq = bare_zmq_of(echo["tcp"])
         clients = {name: iplw.Client(ours[name], timeout=60) for name in ("http", "tcp")}
-        for name, bare in (("http", bare_http), ("tcp", bare_zmq)):
+        for name, bares in (("http", [bare_http, barest_http]), ("tcp", [bare_zmq])):
             client = clients[name]
             made = client._transport.do(calls.create_worlds({"scene": SCENE}, arguments.steps))
             ids = made["worlds"]
@@ -102,21 +104,20 @@ def wire(arguments: argparse.Namespace) -> dict[str, float]:
             client._transport.do(calls.reset_worlds(ids, [0] * len(ids), None, None, None))
             action = np.array([0.5, 0.5, 0.2])
             for _ in range(200):
-                bare()
+                for bare in bares:
+                    bare()
             for world in worlds[:100]:
                 world.step(action)
             # In turns, as the machine's pace changes.
-            ends = [0.0, 0.0]
+            names = [f"{name} step", f"{name} bare", f"{name} bare, our own client"]
+            took: dict[str, list[float]] = {row: [] for row in names[: 1 + len(bares)]}
             for world in worlds[100:]:
-                a = time.perf_counter()
-                bare()
-                b = time.perf_counter()
-                world.step(action)
-                c = time.perf_counter()
-                ends[0] += b - a
-                ends[1] += c - b
-            n = len(worlds) - 100
-            row[f"{name} bare"], row[f"{name} step"] = (1e6 * end / n for end in ends)
+                for times, work in zip(took.values(), [lambda: world.step(action), *bares]):
+                    start = time.perf_counter()
+                    work()
+                    times.append(time.perf_counter() - start)
+            # The median, as others on the machine make some of them long.
+            row |= {name: 1e6 * statistics.median(times) for name, times in took.items()}
             row[f"{name} step in a batch of {BATCH}"] = batched(client, ids[:BATCH])
             client._transport.do(calls.delete_worlds(ids))
             client.close()
@@ -126,13 +127,13 @@ def wire(arguments: argparse.Namespace) -> dict[str, float]:
 def batched(client: iplw.Client, ids: list[str], batches: int = 30) -> float:
     """Microseconds of a step in a batch: what `step_worlds` takes, divided by the number of worlds."""
     actions = np.random.default_rng(0).random((len(ids), 3))
-    spent = 0.0
-    for k in range(batches + 3):
+    took = []
+    for _ in range(batches):
         client._transport.do(calls.reset_worlds(ids, [0] * len(ids), None, None, None))
         start = time.perf_counter()
         client._transport.do(calls.step_worlds(ids, actions, "disabled", None))
-        spent += time.perf_counter() - start if k >= 3 else 0.0
-    return 1e6 * spent / batches / len(ids)
+        took.append(time.perf_counter() - start)
+    return 1e6 * statistics.median(took) / len(ids)
 
 
 def vectors(arguments: argparse.Namespace) -> dict[str, float]:
@@ -186,7 +187,7 @@ def peers(arguments: argparse.Namespace) -> dict[str, float]:
                     time.sleep(0.1)
             drive = [arguments.peers, script, "drive", name, str(port), str(arguments.steps)]
             said = json.loads(subprocess.check_output(drive, stderr=subprocess.DEVNULL))
-            row[name] = 1e6 * said["seconds"] / arguments.steps
+            row[name] = said["us"]
         finally:
             server.kill()
             server.wait()
@@ -198,6 +199,7 @@ IN_BATCH = f"step in a batch of {BATCH}"
 HTTP_PEERS = ["openenv", "flask", "flask_urllib3"]
 RATIOS: dict[str, Callable[[dict[str, float]], float]] = {
     "HTTP step / bare request (at most 1.3)": lambda r: r["http step"] / r["http bare"],
+    "HTTP step / bare request by our own client": lambda r: r["http step"] / r["http bare, our own client"],
     "ZeroMQ step / bare echo (at most 1.3)": lambda r: r["tcp step"] / r["tcp bare"],
     "best HTTP peer / HTTP step": lambda r: min(r[p] for p in HTTP_PEERS) / r["http step"],
     "best HTTP peer / ZeroMQ step (at least 3)": lambda r: min(r[p] for p in HTTP_PEERS) / r["tcp step"],
@@ -223,10 +225,19 @@ def of_can(of: Callable[[dict[str, float]], float], row: dict[str, float]) -> bo
 
 
 def bare_http_of(url: str) -> Callable[[], Any]:
-    """A request to a handler that does nothing, over a connection kept alive."""
+    """A request to a handler that does nothing, over a connection kept alive, by urllib3.
+
+    Without a body, which such a handler would not read.
+    """
     pool = urllib3.connection_from_url(url)
-    headers = {"Content-Type": "application/json"}
-    return lambda: pool.urlopen("POST", "/", body=b"{}", headers=headers, retries=False).data
+    return lambda: pool.urlopen("GET", "/", retries=False).data
+
+
+def barest_http_of(url: str) -> Callable[[], Any]:
+    """The same by what our client is made of."""
+    host, _, port = url.removeprefix("http://").partition(":")
+    line = Connection(host, int(port), 10)
+    return lambda: line.ask("GET", "/", {}, None, 10).data
 
 
 def bare_zmq_of(url: str) -> Callable[[], Any]:
