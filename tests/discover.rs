@@ -39,7 +39,9 @@ fn hidden_laws_of_contact_are_named() {
         let d = diagnose(&worlds::floor(), &trials, &Config::standard(seed), &Silent).unwrap().diagnosis;
         match truth[..] {
             [] => assert_eq!(d.verdict, Verdict::None, "{}", d.reason),
-            [name] => assert!(d.rivals.iter().any(|r| r[..] == [name]), "{name}: {:?}, {}", d.rivals, d.reason),
+            [name] => {
+                assert!(d.rivals.iter().any(|r| r[..] == [name]), "{name}: {:?}, {}", d.rivals, d.reason)
+            }
             _ => unreachable!("one law at most is hidden"),
         }
     }

@@ -913,6 +913,9 @@ fn baselines_need_no_simulation() {
         server.finish(&server.post(&format!("/v1/policies/{id}/evaluate"), &body, 202))["result"].clone()
     };
     let chance = evaluate("random");
+    for always in ["random", "untrained"] {
+        assert_eq!(server.get(&format!("/v1/policies/{always}"))["training"], "none");
+    }
     assert!(chance["auccess"].as_f64().unwrap() < 0.5, "{chance}");
     let before = server.get("/v1/worlds/bowling-real")["interactions"].as_u64().unwrap();
     assert_eq!(before, chance["interactions"].as_u64().unwrap());

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import pickle
 import socket
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -246,3 +247,23 @@ def test_event_streams_may_be_cut_anywhere() -> None:
     whole = list(_parse(iter([stream])))
     assert [(e.name, e.id, e.data) for e in whole] == [("done", "7", "{\n}"), ("message", "7", "ü")]
     assert list(_parse(stream[i : i + 1] for i in range(len(stream)))) == whole
+
+
+def test_baselines_and_what_the_simulation_lacks(client: iplw.Client, tmp_path: Path) -> None:
+    with client.create_world("basketball", kind="real") as world:
+        chance = client.policy("random").evaluate(world, attempts=2).wait()
+        assert 0.0 <= chance["auccess"] <= 1.0
+        learned = client.policy("untrained").learn(world, attempts=200, batches=4, seed=1).wait()
+        assert learned["interactions"] == 200
+        assert world.refresh().interactions == 200 + chance["interactions"]
+        assert client.policy(learned["policy"]).data["training"] == "direct"
+    found = client.find_surface("basketball", points=3, actions=100).wait()
+    assert found["surface"] and {row["factor"] for row in found["sensitivities"]} == {"friction", "restitution"}
+    run = client.iplw("basketball", rounds=1, actions=4, samples=12)
+    run.wait()
+    diagnosis = client.diagnose(job=run).wait()
+    assert diagnosis["format"] == "iplw.diagnosis/1"
+    run.save_trials(tmp_path)
+    scene = json.loads((tmp_path / "scene.json").read_text())
+    again = client.diagnose(scene, (tmp_path / "trials.csv").read_text()).wait()
+    assert again["verdict"] == diagnosis["verdict"]

@@ -30,6 +30,11 @@ pub const TRAIN: &str = "train";
 pub const EVALUATE: &str = "evaluate";
 /// The policy that tries actions in random order; always there.
 pub const RANDOM: &str = "random";
+/// Policies that are always there, and what they are.
+const ALWAYS: [(&str, &str); 2] = [
+    (RANDOM, "tries actions in random order; may be evaluated"),
+    (UNTRAINED, "knows nothing; learning on from it is direct learning"),
+];
 
 /// Queues a training.
 pub fn training(app: &App, body: TrainIn, config: &Value, keep: Keep<JobOut>) -> Result<JobOut> {
@@ -119,6 +124,18 @@ pub fn list(app: &App, page: &Page) -> Result<Policies> {
 
 /// One policy.
 pub fn get(app: &App, id: &str) -> Result<PolicyOut> {
+    if let Some((id, about)) = ALWAYS.iter().find(|p| p.0 == id) {
+        return Ok(PolicyOut {
+            id: id.to_string(),
+            task: "any".into(),
+            training: "none".into(),
+            about: about.to_string(),
+            config: json!({}),
+            job: None,
+            version: env!("CARGO_PKG_VERSION").into(),
+            bytes: 0,
+        });
+    }
     app.store.policy(id)?.map(PolicyOut::from).ok_or_else(|| unknown(id))
 }
 
@@ -139,7 +156,7 @@ pub fn put_weights(app: &App, id: &str, bytes: &[u8]) -> Result<(PolicyOut, bool
         let allowed = "1 to 64 letters, digits, `.`, `_` or `-`, the first a letter or digit";
         return Err(Error::input("id", format!("{id:?}"), allowed));
     }
-    if [RANDOM, UNTRAINED].contains(&id) {
+    if ALWAYS.iter().any(|p| p.0 == id) {
         let allowed = "another name: this policy is always there and has no weights to replace";
         return Err(Error::input("id", format!("{id:?}"), allowed));
     }

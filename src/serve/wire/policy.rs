@@ -40,9 +40,9 @@ pub enum TrainingIn {
 #[derive(Serialize, ToSchema)]
 pub struct PolicyOut {
     pub id: String,
-    /// Family it scores actions of.
+    /// Family it scores actions of; `any` for those that are always there.
     pub task: String,
-    /// `fixed`, `randomised`, `direct` (in a real world alone), `learned_on` or `uploaded`.
+    /// `fixed`, `randomised`, `direct` (in a real world alone), `learned_on`, `uploaded` or `none`.
     pub training: String,
     /// What it is and how it came about.
     pub about: String,
