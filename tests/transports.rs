@@ -783,7 +783,7 @@ fn a_stopping_server_ends_what_is_under_way_and_a_new_one_is_found_again() {
     let mut server = Running::start();
     let address = server.zmq.clone();
     let mut client = Zmq::connect(&address, false);
-    let work = json!({"id": "bowling-sim", "actions": (0..20).collect::<Vec<u64>>(), "task": "bowling:001"});
+    let work = json!({"id": "bowling-sim", "actions": [1, 2, 3, 4], "task": "bowling:001"});
     client.request("rollout_world", work);
     client.ask_nothing();
     let stopping = std::thread::spawn(move || server.stop());

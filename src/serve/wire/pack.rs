@@ -1,5 +1,7 @@
 //! msgpack: the same maps as JSON, with arrays as extension 78, `[dtype, shape, bytes]`.
 
+use std::fmt;
+
 use rmp::encode as put;
 use rmpv::Value as Packed;
 use serde_json::{Map, Value};
@@ -14,7 +16,25 @@ const DEEPEST: usize = 64;
 
 /// Reads msgpack; nothing may follow. What it says comes as JSON, arrays as nested lists.
 pub fn unpack(bytes: &[u8]) -> Result<Value> {
-    plain(read(bytes)?, "")
+    plain(read(bytes)?, &Path::Top(""))
+}
+
+/// Where a value stands; written out only for an error.
+pub enum Path<'a> {
+    /// A field by name, or all there is (empty).
+    Top(&'a str),
+    Key(&'a Path<'a>, &'a str),
+    Item(&'a Path<'a>, usize),
+}
+
+impl fmt::Display for Path<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Path::Top(name) | Path::Key(Path::Top(""), name) => f.write_str(name),
+            Path::Key(up, name) => write!(f, "{up}.{name}"),
+            Path::Item(up, i) => write!(f, "{up}[{i}]"),
+        }
+    }
 }
 
 /// Reads msgpack; nothing may follow.
@@ -27,11 +47,11 @@ pub fn read(mut bytes: &[u8]) -> Result<Packed> {
     }
 }
 
-/// The same as JSON; `field` is what an error calls it.
-pub fn plain(value: Packed, field: &str) -> Result<Value> {
+/// The same as JSON.
+pub fn plain(value: Packed, at: &Path) -> Result<Value> {
     let refuse = |what: &str| {
         let allowed = "nil, true, false, numbers, text, arrays, maps with text as keys, and extension 78";
-        Err(Error::input(field, what, allowed))
+        Err(Error::input(at.to_string(), what, allowed))
     };
     Ok(match value {
         Packed::Nil => Value::Null,
@@ -49,7 +69,7 @@ pub fn plain(value: Packed, field: &str) -> Result<Value> {
         },
         Packed::Binary(_) => return refuse("bytes"),
         Packed::Array(items) => {
-            let item = |(i, item)| plain(item, &format!("{field}[{i}]"));
+            let item = |(i, item)| plain(item, &Path::Item(at, i));
             Value::Array(items.into_iter().enumerate().map(item).collect::<Result<_>>()?)
         }
         Packed::Map(entries) => {
@@ -57,11 +77,12 @@ pub fn plain(value: Packed, field: &str) -> Result<Value> {
             for (key, value) in entries {
                 let Packed::String(key) = key else { return refuse("a map with other keys than text") };
                 let Some(key) = key.into_str() else { return refuse("a key that is not UTF-8") };
-                let path = if field.is_empty() { key.clone() } else { format!("{field}.{key}") };
-                let value = plain(value, &path)?;
-                if map.insert(key, value).is_some() {
+                let value = plain(value, &Path::Key(at, &key))?;
+                if map.contains_key(&key) {
+                    let path = Path::Key(at, &key).to_string();
                     return Err(Error::input(path, "given twice", "each key once"));
                 }
+                map.insert(key, value);
             }
             Value::Object(map)
         }
@@ -73,7 +94,8 @@ pub fn plain(value: Packed, field: &str) -> Result<Value> {
             let [dtype, shape, Packed::Binary(bytes)] = parts.as_slice() else {
                 return refuse("an extension 78 other than [dtype, shape, bytes]");
             };
-            lists(field, dtype.as_str().unwrap_or_default(), &shape_of(shape, field)?, bytes)?
+            let field = at.to_string();
+            lists(&field, dtype.as_str().unwrap_or_default(), &shape_of(shape, &field)?, bytes)?
         }
         Packed::Ext(..) => return refuse("an extension other than 78"),
     })

@@ -46,7 +46,7 @@ fn parts(frames: Vec<Vec<u8>>, id: &mut Vec<u8>) -> Result<Request> {
             "id" => given = Some(value),
             "args" if cancel => about = Some(packed(&value["request"])),
             "arrays" => shapes = described(value)?,
-            key => drop(header.insert(key.to_string(), pack::plain(value, key)?)),
+            key => drop(header.insert(key.to_string(), pack::plain(value, &pack::Path::Top(key))?)),
         }
     }
     let allowed = "a whole number from 0, text or bytes, up to 256 bytes";
