@@ -5,7 +5,7 @@
 
 use std::io::{self, ErrorKind};
 
-use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, BufReader};
+use tokio::io::{AsyncBufReadExt, AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, BufReader};
 
 /// Largest message, bytes.
 pub const MOST_BYTES: usize = 16 * 1024 * 1024;
@@ -84,11 +84,10 @@ impl<R: AsyncRead + Unpin> Receiver<R> {
     pub async fn receive(&mut self) -> io::Result<Option<Received>> {
         let (mut frames, mut bytes, mut too_large) = (Vec::new(), 0usize, false);
         loop {
-            let (flags, length) = match self.head().await {
-                Ok(head) => head,
-                Err(e) if e.kind() == ErrorKind::UnexpectedEof && frames.is_empty() => return Ok(None),
-                Err(e) => return Err(e),
-            };
+            if frames.is_empty() && !too_large && self.from.fill_buf().await?.is_empty() {
+                return Ok(None);
+            }
+            let (flags, length) = self.head().await?;
             if flags & COMMAND != 0 {
                 if flags & MORE != 0 || length > 4096 {
                     return Err(bad("a command of more than 4096 bytes"));
