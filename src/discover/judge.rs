@@ -96,8 +96,10 @@ impl Fitted {
         f_above(wald * (g - p as f64) / (p as f64 * (g - 1.0)), p as f64, g - p as f64)
     }
 
-    /// Half the width of a slot's 95 % interval; infinite if the data do not tell the value.
-    pub fn half_width(&self, slot: usize, settings: &[usize]) -> f64 {
+    /// Half the width of a slot's 95 % interval; infinite if the data do not tell the value. The wider of two: by what
+    /// leaving out each trial changes, which few and unlike trials make too narrow, and by the noise's own size (`unit`
+    /// is the variance of smooth things under it).
+    pub fn half_width(&self, slot: usize, settings: &[usize], unit: f64) -> f64 {
         let told_by = match self.layout.slots[slot].setting {
             Some(s) => settings.iter().filter(|o| **o == s).count(),
             None => settings.len(),
@@ -108,9 +110,13 @@ impl Fitted {
         }
         if told_by == 1 {
             // One trial: only the noise's own size can say.
-            return 1.96 / information.sqrt();
+            return 1.96 * (unit / information).sqrt();
         }
-        t_quantile(0.05, told_by as f64 - 1.0) * self.covariance[(slot, slot)].sqrt()
+        let q = self.layout.slots.len();
+        let mut gram = self.pass.trials.iter().fold(DMatrix::zeros(q, q), |sum, t| sum + &t.gram);
+        (0..q).for_each(|k| gram[(k, k)] += self.layout.slots[k].ridge());
+        let by_noise = 1.96 * (unit * inverse(&gram)[(slot, slot)]).max(0.0).sqrt();
+        (t_quantile(0.05, told_by as f64 - 1.0) * self.covariance[(slot, slot)].sqrt()).max(by_noise)
     }
 }
 

@@ -1,8 +1,10 @@
 //! What the simulation gets wrong: measured trials in, the named cause, the extended model and its gain out.
 //!
 //! 1. `window`: trials are cut into windows whose starts are nuisances; `noise`: what no smooth motion explains.
-//! 2. `model`: residuals and their derivatives by simulation alone; latents are fitted with every candidate.
-//! 3. `library`: the effect registry as candidates; `search`: sets of up to three of them, judged by trial (`judge`).
+//! 2. `path` and the engines simulate windows; `model`: residuals and their derivatives; latents are fitted with every
+//!    candidate.
+//! 3. `signs`: whether what is left acts in the same way in trial after trial; `library`: the effect registry as
+//!    candidates; `search`: sets of up to three of them, judged by trial (`judge`).
 //! 4. Sets that the data cannot tell apart are reported together (`advise`: what would separate them); what no set
 //!    explains is said to be unknown, with a law for it (`law`).
 //!
@@ -45,7 +47,7 @@ use window::{Kind, Window};
 /// Knobs of a diagnosis.
 #[derive(Clone, Debug)]
 pub struct Config {
-    /// Seed of everything drawn.
+    /// Seed of the draws of signs that say what chance does (`signs`).
     pub seed: u64,
     /// Most effects in a set.
     pub most_effects: usize,
@@ -190,7 +192,8 @@ pub fn diagnose(
     let (state, first) = model::fit(&data, &layout, state, 6)?;
     let expected = expected(&windows, &data.sd, kept.len(), &noise);
     let base = Fitted::new(layout, state, first, &settings);
-    let found = search::search(scene, data, base, &expected, &noise, &latents, config, progress)?;
+    let given = search::Given { expected: &expected, noise: &noise, latents: &latents };
+    let found = search::search(scene, data, base, &given, config, progress)?;
     let judged = search::Judged { names: &names, settings: &settings, noise: &noise, expected: &expected };
     conclude(scene, trials, &windows, &kept, found, &judged, config)
 }
@@ -543,27 +546,6 @@ fn conclude(
     let much = |l: &search::Lack| l.is_much(expected.total());
     let misfit = base_lack_p < UNKNOWN || far(&base) || much(&base_lack);
     let remains = (lack.tested.p < MISFIT || far(model) || much(lack)) && by_floor.max(by_signs) > REMAINS;
-    if std::env::var("LAB").is_ok() {
-        eprintln!(
-            "base p {base_lack_p} floor-p {base_p:.1e} excess {base_excess:.3} sure {:.1}/{:.1}; left p {} floor-p {left_p:.1e} shares {by_floor:.3} {by_signs:.3} {}",
-            base_lack.sure(),
-            expected.total(),
-            lack.tested.p,
-            best.map(|f| f.names().join("+")).unwrap_or_default()
-        );
-        for (f, l) in fits.iter().zip(&lacks) {
-            if let Some(l) = l {
-                eprintln!(
-                    "   {:<40} held {:.1} lack p {} sure {:.1} {:?}",
-                    f.names().join("+"),
-                    f.held.iter().sum::<f64>(),
-                    l.tested.p,
-                    l.sure(),
-                    l.tested.fields.iter().map(|t| t.p).collect::<Vec<_>>()
-                );
-            }
-        }
-    }
     let (verdict, reason) = match best {
         None if !misfit => (Verdict::None, "the base model explains the data to its noise floor".to_string()),
         None => (
@@ -611,7 +593,7 @@ fn conclude(
                 model::What::Latent(l) => &FACTORS[l],
                 model::What::Parameter(..) => unreachable!("latents come first in a layout"),
             };
-            let half = model.half_width(i, settings);
+            let half = model.half_width(i, settings, noise.unit());
             let told: f64 = model.pass.trials.iter().map(|t| t.gram[(i, i)]).sum();
             let width = slot.bounds[1] - slot.bounds[0];
             let identifiable = half.is_finite() && half < 0.25 * width.min(4.0) && told > 10.0 * slot.ridge();
@@ -652,7 +634,7 @@ fn conclude(
         format: report::FORMAT,
         verdict,
         reason,
-        effects: best.map(|f| effects(f, names, settings)).unwrap_or_default(),
+        effects: best.map(|f| effects(f, names, settings, noise.unit())).unwrap_or_default(),
         rivals: rivals.iter().map(rival_names).collect(),
         calibrated,
         residual: Residual {
@@ -676,7 +658,7 @@ fn conclude(
     Ok(Finding { diagnosis, extended, evidence })
 }
 
-fn effects(f: &Fitted, names: &[String], settings: &[usize]) -> Vec<FoundEffect> {
+fn effects(f: &Fitted, names: &[String], settings: &[usize], unit: f64) -> Vec<FoundEffect> {
     f.layout
         .terms
         .iter()
@@ -689,7 +671,7 @@ fn effects(f: &Fitted, names: &[String], settings: &[usize]) -> Vec<FoundEffect>
                 .filter_map(|i| {
                     let slot = &f.layout.slots[i];
                     let model::What::Parameter(_, p) = slot.what else { return None };
-                    let half = f.half_width(i, settings);
+                    let half = f.half_width(i, settings, unit);
                     let value = f.state.values[i];
                     let end = |v: f64| half.is_finite().then(|| v.clamp(slot.bounds[0], slot.bounds[1]));
                     Some(FoundParameter {

@@ -37,6 +37,14 @@ pub struct Noise {
     pub freedom: f64,
 }
 
+impl Noise {
+    /// Variance of smooth things under the noise, in its own variance: correlated noise counts for less.
+    pub fn unit(&self) -> f64 {
+        let rho = self.rho.max(0.0);
+        (1.0 + rho) / (1.0 - rho)
+    }
+}
+
 /// Scales of the median absolute deviation beyond which a point is an outlier: 7 in a million for normal noise.
 const OUTLIER: f64 = 4.5;
 

@@ -1,13 +1,15 @@
 //! Which set of effects: singles first, then pairs and triples while misfit remains.
 //!
-//! A set is accepted if every one of its terms passes: p, corrected for the size of the library and the number of
-//! places its search started from, below 0.01; leaving the term out costs more than one standard error of held-out
-//! loss; and at least a tenth of the excess error that the set without it leaves. Of the accepted sets those that no other beats (paired by
-//! trial, one-sided p < 0.01) tie. Occam: a tied set with more parameters than the simplest is a rival only if it is
-//! better by more than chance would make it; a set within an accepted larger one gives way to it.
+//! First the base model is asked whether it lacks anything at all (`signs`). Then sets are fitted, those whose linear
+//! estimate promises most, and each is asked what it lacks. A set is accepted if every one of its terms passes: the set
+//! without it lacks it (p < 0.01); leaving it out costs more than one standard error of held-out loss, and at least a
+//! tenth of the excess error that the set without it leaves. Larger sets are tried until one is accepted that lacks
+//! nothing, and then only those that need no more parameters.
 //!
-//! Pairs are tried wherever there is misfit (for whole runs, which cost more, while the best single does not reach the
-//! noise floor), triples while the best pair does not reach it.
+//! Of the accepted sets those that no other beats tie: one is beaten if the best has what it lacks, or if its held-out
+//! loss is larger by more than chance makes it. Occam: a tied set with more effects or parameters than the simplest is a
+//! rival only if it is better by more than what they would take up of noise; a set that holds an accepted smaller one
+//! gives way to it.
 
 use rayon::prelude::*;
 
@@ -88,21 +90,28 @@ const TESTED: usize = 6;
 /// Sets of the size before from which larger ones are made: none, singles, pairs.
 const PARENTS: [usize; 3] = [0, 5, 3];
 
+/// What a search goes by.
+#[derive(Clone, Copy)]
+pub struct Given<'a> {
+    pub expected: &'a Expected,
+    pub noise: &'a Noise,
+    /// Indices of the latents to calibrate.
+    pub latents: &'a [usize],
+}
+
 /// Searches the library.
 pub fn search<'a>(
     scene: &Scene,
     data: Data<'a>,
     base: Fitted,
-    expected: &Expected,
-    noise: &Noise,
-    latents: &[usize],
+    given: &Given,
     config: &Config,
     progress: &dyn Progress,
 ) -> Result<Found<'a>> {
     let span = library::span(data.windows);
     let library = Library { candidates: library::candidates(scene, &span) };
-    let rho = noise.rho.max(0.0);
-    let unit = (1.0 + rho) / (1.0 - rho);
+    let Given { expected, noise, latents } = *given;
+    let unit = noise.unit();
     let hunt = Hunt { data: &data, library: &library, latents, expected, unit, seed: config.seed };
     progress.report("looking for anything at all", 0, 1)?;
     let lack = hunt.test(&base)?;
