@@ -522,10 +522,9 @@ fn batches_and_trajectories_are_the_same_whichever_way_they_are_asked_for() {
         }
         assert!(seen > 10, "{seen} states show too little");
     }
-    for mut way in [Http { server: &server, msgpack: Some("application/msgpack") }] {
-        assert_eq!(script(&mut way), expected);
-        assert_eq!(way.get("rollout_world", film.clone())["results"], lists["results"]);
-    }
+    let mut packed = Http { server: &server, msgpack: Some("application/msgpack") };
+    assert_eq!(script(&mut packed), expected);
+    assert_eq!(packed.get("rollout_world", film.clone())["results"], lists["results"]);
 }
 
 #[test]

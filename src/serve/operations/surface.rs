@@ -83,7 +83,7 @@ pub fn work(base: &Arc<Base>, plan: &Value) -> Result<Work> {
         let felt = found.sensitivities(family.prior)?;
         Ok(Outcome::Done(json!({
             "surface": id(number),
-            "sensitivities": felt.iter().map(|s| json(s)).collect::<Result<Vec<_>>>()?,
+            "sensitivities": felt.iter().map(json).collect::<Result<Vec<_>>>()?,
             "config": json(&plan.setup)?,
         })))
     }))
