@@ -77,9 +77,10 @@ const NEGLIGIBLE: f64 = 0.01;
 const HAIR: f64 = 2.0;
 /// Difference that decides: likelihoods a thousand to one.
 const LIKELY: f64 = 14.0;
-/// Excess of the middle trial (share of the floor) from which the best set is known to be wrong itself, and how many
+/// Excess of the middle trial (share of the floor) from which the best set is known to be wrong itself, where the trials'
+/// signs say so too and where they do not; and how many
 /// times as much another set may leave then: twice the error is four times the square.
-const WRONG: f64 = 0.3;
+const WRONG: [f64; 2] = [0.1, 0.3];
 const AGAIN: f64 = 4.0;
 /// Best starts of an effect from which it is fitted.
 const STARTS: usize = 2;
@@ -437,11 +438,16 @@ impl Hunt<'_, '_> {
         // from the data is as good.
         let middle = |i: usize| self.expected.middle_excess(&fits[i], self.data.windows);
         let wrong = middle(best);
+        let spoken = found.lacks[best].as_ref().is_none_or(|l| self.lacks(&fits[best], l));
+        let known = if spoken { WRONG[0] } else { WRONG[1] };
         let no_worse = |i: usize| {
-            wrong > WRONG && fits[i].parameters() <= fits[best].parameters() && middle(i) < AGAIN * wrong
+            wrong > known && fits[i].parameters() <= fits[best].parameters() && middle(i) < AGAIN * wrong
         };
         let mut tied = Vec::new();
-        for i in pool {
+        for i in accepted.iter().copied() {
+            if !pool.contains(&i) && !no_worse(i) {
+                continue;
+            }
             if no_worse(i) {
                 tied.push(i);
                 continue;
