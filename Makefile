@@ -37,9 +37,10 @@ test-python: $(VENV)/.installed
 	cd clients/python && IPLW_BIN=$(CURDIR)/target/debug/iplw ../../$(PYTHON) -m pytest -q
 	cd clients/python && ../../$(PYTHON) -m mypy
 
+# (With the examples, as elsewhere: by itself the binary has other features of its dependencies and is built anew.)
 # Clients made from the OpenAPI document by others' generators, and the document held against the server.
 test-clients: $(VENV)/.generators clients/generated/node_modules/.installed
-	$(CARGO) build --locked --bin iplw
+	$(CARGO) build --locked --bin iplw --examples
 	cd clients/generated && IPLW_BIN=$(CURDIR)/target/debug/iplw ../../$(PYTHON) -m pytest -q
 
 $(VENV)/.generators: clients/generated/requirements.txt $(VENV)/.installed
