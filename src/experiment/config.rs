@@ -6,7 +6,8 @@ use super::sense::Sense;
 use crate::error::{Error, Result, within};
 use crate::estimate::CemConfig;
 use crate::explore;
-use crate::world::Engine;
+use crate::task::scene::EffectTerm;
+use crate::world::{Engine, effect};
 
 /// How an estimation is run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -40,6 +41,9 @@ pub struct EstimateConfig {
     pub racing: bool,
     /// Engine of the simulation.
     pub engine: Engine,
+    /// Effects that the simulation has beside the scenes' own: those a diagnosis found, say.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub effects: Vec<EffectTerm>,
     /// Seed of everything random.
     pub seed: u64,
 }
@@ -117,6 +121,7 @@ impl EstimateConfig {
             settled: 0.02,
             racing: true,
             engine: Engine::Auto,
+            effects: Vec::new(),
             seed: 0,
         }
     }
@@ -128,6 +133,9 @@ impl EstimateConfig {
         within("actions", self.actions as f64, 1.0, 10_000.0)?;
         within("candidates", self.candidates as f64, self.actions as f64, 100_000.0)?;
         within("settled", self.settled, 0.0, 1.0)?;
+        for (i, term) in self.effects.iter().enumerate() {
+            effect::resolve(term, &format!("effects[{i}]"))?;
+        }
         self.cem.validate().map_err(|e| e.under("cem"))
     }
 }

@@ -4,7 +4,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::EstimateConfig;
+use super::quickstart::DRAG_PRIOR;
+use super::{EstimateConfig, refit};
 use crate::discover::report::Verdict;
 use crate::discover::{self, Finding, diagnose};
 use crate::error::{Error, Result};
@@ -14,7 +15,6 @@ use crate::reality::{Trial, settled};
 use crate::task::Scene;
 use crate::task::scene::EffectTerm;
 use crate::world::Latents;
-use crate::world::latent::FACTORS;
 
 /// A simulation as a diagnosis extended it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -27,7 +27,7 @@ pub struct Extension {
     pub rivals: Vec<Vec<String>>,
     /// What is added to the simulation: the simplest of those sets.
     pub effects: Vec<EffectTerm>,
-    /// As estimated along with the effects; those that the trials do not tell are the workflow's.
+    /// As estimated in the extended simulation.
     pub latents: Latents,
     /// Share of the excess error on held-out trials that goes away.
     pub excess_removed: Option<f64>,
@@ -46,29 +46,48 @@ pub fn diagnosed(
     Ok((scene, finding))
 }
 
-impl Extension {
-    /// The simulation that a finding asks for, with the workflow's latents `found` where it knows no better.
-    pub fn of(finding: &Finding, found: Latents) -> Extension {
-        let d = &finding.diagnosis;
-        let named = matches!(d.verdict, Verdict::Named | Verdict::Ambiguous);
-        let mut values = found.values();
-        for (i, factor) in FACTORS.iter().enumerate() {
-            let told = d.calibrated.iter().find(|c| c.name == factor.name && c.identifiable);
-            if let Some(c) = told.filter(|_| named) {
-                values[i] = Some(c.value);
-            }
-        }
-        let [density, friction, restitution] = values;
-        Extension {
-            verdict: d.verdict.name().into(),
-            reason: d.reason.clone(),
-            rivals: d.rivals.clone(),
-            effects: if named { finding.extended.effects.clone() } else { Vec::new() },
-            latents: Latents { density, friction, restitution },
-            excess_removed: d.gain.held_out.as_ref().and_then(|g| g.excess_removed),
-        }
+/// The simulation that a finding asks for. Latents are fitted to the trials again, in the extended simulation and with
+/// the workflow's own estimator, which sees whole trials where a diagnosis sees stretches; `linear_drag` alone is
+/// fitted along, other effects stay as they were found. Where nothing was named it is the workflow's simulation with
+/// the latents `found`.
+pub fn extended(
+    finding: &Finding,
+    trials: &[Trial],
+    config: &EstimateConfig,
+    found: Latents,
+    progress: &dyn Progress,
+) -> Result<Extension> {
+    let d = &finding.diagnosis;
+    let named = matches!(d.verdict, Verdict::Named | Verdict::Ambiguous);
+    let mut extension = Extension {
+        verdict: d.verdict.name().into(),
+        reason: d.reason.clone(),
+        rivals: d.rivals.clone(),
+        effects: if named { finding.extended.effects.clone() } else { Vec::new() },
+        latents: found,
+        excess_removed: d.gain.held_out.as_ref().and_then(|g| g.excess_removed),
+    };
+    if extension.effects.is_empty() {
+        return Ok(extension);
     }
+    let mut setup = EstimateConfig { effects: extension.effects.clone(), ..config.clone() };
+    let drag = match extension.effects.as_slice() {
+        [one] if one.name == "linear_drag" => one.parameters.get("c").copied(),
+        _ => None,
+    };
+    if let Some(c) = drag {
+        setup.effects.clear();
+        setup.cem.drag = Some((c, DRAG_PRIOR.1));
+    }
+    let report = refit(trials, &setup, progress)?;
+    extension.latents = Latents::of(report.values());
+    if drag.is_some() {
+        extension.effects = report.extension();
+    }
+    Ok(extension)
+}
 
+impl Extension {
     /// Training in the extended simulation.
     pub fn training(&self) -> Training {
         Training::Fixed { latents: self.latents, effects: self.effects.clone() }

@@ -39,7 +39,7 @@ pub(super) fn fit_round(
     round: usize,
     progress: &dyn Progress,
 ) -> Result<Fitted> {
-    let simulation = Simulation { engine: config.engine, effects: &[] };
+    let simulation = Simulation { engine: config.engine, effects: &config.effects };
     let (mut pieces, mut rollouts) =
         cut(before.unwrap_or_else(|| cem.estimate()), trials, config, simulation, progress)?;
     let mut stream = rng::stream(rng::derive(config.seed, "search", round as u64), "cem");
@@ -112,7 +112,7 @@ pub(super) fn report_on(
     found: Found,
     progress: &dyn Progress,
 ) -> Result<EstimateReport> {
-    let simulation = Simulation { engine: config.engine, effects: &[] };
+    let simulation = Simulation { engine: config.engine, effects: &config.effects };
     let (pieces, cut_cost) = cut(estimate, trials, config, simulation, progress)?;
     let (field, cost) = field(estimate, config, &pieces, simulation, progress)?;
     let reach = if config.refine { field.prior.map(|sd| AGAIN * sd) } else { spread };

@@ -10,7 +10,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::extension::{Extension, diagnosed};
+use super::extension::{self, Extension, diagnosed};
 use super::{EstimateConfig, EstimateReport, estimate, refit};
 use crate::discover::Finding;
 use crate::error::{Result, within};
@@ -158,7 +158,9 @@ pub fn quickstart(
         let found = Latents::of(report.values());
         let named = Named { inner: &staged, name: "what the simulation lacks".into() };
         let (scene, finding) = stopwatch.time("diagnose", || diagnosed(&trials, &setup, &named))?;
-        let extension = Extension::of(&finding, found);
+        let extension = stopwatch.time("fit in the extended simulation", || {
+            extension::extended(&finding, &trials, &setup, found, &named)
+        })?;
         first_finding = first_finding.or(Some((scene, finding)));
         for (method, schooling) in [
             (Method::Random, None),

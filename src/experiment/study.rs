@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::extension::{Extension, diagnosed};
+use super::extension::{self, Extension, diagnosed};
 use super::quickstart::DRAG_PRIOR;
 use super::statistics::{Claim, Summary, Verdict};
 use super::strategies::{Arm, Nature};
@@ -413,7 +413,8 @@ pub fn estimated(
     let extension = match last {
         Some([density, friction, restitution, _]) => {
             let (_, finding) = diagnosed(workflow.trials(), &config, progress)?;
-            Some(Extension::of(&finding, Latents::of([*density, *friction, *restitution])))
+            let latents = Latents::of([*density, *friction, *restitution]);
+            Some(extension::extended(&finding, workflow.trials(), &config, latents, progress)?)
         }
         None => None,
     };

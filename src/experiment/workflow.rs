@@ -301,7 +301,13 @@ impl Workflow {
         let [density, friction, restitution, drag] = self.estimate();
         let world = explore::World {
             latents: Latents::of([density, friction, restitution]),
-            effects: if drag > 0.0 { vec![linear_drag(drag)] } else { Vec::new() },
+            effects: self
+                .config
+                .effects
+                .iter()
+                .cloned()
+                .chain((drag > 0.0).then(|| linear_drag(drag)))
+                .collect(),
             engine: self.config.engine,
         };
         let candidates =
