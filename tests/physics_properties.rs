@@ -258,10 +258,13 @@ fn scaled(shape: &Shape, by: f64) -> Shape {
             Shape::Segment { from: point(from), to: point(to), radius: length(*radius) }
         }
         // Polygons below a millimetre may have triangles of no legal area.
-        Shape::Polygon { vertices } if by < 1e-3 => {
-            Shape::Disc { radius: length(vertices.iter().map(|v| v[0]).fold(0.0, f64::max)) }
+        Shape::Polygon { vertices } => {
+            let extent = vertices.iter().map(|v| v[0]).fold(0.0, f64::max);
+            match extent * by < 1e-3 {
+                true => Shape::Disc { radius: length(extent) },
+                false => Shape::Polygon { vertices: vertices.iter().map(point).collect() },
+            }
         }
-        Shape::Polygon { vertices } => Shape::Polygon { vertices: vertices.iter().map(point).collect() },
         other => other.clone(),
     }
 }
