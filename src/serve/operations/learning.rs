@@ -1,37 +1,33 @@
 //! Learning on in a world: random attempts on its training tasks, then further batches for a policy. From the policy
-//! [`UNTRAINED`] this is direct learning, the baseline without a simulation.
-//!
-//! Attempts in a real world are kept as they are made, in one transaction with its counter, and not made again by a
-//! job that is begun again.
+//! [`UNTRAINED`] this is direct learning, the baseline without a simulation. Begun again, the job makes no attempt twice.
 
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+use super::attempts::Attempts;
 use super::estimation::explored;
-use super::policy::{free_id, load, row};
-use super::{Keep, json, text};
+use super::policy::{began_with, free_id, load, row};
+use super::{Keep, json};
 use crate::error::{Error, Result};
 use crate::experiment::transfer::LearnConfig;
 use crate::explore;
 use crate::job::{Context, New, Outcome, Work};
-use crate::json::{from_value, parse};
+use crate::json::from_value;
 use crate::policy::{Dataset, Dqn, Example, Policy, TrainConfig};
 use crate::progress::Progress;
 use crate::rng;
 use crate::serve::app::{App, Base};
 use crate::serve::wire::{JobOut, LearnIn};
-use crate::session::{Kind, Tried, World};
-use crate::store::{Measured, PolicyRow};
+use crate::session::World;
+use crate::store::PolicyRow;
 use crate::task::{Task, ValidAction};
 
 /// The kind of job.
 pub const KIND: &str = "learn";
 /// The policy that knows nothing; always there.
 pub const UNTRAINED: &str = "untrained";
-/// The artifact that holds the weights the job began with.
-const WEIGHTS: &str = "weights";
 
 /// Learning with everything decided.
 #[derive(Serialize, Deserialize)]
@@ -93,15 +89,9 @@ pub fn work(base: &Arc<Base>, plan: &Value) -> Result<Work> {
 fn run(base: &Base, context: &Context, plan: &Plan, world: &World) -> Result<Outcome> {
     let (store, job) = (&*base.store, context.number);
     let tasks = explored(world.tasks());
-    // With the weights it began with, also if the policy is replaced meanwhile.
-    let dqn = match (store.artifact(job, WEIGHTS)?, plan.policy.as_str()) {
-        (Some(kept), _) => Dqn::from_safetensors(&kept)?,
-        (None, UNTRAINED) => start(base, UNTRAINED, &tasks, &plan.setup)?,
-        (None, id) => {
-            let weights = store.weights(id)?.ok_or_else(|| super::policy::unknown(id))?;
-            store.put_artifact(job, WEIGHTS, &weights)?;
-            Dqn::from_safetensors(&weights)?
-        }
+    let dqn = match plan.policy.as_str() {
+        UNTRAINED => start(base, UNTRAINED, &tasks, &plan.setup)?,
+        id => began_with(store, job, id, store.weights(id)?)?,
     };
     let data = gathered(base, context, plan, world, tasks)?;
     if data.solving() == 0 {
@@ -137,29 +127,13 @@ fn run(base: &Base, context: &Context, plan: &Plan, world: &World) -> Result<Out
 
 /// Random attempts, task by task.
 fn gathered(base: &Base, context: &Context, plan: &Plan, world: &World, tasks: Vec<Task>) -> Result<Dataset> {
-    let (store, job) = (&*base.store, context.number);
-    let kept = store.measured(job, 0)?;
-    let real = world.kind() == Kind::Real;
+    let attempts = Attempts::new(base, context.number, world, &plan.world)?;
     let drawn = explore::draw(&tasks, plan.attempts, &mut rng::stream(plan.setup.seed, "attempts"))?;
     let mut rows = Vec::with_capacity(drawn.len());
     for (t, task) in tasks.iter().enumerate() {
         context.report("acting in the world", t as u64, tasks.len() as u64)?;
         let actions: Vec<ValidAction> = drawn.iter().filter(|d| d.0 == t).map(|d| d.1.clone()).collect();
-        let solved: Vec<Option<bool>> = match kept.get(&(t as u64)) {
-            Some(Some(text)) => parse(text)?,
-            _ => {
-                let solved = |results: &[Tried]| -> Vec<Option<bool>> {
-                    results.iter().map(|r| r.as_ref().ok().map(|t| t.solved())).collect()
-                };
-                let keep = |results: &[Tried], interactions: u64| {
-                    let row = Measured::from([(t as u64, Some(text(&solved(results))?))]);
-                    store.put_measured(job, &row, Some((&plan.world, interactions)), None)
-                };
-                let results = world.attempts(task, &actions, real.then_some(&keep))?;
-                base.metrics.attempted(world.kind(), actions.len() as u64);
-                solved(&results)
-            }
-        };
+        let solved = attempts.solved(t as u64, task, &actions)?;
         let of_task = actions.into_iter().zip(solved);
         rows.extend(of_task.filter_map(|(action, s)| Some(Example { task: t, action, solved: s? })));
     }

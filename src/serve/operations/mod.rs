@@ -1,6 +1,7 @@
 //! What a client can ask for, as functions over wire structs: one dispatch for every transport.
 
 pub mod asked;
+mod attempts;
 pub mod batch;
 pub mod diagnosis;
 pub mod dispatch;

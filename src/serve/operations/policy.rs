@@ -5,12 +5,13 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+use super::attempts::Attempts;
 use super::estimation::explored;
 use super::learning::UNTRAINED;
-use super::{Keep, Page, json, text};
+use super::{Keep, Page, json};
 use crate::error::{Error, Result};
 use crate::job::{New, Outcome, Work};
-use crate::json::{from_value, parse};
+use crate::json::from_value;
 use crate::policy::{
     CHUNK, Dqn, EvaluateConfig, LabelConfig, Policy, Random, TrainConfig, Training, evaluate, label, rank,
     train,
@@ -20,8 +21,7 @@ use crate::serve::wire::{
     ActIn, Acted, EvaluateIn, JobOut, Object, Policies, PolicyOut, Scored, SplitIn, TrainIn, TrainingIn,
     effects,
 };
-use crate::session::{Kind, Tried};
-use crate::store::{Measured, PolicyRow, Store};
+use crate::store::{PolicyRow, Store};
 use crate::task::{Placement, Split, Task, ValidAction, split};
 use crate::world::Latents;
 
@@ -242,19 +242,13 @@ pub fn evaluation_work(base: &Arc<Base>, plan: &Value) -> Result<Work> {
     let world = base.worlds.get(&plan.world, base.now())?;
     let now = base.store.weights(&plan.policy)?;
     Ok(Box::new(move |context| {
-        let (store, job) = (&*base.store, context.number);
-        let policy: Box<dyn Policy> = match (store.artifact(job, WEIGHTS)?, now) {
-            _ if plan.policy == RANDOM => Box::new(Random { seed: plan.setup.seed }),
-            (Some(kept), _) => Box::new(Dqn::from_safetensors(&kept)?),
-            (None, Some(now)) => {
-                store.put_artifact(job, WEIGHTS, &now)?;
-                Box::new(Dqn::from_safetensors(&now)?)
-            }
-            (None, None) => return Err(unknown(&plan.policy)),
+        let job = context.number;
+        let policy: Box<dyn Policy> = match plan.policy.as_str() {
+            RANDOM => Box::new(Random { seed: plan.setup.seed }),
+            _ => Box::new(began_with(&base.store, job, &plan.policy, now)?),
         };
         let tasks = split(&world.tasks().tasks, plan.split);
-        let real = world.kind() == Kind::Real;
-        let kept = store.measured(job, 0)?;
+        let attempts = Attempts::new(&base, job, &world, &plan.world)?;
         let mut spent = Spent { calls: 0, task: String::new(), here: 0, all: 0 };
         let mut attempt = |task: &Task, actions: &[ValidAction]| {
             if spent.task != task.id {
@@ -274,22 +268,7 @@ pub fn evaluation_work(base: &Arc<Base>, plan: &Value) -> Result<Work> {
             spent.calls += 1;
             spent.here += chosen.len() as u64;
             spent.all += chosen.len() as u64;
-            let solved: Vec<Option<bool>> = match kept.get(&call) {
-                Some(Some(text)) => parse(text)?,
-                _ => {
-                    let solved = |results: &[Tried]| -> Vec<Option<bool>> {
-                        results.iter().map(|r| r.as_ref().ok().map(|t| t.solved())).collect()
-                    };
-                    let keep = |results: &[Tried], interactions: u64| {
-                        let row = Measured::from([(call, Some(text(&solved(results))?))]);
-                        store.put_measured(job, &row, Some((&plan.world, interactions)), None)
-                    };
-                    let results = world.attempts(task, &chosen, real.then_some(&keep))?;
-                    base.metrics.attempted(world.kind(), chosen.len() as u64);
-                    solved(&results)
-                }
-            };
-            let mut solved = solved.into_iter();
+            let mut solved = attempts.solved(call, task, &chosen)?.into_iter();
             Ok(tried.into_iter().map(|tried| if tried { solved.next().flatten() } else { None }).collect())
         };
         let evaluation = evaluate(policy.as_ref(), &tasks, &plan.setup, &mut attempt, context)?;
@@ -299,13 +278,26 @@ pub fn evaluation_work(base: &Arc<Base>, plan: &Value) -> Result<Work> {
             "solved_within": evaluation.curve.to_vec(),
             "tasks": rows.map(|(t, at)| json!({"task": t.id, "solved_at": at})).collect::<Vec<_>>(),
             "interactions": spent.all,
-            "world_kind": if real { "real" } else { "sim" },
+            "world_kind": world.kind().name(),
             "config": json(&plan.setup)?,
         })))
     }))
 }
 
-/// The artifact that holds the weights an evaluation began with.
+/// The policy as it was when the job began, also if it is replaced meanwhile; `now` are the weights of `id` as they are.
+pub fn began_with(store: &Store, job: i64, id: &str, now: Option<Vec<u8>>) -> Result<Dqn> {
+    let weights = match (store.artifact(job, WEIGHTS)?, now) {
+        (Some(kept), _) => kept,
+        (None, Some(now)) => {
+            store.put_artifact(job, WEIGHTS, &now)?;
+            now
+        }
+        (None, None) => return Err(unknown(id)),
+    };
+    Dqn::from_safetensors(&weights)
+}
+
+/// The artifact that holds the weights a job began with.
 const WEIGHTS: &str = "weights";
 
 /// A training with everything decided.
