@@ -87,17 +87,13 @@ pub struct Point {
 impl TransferConfig {
     /// As in the paper: 1000 batches of 16 (bowling) or 32 (basketball) in simulation.
     pub fn paper(family: &Family) -> TransferConfig {
+        // More labels than the batches can use rank unseen tasks better.
+        let label = LabelConfig { per_task: 800, most_per_task: 1600, ..LabelConfig::default() };
         let train = match family.name {
             "basketball" => TrainConfig::paper_basketball(),
             _ => TrainConfig::paper_bowling(),
         };
-        TransferConfig {
-            // More labels than the batches can use rank unseen tasks better.
-            label: LabelConfig { per_task: 800, most_per_task: 1600, ..LabelConfig::default() },
-            train,
-            evaluate: EvaluateConfig::phyre(0),
-            learn: None,
-        }
+        TransferConfig { label, train, evaluate: EvaluateConfig::phyre(0), learn: None }
     }
 
     /// A small run of the same shape, for a look.
@@ -130,9 +126,9 @@ impl LearnConfig {
 
 /// Schools a policy, tries it on the test tasks of the hidden world, and lets it learn on there.
 ///
-/// `seed` decides the labels drawn, the weights and the batches.
+/// `seed` decides the labels drawn, the weights and the batches; `tasks` are split.
 pub fn transfer(
-    family: &Family,
+    tasks: &[Task],
     school: &School,
     hidden: &HiddenConfig,
     config: &TransferConfig,
@@ -140,8 +136,7 @@ pub fn transfer(
     progress: &dyn Progress,
 ) -> Result<(Transfer, Option<Dqn>)> {
     config.validate()?;
-    let tasks = (family.tasks)();
-    let (training, test) = (split(&tasks, Split::Train), split(&tasks, Split::Test));
+    let (training, test) = (split(tasks, Split::Train), split(tasks, Split::Test));
     let mut learner = match school {
         School::Chance | School::Itself => None,
         School::Direct => Some(Dqn::untrained(&training[0], config.train.hidden, seed)?),

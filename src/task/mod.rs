@@ -99,6 +99,17 @@ pub struct RealPhysics {
     pub damping: f64,
 }
 
+impl Family {
+    /// All tasks, dealt anew to the splits. Fold 0 is how [`Family::tasks`] deals them.
+    ///
+    /// Source: PHYRE's folds (Bakhtin et al. 2019, section 3): figures over folds hold for tasks that happen not to be
+    /// in one of them, too.
+    pub fn fold(&self, fold: u64) -> Vec<Task> {
+        let dealt = deal(self.split, fold);
+        (self.tasks)().into_iter().zip(dealt).map(|(task, split)| Task { split, ..task }).collect()
+    }
+}
+
 impl Task {
     /// The task's action space.
     pub fn actions(&self) -> &ActionSpace {

@@ -1,6 +1,9 @@
 //! Experiments are cut into cells that are kept as files, so that one that was stopped goes on where it was.
 
+use std::hash::{DefaultHasher, Hasher};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 use iplw::error::{Error, Result};
@@ -14,18 +17,23 @@ use crate::cli::output::{self, Bar};
 /// A directory of finished cells.
 pub struct Cells {
     directory: PathBuf,
-    bar: Bar,
+    bar: Arc<Bar>,
     started: Instant,
-    /// All cells there will be, those come by so far, and those computed now.
+    /// The program that computes them.
+    build: u64,
+    /// All cells there will be.
     total: usize,
+    /// Those come by so far, those computed now, and the seconds that all of them took.
     seen: usize,
     computed: usize,
+    seconds: f64,
 }
 
-/// A cell as a file. One made by another configuration or version is computed anew.
+/// A cell as a file. One made by another configuration, version or build is computed anew.
 #[derive(Serialize, Deserialize)]
 struct File {
     version: String,
+    build: u64,
     config: Value,
     /// What computing it took, wall clock.
     seconds: f64,
@@ -37,64 +45,145 @@ impl Cells {
     pub fn new(out: &Path, total: usize) -> Result<Cells> {
         let directory = out.join("cells");
         output::directory(&directory)?;
-        Ok(Cells { directory, bar: Bar::new(), started: Instant::now(), total, seen: 0, computed: 0 })
+        let (bar, started) = (Arc::new(Bar::new()), Instant::now());
+        Ok(Cells { directory, bar, started, build: build()?, total, seen: 0, computed: 0, seconds: 0.0 })
     }
 
-    /// The cell called `key`: as it is kept, or made by `make` and kept. `config` is everything it depends on.
+    /// The cells of `items`, as they are kept or made by `make` and kept; as many at a time as there are cores.
+    /// `named` gives a cell's name and everything it depends on. The first error ends it; what is done is kept.
+    pub fn all<I: Sync, T: Serialize + DeserializeOwned + Send>(
+        &mut self,
+        items: &[I],
+        named: impl Fn(&I) -> (String, Value) + Sync,
+        make: impl Fn(&I) -> Result<T> + Sync,
+    ) -> Result<Vec<T>> {
+        let slots: Vec<Mutex<Option<T>>> = items.iter().map(|_| Mutex::new(None)).collect();
+        let next = AtomicUsize::new(0);
+        let failed = Mutex::new(None);
+        let state = Mutex::new(self);
+        let work = || {
+            while lock(&failed).is_none() {
+                let i = next.fetch_add(1, Ordering::Relaxed);
+                let Some(item) = items.get(i) else { break };
+                let (key, config) = named(item);
+                // Stages of cells side by side would only flicker.
+                match one(&state, &key, config, |_| make(item)) {
+                    Ok(value) => *lock(&slots[i]) = Some(value),
+                    Err(error) => *lock(&failed) = Some(error),
+                }
+            }
+        };
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        std::thread::scope(|scope| {
+            for _ in 0..cores.min(items.len()) {
+                scope.spawn(work);
+            }
+        });
+        if let Some(error) = failed.into_inner().unwrap_or_else(PoisonError::into_inner) {
+            return Err(error);
+        }
+        let values = slots.into_iter().map(|s| s.into_inner().unwrap_or_else(PoisonError::into_inner));
+        values.map(|v| v.ok_or_else(|| Error::Failed("a cell was left out".into()))).collect()
+    }
+
+    /// The cell called `key`: as it is kept, or made by `make` and kept, with the seconds that took. `config` is
+    /// everything it depends on.
     pub fn get<T: Serialize + DeserializeOwned>(
         &mut self,
         key: &str,
         config: &impl Serialize,
         make: impl FnOnce(&dyn Progress) -> Result<T>,
     ) -> Result<(T, f64)> {
-        let name: String =
-            key.chars().map(|c| if c.is_ascii_alphanumeric() || c == '.' { c } else { '-' }).collect();
-        let path = self.directory.join(format!("{name}.json"));
         let config = serde_json::to_value(config).map_err(|e| Error::Failed(e.to_string()))?;
-        self.seen += 1;
-        if let Some((value, seconds)) = kept(&path, &config) {
-            return Ok((value, seconds));
-        }
-        let left = match self.computed {
+        let before = self.seconds;
+        let state = Mutex::new(self);
+        let value = one(&state, key, config, make)?;
+        let after = lock(&state).seconds;
+        Ok((value, after - before))
+    }
+
+    /// Takes the progress bar away; the seconds of all cells together.
+    pub fn finish(&self) -> f64 {
+        self.bar.clear();
+        self.seconds
+    }
+
+    fn path(&self, key: &str) -> PathBuf {
+        let plain = |c: char| if c.is_ascii_alphanumeric() || c == '.' { c } else { '-' };
+        self.directory.join(format!("{}.json", key.chars().map(plain).collect::<String>()))
+    }
+
+    fn left(&self) -> String {
+        match self.computed {
             0 => String::new(),
             n => {
                 let each = self.started.elapsed().as_secs_f64() / n as f64;
                 format!(", about {:.0} min left", (each * (self.total - self.seen + 1) as f64 / 60.0).ceil())
             }
-        };
-        let named = Named { bar: &self.bar, name: format!("{} of {}{left}: {key}", self.seen, self.total) };
-        let started = Instant::now();
-        let value = make(&named)?;
-        self.computed += 1;
-        let seconds = started.elapsed().as_secs_f64();
-        let text = serde_json::to_value(&value).map_err(|e| Error::Failed(e.to_string()))?;
-        let file = File { version: env!("CARGO_PKG_VERSION").into(), config, seconds, value: text };
-        let text = serde_json::to_string(&file).map_err(|e| Error::Failed(e.to_string()))?;
-        output::write_whole(&path, text.as_bytes())?;
-        Ok((value, seconds))
-    }
-
-    /// Takes the progress bar away.
-    pub fn finish(&self) {
-        self.bar.clear();
+        }
     }
 }
 
-fn kept<T: DeserializeOwned>(path: &Path, config: &Value) -> Option<(T, f64)> {
+/// One cell, kept or made.
+fn one<T: Serialize + DeserializeOwned>(
+    state: &Mutex<&mut Cells>,
+    key: &str,
+    config: Value,
+    make: impl FnOnce(&dyn Progress) -> Result<T>,
+) -> Result<T> {
+    let (path, build, named) = {
+        let mut cells = lock(state);
+        cells.seen += 1;
+        let path = cells.path(key);
+        if let Some((value, seconds)) = kept(&path, &config, cells.build) {
+            cells.seconds += seconds;
+            return Ok(value);
+        }
+        let name = format!("{} of {}{}: {key}", cells.seen, cells.total, cells.left());
+        (path, cells.build, Named { bar: cells.bar.clone(), name })
+    };
+    named.report("begun", 0, 1)?;
+    let started = Instant::now();
+    let value = make(&named)?;
+    let seconds = started.elapsed().as_secs_f64();
+    let text = serde_json::to_value(&value).map_err(|e| Error::Failed(e.to_string()))?;
+    let file = File { version: env!("CARGO_PKG_VERSION").into(), build, config, seconds, value: text };
+    let text = serde_json::to_string(&file).map_err(|e| Error::Failed(e.to_string()))?;
+    output::write_whole(&path, text.as_bytes())?;
+    let mut cells = lock(state);
+    cells.computed += 1;
+    cells.seconds += seconds;
+    Ok(value)
+}
+
+fn kept<T: DeserializeOwned>(path: &Path, config: &Value, build: u64) -> Option<(T, f64)> {
     let file: File = serde_json::from_str(&std::fs::read_to_string(path).ok()?).ok()?;
-    if file.config != *config || file.version != env!("CARGO_PKG_VERSION") {
+    if file.config != *config || file.version != env!("CARGO_PKG_VERSION") || file.build != build {
         return None;
     }
     Some((serde_json::from_value(file.value).ok()?, file.seconds))
 }
 
+/// Tells programs apart that have the same version.
+fn build() -> Result<u64> {
+    let own = std::env::current_exe().and_then(std::fs::read);
+    let own = own.map_err(|e| Error::Failed(format!("this program cannot read its own file: {e}")))?;
+    let mut hasher = DefaultHasher::new();
+    hasher.write(&own);
+    Ok(hasher.finish())
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 /// Puts the cell's name before every stage.
-struct Named<'a> {
-    bar: &'a Bar,
+struct Named {
+    bar: Arc<Bar>,
     name: String,
 }
 
-impl Progress for Named<'_> {
+impl Progress for Named {
     fn report(&self, stage: &str, done: u64, total: u64) -> Result<()> {
         self.bar.report(&format!("{}: {stage}", self.name), done, total)
     }

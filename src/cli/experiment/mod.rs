@@ -57,6 +57,10 @@ pub struct ExperimentArgs {
     /// Rounds after which policies are trained, `1,3` (`bowling`, `basketball`), and the last; all if not given.
     #[arg(long, value_delimiter = ',')]
     rounds: Option<Vec<usize>>,
+    /// Batches that policies are trained for in simulation (`latents`, `bowling`, `basketball`, `harder`); the paper's
+    /// 1000 if not given.
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    batches: Option<u64>,
     /// Of `strategies`: the hidden worlds, damped, no-drag or both.
     #[arg(long, default_value = "both")]
     hidden: String,
@@ -69,6 +73,23 @@ pub struct ExperimentArgs {
 }
 
 impl ExperimentArgs {
+    /// Errors for an option that the experiment would not heed.
+    fn check_options(&self) -> Result<()> {
+        let transfers = ["latents", "bowling", "basketball", "harder"];
+        let several = ["bowling", "basketball"];
+        let given = [
+            ("--trials", self.trials.map(|v| v.to_string()), &transfers[..]),
+            ("--batches", self.batches.map(|v| v.to_string()), &transfers[..]),
+            ("--rounds", self.rounds.as_ref().map(|v| format!("{v:?}")), &several[..]),
+        ];
+        for (name, value, heeding) in given {
+            if let Some(value) = value.filter(|_| !heeding.contains(&self.name.as_str())) {
+                return Err(Error::input(name, value, format!("nothing: it is for {}", heeding.join(", "))));
+            }
+        }
+        Ok(())
+    }
+
     /// As many seeds as were asked for, an experiment's own first; its own if no number was.
     fn seeds(&self, own: &[u64]) -> Vec<u64> {
         let wanted = self.seeds.map_or(own.len(), |n| n as usize);
@@ -102,6 +123,7 @@ pub fn experiment(args: &ExperimentArgs) -> Result<()> {
     if let Some(seeds) = args.seeds {
         iplw::error::within("--seeds", seeds as f64, 1.0, 1000.0)?;
     }
+    args.check_options()?;
     match args.name.as_str() {
         "quickstart" => {
             quickstart::story(&args.task, (0..args.seeds.unwrap_or(3)).collect(), args.quick, &args.out)

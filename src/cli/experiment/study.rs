@@ -4,11 +4,13 @@ use std::path::Path;
 
 use iplw::error::{Error, Result};
 use iplw::experiment::statistics::{Claim, Summary};
+use iplw::experiment::strategies::Arm;
 use iplw::experiment::study::{Cell, Estimated, Row, Study, estimated, tried};
 use iplw::experiment::transfer::Transfer;
 use iplw::picture::plot::{self, Series};
 use iplw::picture::{Block, Report, Section, Style, chances_svg, svg_to_png};
 use iplw::policy::{CHUNK, Dqn, Policy, rank};
+use iplw::progress::Silent;
 use iplw::reality::{HiddenConfig, HiddenWorld, Reality};
 use iplw::task::action::Quantity;
 use iplw::task::{Family, Split, Task, ValidAction, family, split};
@@ -36,6 +38,7 @@ fn carry_out(args: &ExperimentArgs, family: &Family, mut study: Study, out: &Pat
     }
     study.seeds = args.seeds(&study.seeds);
     study.trials = args.trials.unwrap_or(study.trials);
+    study.transfer.train.batches = args.batches.map_or(study.transfer.train.batches, |b| b as usize);
     if let Some(rounds) = &args.rounds {
         let last = study.rounds.last().copied().unwrap_or(1);
         if let Some(beyond) = rounds.iter().find(|r| !(1..=last).contains(*r)) {
@@ -54,45 +57,44 @@ fn carry_out(args: &ExperimentArgs, family: &Family, mut study: Study, out: &Pat
         * study.trials as usize
         * (study.schools.len() + study.arms.len() * study.rounds.len() + study.diagnosed.len());
     let mut cells = Cells::new(out, estimates + policies)?;
-    let mut seconds = 0.0;
-    let mut found: Vec<Vec<Estimated>> = Vec::new();
-    for arm in &study.arms {
-        let mut of_arm = Vec::new();
-        for seed in &study.seeds {
-            let diagnose = study.diagnosed.contains(&arm.name);
-            let mut depends =
-                json!({ "family": family.name, "hidden": study.hidden, "arm": arm, "seed": seed });
-            if diagnose {
-                depends["diagnose"] = true.into();
-            }
-            let key = format!("estimate, {}, seed {seed}", arm.name);
-            let (done, took) = cells.get(&key, &depends, |progress| {
-                estimated(family, arm, &study.hidden, *seed, diagnose, importance.clone(), progress)
-            })?;
-            of_arm.push(done);
-            seconds += took;
-        }
-        found.push(of_arm);
-    }
+    let arms: Vec<(&Arm, u64)> =
+        study.arms.iter().flat_map(|arm| study.seeds.iter().map(move |seed| (arm, *seed))).collect();
+    let found: Vec<Estimated> = cells.all(
+        &arms,
+        |(arm, seed)| {
+            let depends = json!({
+                "family": family.name, "hidden": study.hidden, "arm": arm, "seed": seed,
+                "tasks": train_ids(&study.tasks(family, *seed)), "diagnose": study.diagnosed.contains(&arm.name),
+            });
+            (format!("estimate, {}, seed {seed}", arm.name), depends)
+        },
+        |(arm, seed)| estimated(family, &study, arm, *seed, importance.clone(), &Silent),
+    )?;
+    let found: Vec<Vec<Estimated>> = found.chunks(study.seeds.len()).map(<[Estimated]>::to_vec).collect();
     let policies = study.cells(&found);
-    let mut results: Vec<Transfer> = Vec::with_capacity(policies.len());
-    for cell in &policies {
-        let round = cell.round.map_or(String::new(), |r| format!(" after round {r}"));
-        let key = format!("policy, {}{round}, seed {}, trial {}", cell.row, cell.seed, cell.trial);
-        let depends = json!({
-            "family": family.name, "hidden": study.hidden, "transfer": study.transfer, "cell": cell,
-        });
-        let (done, took) =
-            cells.get(&key, &depends, |progress| Ok(tried(family, &study, cell, progress)?.0))?;
-        results.push(done);
-        seconds += took;
-    }
-    cells.finish();
+    let results: Vec<Transfer> = cells.all(
+        &policies,
+        |cell| {
+            let round = cell.round.map_or(String::new(), |r| format!(" after round {r}"));
+            let depends = json!({
+                "family": family.name, "hidden": study.hidden, "transfer": study.transfer, "cell": cell,
+                "tasks": train_ids(&study.tasks(family, cell.seed)),
+            });
+            (format!("policy, {}{round}, seed {}, trial {}", cell.row, cell.seed, cell.trial), depends)
+        },
+        |cell| Ok(tried(family, &study, cell, &Silent)?.0),
+    )?;
+    let seconds = cells.finish();
     let rows = study.rows(&policies, &results);
     let claims = study.claims(&rows);
     write_all(out, family, &study, &rows, &claims, &policies, &results, seconds)?;
     output::print(&text_table(&study, &rows, &claims))?;
     output::print(&format!("\n{seconds:.0} s of work; report: {}\n", out.join("report.html").display()))
+}
+
+/// Which tasks are trained on.
+fn train_ids(tasks: &[Task]) -> Vec<String> {
+    split(tasks, Split::Train).into_iter().map(|t| t.id).collect()
 }
 
 fn title(row: &Row) -> String {
@@ -256,7 +258,7 @@ fn pictures(family: &Family, study: &Study, cells: &[Cell]) -> Result<Vec<Pictur
     bar.clear();
     let mut world = HiddenWorld::new(HiddenConfig { seed: cell.seed, ..study.hidden.clone() })?;
     let mut pictures = Vec::new();
-    for (i, task) in split(&(family.tasks)(), Split::Test).iter().take(4).enumerate() {
+    for (i, task) in split(&study.tasks(family, cell.seed), Split::Test).iter().take(4).enumerate() {
         if let Some((caption, svg)) = picture(&policy, task, &mut world)? {
             pictures.push((format!("policy_{}", i + 1), format!("{}: {caption}", cell.row), svg));
         }
