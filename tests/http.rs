@@ -913,12 +913,13 @@ fn baselines_need_no_simulation() {
         server.finish(&server.post(&format!("/v1/policies/{id}/evaluate"), &body, 202))["result"].clone()
     };
     let chance = evaluate("random");
-    for always in ["random", "untrained"] {
+    for always in ["random", "ranked", "untrained"] {
         assert_eq!(server.get(&format!("/v1/policies/{always}"))["training"], "none");
     }
     assert!(chance["auccess"].as_f64().unwrap() < 0.5, "{chance}");
     let before = server.get("/v1/worlds/bowling-real")["interactions"].as_u64().unwrap();
     assert_eq!(before, chance["interactions"].as_u64().unwrap());
+    let before = before + a_ranking_of_ones_own_is_tried(&server);
     let body = json!({"world": "bowling-real", "attempts": 120, "batches": 10, "seed": 2});
     let learned = server.finish(&server.post("/v1/policies/untrained/learn", &body, 202));
     assert_eq!(learned["state"], "succeeded", "{learned}");
@@ -940,6 +941,40 @@ fn baselines_need_no_simulation() {
     let poor = json!({"world": poor["id"], "attempts": 6}).to_string();
     let refused = server.send(Method::POST, "/v1/policies/untrained/learn", poor);
     assert_eq!(problem(refused, 422, "invalid-value")["field"], "attempts");
+}
+
+/// A policy outside the server sends its order of actions. Returns the attempts it was charged for.
+fn a_ranking_of_ones_own_is_tried(server: &Running) -> u64 {
+    let tasks =
+        ["bowling:000", "bowling:001"].map(|id| server.get(&format!("/v1/tasks/{}", id.replace(':', "/"))));
+    let known = |i: usize| tasks[i]["certificate"]["action"].clone();
+    // The first solves at once; the second after one action that cannot be placed (no attempt) and one that fails.
+    let [nowhere, fails] = [json!([0.5, 0.0, 1.0]), json!([0.0, 1.0, 0.0])];
+    let ranking = json!([
+        {"task": "bowling:000", "actions": [known(0)]},
+        {"task": "bowling:001", "actions": [nowhere, fails, known(1)]},
+    ]);
+    let send = |ranking: &Value| {
+        let body = json!({"world": "bowling-real", "ranking": ranking}).to_string();
+        server.send(Method::POST, "/v1/policies/ranked/evaluate", body)
+    };
+    let done = server.finish(&send(&ranking).json().unwrap());
+    assert_eq!(done["state"], "succeeded", "{done}");
+    let at: Vec<&Value> =
+        done["result"]["tasks"].as_array().unwrap().iter().map(|t| &t["solved_at"]).collect();
+    assert_eq!(at, [1, 2], "{done}");
+    for (wrong, field) in [
+        (json!([]), "ranking"),
+        (json!([{"task": "basketball:000", "actions": []}]), "ranking[0].task"),
+        (json!([{"task": "bowling:000", "actions": [[0.1, 2.0, 0.1]]}]), "ranking[0].actions[0]"),
+    ] {
+        let refused = problem(send(&wrong), 422, "invalid-value");
+        assert!(refused["field"].as_str().unwrap().starts_with(field), "{refused}");
+    }
+    let other = json!({"world": "bowling-real", "ranking": ranking}).to_string();
+    let refused = server.send(Method::POST, "/v1/policies/random/evaluate", other);
+    assert_eq!(problem(refused, 422, "invalid-value")["field"], "ranking");
+    done["result"]["interactions"].as_u64().unwrap()
 }
 
 #[test]

@@ -56,7 +56,25 @@ pub fn evaluate(
         progress.report("evaluate", i as u64, tasks.len() as u64)?;
         let candidates = candidates(task, config)?;
         let order = rank(policy, task, &candidates, CHUNK)?;
-        solved_at.push(first_success(task, &candidates, &order, config.batch, attempt)?);
+        let ordered = order.into_iter().map(|i| &candidates[i]);
+        solved_at.push(first_success(task, ordered, config.batch, attempt)?);
+    }
+    progress.report("evaluate", tasks.len() as u64, tasks.len() as u64)?;
+    Ok(Evaluation::of(solved_at))
+}
+
+/// Tries the actions of `orders[t]` on `tasks[t]`, best first, up to 100 valid ones: for a policy that lives elsewhere.
+pub fn evaluate_orders(
+    tasks: &[Task],
+    orders: &[Vec<ValidAction>],
+    batch: usize,
+    attempt: &mut Attempt,
+    progress: &dyn Progress,
+) -> Result<Evaluation> {
+    let mut solved_at = Vec::with_capacity(tasks.len());
+    for (i, (task, order)) in tasks.iter().zip(orders).enumerate() {
+        progress.report("evaluate", i as u64, tasks.len() as u64)?;
+        solved_at.push(first_success(task, order.iter(), batch, attempt)?);
     }
     progress.report("evaluate", tasks.len() as u64, tasks.len() as u64)?;
     Ok(Evaluation::of(solved_at))
@@ -90,21 +108,20 @@ impl Evaluation {
     }
 }
 
-fn first_success(
+fn first_success<'a>(
     task: &Task,
-    candidates: &[ValidAction],
-    order: &[usize],
+    mut ordered: impl Iterator<Item = &'a ValidAction>,
     batch: usize,
     attempt: &mut Attempt,
 ) -> Result<Option<usize>> {
     let mut tried = 0;
-    let mut next = 0;
-    while next < order.len() && tried < ATTEMPTS {
+    while tried < ATTEMPTS {
         // No more than could still count, so that a world's budget is not spent on what does not.
-        let size = batch.max(1).min(ATTEMPTS - tried).min(order.len() - next);
-        let actions: Vec<ValidAction> =
-            order[next..next + size].iter().map(|i| candidates[*i].clone()).collect();
-        next += size;
+        let size = batch.max(1).min(ATTEMPTS - tried);
+        let actions: Vec<ValidAction> = ordered.by_ref().take(size).cloned().collect();
+        if actions.is_empty() {
+            break;
+        }
         let outcomes = attempt(task, &actions)?;
         if outcomes.len() != actions.len() {
             return Err(Error::Failed(format!(

@@ -27,7 +27,7 @@ use crate::error::Result;
 use crate::task::{Task, ValidAction};
 pub use data::{Dataset, Example, LabelConfig, Training, label};
 pub use dqn::{Dqn, TrainConfig, TrainLog, train};
-pub use evaluate::{EvaluateConfig, Evaluation, evaluate};
+pub use evaluate::{EvaluateConfig, Evaluation, evaluate, evaluate_orders};
 pub use random::Random;
 
 /// Scores actions for success; the higher, the likelier.

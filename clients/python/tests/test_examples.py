@@ -24,6 +24,18 @@ def test_train_outside() -> None:
         assert int(rows[ranking][-1]) > 0, "real attempts are counted"
 
 
+def test_train_network() -> None:
+    small = ["--worlds", "32", "--steps", "40", "--batches", "100", "--tests", "3"]
+    run = subprocess.run(
+        [sys.executable, EXAMPLES / "train_network.py", *small], capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 0, run.stderr
+    rows = {line[:14].strip(): line[14:].split() for line in run.stdout.splitlines() if line}
+    for policy in ("this network", "random"):
+        assert 0.0 <= float(rows[policy][0]) <= 1.0
+        assert int(rows[policy][-1]) > 0, "real attempts are counted"
+
+
 def test_robot() -> None:
     pytest.importorskip("pymunk")
     small = ["--rounds", "2", "--actions", "5", "--samples", "60"]

@@ -7,7 +7,7 @@ use super::extract::{Caller, JsonBody, Pairs, Params, RawBody, Sent};
 use super::jobs::place;
 use super::{Keep, answer, answer_once, answer_page, body_of, response};
 use crate::serve::app::App;
-use crate::serve::operations::{learning, policy};
+use crate::serve::operations::{evaluation, learning, policy};
 use crate::serve::problem::{Answer, Problem};
 use crate::serve::wire::{ActIn, Acted, EvaluateIn, JobOut, LearnIn, Policies, PolicyOut, TrainIn};
 
@@ -146,7 +146,7 @@ pub async fn learn(app: Caller, Params(id): Params<String>, sent: Sent) -> Answe
 }
 
 /// Tries a policy's ranking in a world: AUCCESS. A job; its attempts are counted in the world. The policy `random`
-/// is always there.
+/// is always there, and so is `ranked`, for policies outside the server: their ranking comes with the request.
 #[utoipa::path(post, path = "/v1/policies/{id}/evaluate", tag = "policies", operation_id = "evaluate_policy",
     params(
         ("id" = String, Path),
@@ -165,6 +165,6 @@ pub async fn evaluate(app: Caller, Params(id): Params<String>, sent: Sent) -> An
     if let Some(fields) = kept.as_object_mut() {
         fields.insert("policy".into(), id.clone().into());
     }
-    let work = move |app: &App, keep: Keep<JobOut>| policy::evaluation(app, &id, &body, &kept, keep);
+    let work = move |app: &App, keep: Keep<JobOut>| evaluation::begin(app, &id, &body, &kept, keep);
     answer_once(&app, sent.once, StatusCode::ACCEPTED, place, work).await
 }

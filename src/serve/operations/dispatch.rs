@@ -9,8 +9,8 @@ use super::batch::FEW;
 use super::once::{Once, once};
 use super::render::Picture;
 use super::{
-    Page, asked, batch, diagnosis, estimation, job, learning, policy, render, surface, system, task, trials,
-    world,
+    Page, asked, batch, diagnosis, estimation, evaluation, job, learning, policy, render, surface, system,
+    task, trials, world,
 };
 use crate::error::Error;
 use crate::json::from_value;
@@ -177,7 +177,7 @@ pub static OPERATIONS: [Operation; 41] = [
         let mut kept = a.fields.clone();
         kept.insert("policy".into(), id.clone().into());
         let body = a.body()?;
-        a.made(app, by, |app, keep| policy::evaluation(app, &id, &body, &Value::Object(kept), keep))
+        a.made(app, by, |app, keep| evaluation::begin(app, &id, &body, &Value::Object(kept), keep))
     }),
     row("list_jobs", |app, a| a.page(app, job::list)),
     row("get_job", |app, mut a| a.only_id().and_then(|id| a.out(job::get(app, &id)?))),

@@ -6,6 +6,7 @@ pub mod batch;
 pub mod diagnosis;
 pub mod dispatch;
 pub mod estimation;
+pub mod evaluation;
 pub mod job;
 pub mod learning;
 pub mod once;
@@ -44,7 +45,7 @@ pub fn recipes(base: &Arc<Base>) -> Recipes {
         (surface::KIND, recipe(surface::work)),
         (policy::TRAIN, recipe(policy::training_work)),
         (learning::KIND, recipe(learning::work)),
-        (policy::EVALUATE, recipe(policy::evaluation_work)),
+        (evaluation::KIND, recipe(evaluation::work)),
     ])
 }
 

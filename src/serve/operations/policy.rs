@@ -5,34 +5,30 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::attempts::Attempts;
 use super::estimation::explored;
+use super::evaluation::RANKED;
 use super::learning::UNTRAINED;
 use super::{Keep, Page, json};
 use crate::error::{Error, Result};
 use crate::job::{New, Outcome, Work};
 use crate::json::from_value;
-use crate::policy::{
-    CHUNK, Dqn, EvaluateConfig, LabelConfig, Policy, Random, TrainConfig, Training, evaluate, label, rank,
-    train,
-};
+use crate::policy::{CHUNK, Dqn, LabelConfig, Policy, TrainConfig, Training, label, rank, train};
 use crate::serve::app::{App, Base};
 use crate::serve::wire::{
-    ActIn, Acted, EvaluateIn, JobOut, Object, Policies, PolicyOut, Scored, SplitIn, TrainIn, TrainingIn,
-    effects,
+    ActIn, Acted, JobOut, Object, Policies, PolicyOut, Scored, TrainIn, TrainingIn, effects,
 };
 use crate::store::{PolicyRow, Store};
-use crate::task::{Placement, Split, Task, ValidAction, split};
+use crate::task::{Placement, ValidAction};
 use crate::world::Latents;
 
-/// Kinds of jobs.
+/// The kind of job.
 pub const TRAIN: &str = "train";
-pub const EVALUATE: &str = "evaluate";
 /// The policy that tries actions in random order; always there.
 pub const RANDOM: &str = "random";
 /// Policies that are always there, and what they are.
-const ALWAYS: [(&str, &str); 2] = [
+const ALWAYS: [(&str, &str); 3] = [
     (RANDOM, "tries actions in random order; may be evaluated"),
+    (RANKED, "lives with the client, whose order of actions may be evaluated"),
     (UNTRAINED, "knows nothing; learning on from it is direct learning"),
 ];
 
@@ -196,94 +192,6 @@ pub fn act(app: &App, id: &str, body: &ActIn) -> Result<Acted> {
     Ok(Acted { actions: scored.collect() })
 }
 
-/// Queues an evaluation.
-pub fn evaluation(
-    app: &App,
-    id: &str,
-    body: &EvaluateIn,
-    config: &Value,
-    keep: Keep<JobOut>,
-) -> Result<JobOut> {
-    let world = app.worlds.get(&body.world, app.now())?;
-    let part = body.split.unwrap_or(SplitIn::Test);
-    let tasks = split(&world.tasks().tasks, part.into());
-    if tasks.is_empty() {
-        let name = Split::from(part).name();
-        return Err(Error::input("split", format!("{name:?}"), "a split of which the world has tasks"));
-    }
-    if id != RANDOM {
-        load(app, id)?.fits(&tasks[0]).map_err(|e| match e {
-            Error::Input(input) => Error::input("world", format!("{:?}", body.world), input.allowed),
-            other => other,
-        })?;
-    }
-    let attempts = body.attempts.unwrap_or(100);
-    if !(1..=100).contains(&attempts) {
-        return Err(Error::input("attempts", attempts, "a whole number from 1 to 100"));
-    }
-    let seed = body.seed.unwrap_or(0);
-    let plan = EvaluatePlan {
-        policy: id.into(),
-        world: body.world.clone(),
-        split: part.into(),
-        attempts,
-        setup: EvaluateConfig::phyre(seed),
-    };
-    let new = New { kind: EVALUATE, config, plan: &json(&plan)?, seed };
-    Ok(app.jobs.submit(new, &|job| keep(&job.into()))?.into())
-}
-
-/// The work of an evaluation. Begun again, it scores and ranks again, with the weights it began with; attempts in
-/// a real world are kept as they are made and not made again.
-pub fn evaluation_work(base: &Arc<Base>, plan: &Value) -> Result<Work> {
-    let plan: EvaluatePlan = from_value(plan.clone())?;
-    let base = base.clone();
-    // Held from now on: the world does not idle out, and the policy may be replaced.
-    let world = base.worlds.get(&plan.world, base.now())?;
-    let now = base.store.weights(&plan.policy)?;
-    Ok(Box::new(move |context| {
-        let job = context.number;
-        let policy: Box<dyn Policy> = match plan.policy.as_str() {
-            RANDOM => Box::new(Random { seed: plan.setup.seed }),
-            _ => Box::new(began_with(&base.store, job, &plan.policy, now)?),
-        };
-        let tasks = split(&world.tasks().tasks, plan.split);
-        let attempts = Attempts::new(&base, job, &world, &plan.world)?;
-        let mut spent = Spent { calls: 0, task: String::new(), here: 0, all: 0 };
-        let mut attempt = |task: &Task, actions: &[ValidAction]| {
-            if spent.task != task.id {
-                (spent.task, spent.here) = (task.id.clone(), 0);
-            }
-            let left = (plan.attempts - spent.here) as usize;
-            let placeable = actions.iter().map(|a| matches!(task.place(a), Placement::Valid(_)));
-            let tried: Vec<bool> = placeable
-                .scan(0, |n, valid| {
-                    *n += usize::from(valid);
-                    Some(valid && *n <= left)
-                })
-                .collect();
-            let chosen: Vec<ValidAction> =
-                actions.iter().zip(&tried).filter(|(_, t)| **t).map(|(a, _)| a.clone()).collect();
-            let call = spent.calls;
-            spent.calls += 1;
-            spent.here += chosen.len() as u64;
-            spent.all += chosen.len() as u64;
-            let mut solved = attempts.solved(call, task, &chosen)?.into_iter();
-            Ok(tried.into_iter().map(|tried| if tried { solved.next().flatten() } else { None }).collect())
-        };
-        let evaluation = evaluate(policy.as_ref(), &tasks, &plan.setup, &mut attempt, context)?;
-        let rows = tasks.iter().zip(&evaluation.solved_at);
-        Ok(Outcome::Done(json!({
-            "auccess": evaluation.auccess,
-            "solved_within": evaluation.curve.to_vec(),
-            "tasks": rows.map(|(t, at)| json!({"task": t.id, "solved_at": at})).collect::<Vec<_>>(),
-            "interactions": spent.all,
-            "world_kind": world.kind().name(),
-            "config": json(&plan.setup)?,
-        })))
-    }))
-}
-
 /// The policy as it was when the job began, also if it is replaced meanwhile; `now` are the weights of `id` as they are.
 pub fn began_with(store: &Store, job: i64, id: &str, now: Option<Vec<u8>>) -> Result<Dqn> {
     let weights = match (store.artifact(job, WEIGHTS)?, now) {
@@ -311,27 +219,6 @@ struct TrainPlan {
     setup: TrainConfig,
     /// As asked for; kept with the policy.
     config: Value,
-}
-
-/// An evaluation with everything decided.
-#[derive(Serialize, Deserialize)]
-struct EvaluatePlan {
-    policy: String,
-    world: String,
-    split: Split,
-    attempts: u64,
-    setup: EvaluateConfig,
-}
-
-/// Valid attempts of an evaluation.
-struct Spent {
-    /// Batches so far.
-    calls: u64,
-    task: String,
-    /// On this task.
-    here: u64,
-    /// On all tasks.
-    all: u64,
 }
 
 /// `policy-3` for `job-3`, or that with a number behind it if a client has stored weights under it. What an

@@ -20,7 +20,9 @@ pub use asked::{ProposalOut, Proposals, TellIn, TellQuery, Told, TrialIn, TrialO
 pub use batch::{CreateWorlds, ResetWorlds, StepWorlds, WorldIds, WorldsMade, WorldsReset, WorldsStepped};
 pub use diagnosis::DiagnosisIn;
 pub use job::{Estimation, Event, JobOut, Jobs, RealChoice, RealIn};
-pub use policy::{ActIn, Acted, EvaluateIn, LearnIn, Policies, PolicyOut, Scored, TrainIn, TrainingIn};
+pub use policy::{
+    ActIn, Acted, EvaluateIn, LearnIn, Policies, PolicyOut, RankingIn, Scored, TrainIn, TrainingIn,
+};
 pub use strict::Object;
 pub use surface::{SensitivityOut, SurfaceIn, SurfaceOut, SurfaceWhole, Surfaces};
 pub use task::{Families, FamilyOut, FamilyTasks, TaskOut};

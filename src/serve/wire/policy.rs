@@ -102,6 +102,18 @@ pub struct EvaluateIn {
     pub attempts: Option<u64>,
     /// Decides which 10,000 discrete actions are ranked.
     pub seed: Option<u64>,
+    /// For the policy `ranked`, which lives with the client: its order of actions, instead of a split.
+    pub ranking: Option<Vec<RankingIn>>,
+}
+
+/// A task's actions in the order in which they are to be tried.
+#[derive(Clone, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RankingIn {
+    /// Id of a task of the world.
+    pub task: String,
+    /// Action vectors, best first; more than 100 are of use where some cannot be placed.
+    pub actions: Vec<Vec<f64>>,
 }
 
 /// Learning on in a world.

@@ -308,6 +308,13 @@ class AsyncWorld(WorldData, AsyncHandle):
             results.extend(part)
         return Rollouts(results)
 
+    async def evaluate(
+        self, ranking: Mapping[str, Sequence[Action] | NDArray[Any]], *, attempts: int = 100
+    ) -> AsyncJob:
+        """AUCCESS of a policy of your own, as `World.evaluate` does."""
+        answer = await self._line.do(calls.evaluate_ranking(self.id, ranking, attempts))
+        return AsyncJob(self._line, answer)
+
     async def set_latents(self, **latents: float) -> Self:
         """Sets some of density (or mass), friction, restitution."""
         self.data = await self._line.do(calls.set_latents(self.id, latents))

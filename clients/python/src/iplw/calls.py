@@ -166,6 +166,16 @@ def evaluate(id: str, world: str, split: str, attempts: int) -> Call[dict[str, A
     )
 
 
+def evaluate_ranking(world: str, ranking: Mapping[str, Any], attempts: int) -> Call[dict[str, Any]]:
+    """The score of a policy outside the server: its actions by task, best first; as a job."""
+    rows = [
+        {"task": task, "actions": np.asarray(actions, dtype=np.float64).tolist()}
+        for task, actions in ranking.items()
+    ]
+    args = {"id": "ranked", "world": world, "ranking": rows, "attempts": attempts}
+    return Call("evaluate_policy", args, _same)
+
+
 def proposals(id: str) -> Call[dict[str, Any]]:
     """What an estimation wants measured."""
     return Call("list_proposals", {"id": id}, _same, slack=10.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from . import calls
 from .handle import Handle, Named
+from .job import Job
 from .rollout import Action, Rollout, Rollouts
 
 
@@ -83,6 +84,14 @@ class World(WorldData, Handle):
             part = self._transport.do(call)
             results.extend(part)
         return Rollouts(results)
+
+    def evaluate(self, ranking: Mapping[str, Sequence[Action] | NDArray[Any]], *, attempts: int = 100) -> Job:
+        """AUCCESS of a policy of your own, as a job: its actions for each task, best first, are tried here.
+
+        `ranking` maps task ids to (n, dimension) actions; those that cannot be placed do not count. Attempts on a
+        real world are interactions.
+        """
+        return Job(self._transport, self._transport.do(calls.evaluate_ranking(self.id, ranking, attempts)))
 
     def set_latents(self, **latents: float) -> World:
         """Sets some of density (or mass), friction, restitution. A sealed world refuses with a `Problem`."""
