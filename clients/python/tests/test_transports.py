@@ -314,10 +314,12 @@ def test_what_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     real = builtins.__import__
 
     def without(name: str, *args: Any, **kwargs: Any) -> Any:
-        if name.split(".")[0] == "zmq":
-            raise ImportError("No module named 'zmq'")
+        if name.split(".")[0] == "msgpack":
+            raise ImportError("No module named 'msgpack'")
         return real(name, *args, **kwargs)
 
+    monkeypatch.delitem(sys.modules, "iplw.frames")
+    monkeypatch.delattr(iplw, "frames")
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(ImportError, match=r"pip install 'iplw\[zmq\]'"):
         importlib.reload(zeromq)

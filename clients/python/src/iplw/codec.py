@@ -34,8 +34,11 @@ def to_json(value: Any) -> bytes:
 
 
 def pack(value: Any) -> bytes:
-    """MessagePack with arrays raw."""
-    packed: bytes = msgpack.packb(value, default=_extension)
+    """MessagePack with arrays raw; whole numbers beyond 64 bits raise `ValueError`."""
+    try:
+        packed: bytes = msgpack.packb(value, default=_extension)
+    except OverflowError as error:
+        raise ValueError(f"cannot send a whole number beyond 64 bits ({error})") from error
     return packed
 
 
@@ -61,8 +64,9 @@ def from_bytes(dtype: str, shape: list[int], data: Any) -> NDArray[Any]:
     """An array of our own from the wire's bytes; `ValueError` if they do not fit."""
     if dtype not in DTYPES:
         raise ValueError(f"an array of dtype {dtype!r}; allowed: {', '.join(sorted(DTYPES))}")
-    # A copy, as the wire's memory may not be written to.
-    return np.frombuffer(data, dtype=dtype).reshape(shape).copy()
+    array = np.frombuffer(data, dtype=dtype).reshape(shape)
+    # A copy unless the memory is a bytearray of its own: bytes may not be written to.
+    return array if array.flags.writeable else array.copy()
 
 
 def _listed(value: Any) -> Any:

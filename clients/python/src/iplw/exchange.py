@@ -6,9 +6,11 @@ General clients spend more time on a small request than the server does. TLS and
 
 from __future__ import annotations
 
-import socket
 from collections.abc import Mapping
-from contextlib import suppress
+from functools import lru_cache
+from types import MappingProxyType
+
+from .sockets import Line
 
 #: Most bytes of a status line and headers.
 _HEAD = 65536
@@ -42,47 +44,34 @@ class Connection:
     def __init__(self, host: str, port: int, patience: float) -> None:
         """Connects; `OSError` if nobody listens, or not within `patience`, s."""
         self._host = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
-        self._socket = socket.create_connection((host, port), patience)
-        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._line = Line.tcp(host, port, patience)
 
     def dropped(self) -> bool:
         """Whether the server has hung up since the last answer (or says something unasked)."""
-        # Not select(): a program may have more than a thousand files open.
-        self._socket.setblocking(False)
-        try:
-            self._socket.recv(1, socket.MSG_PEEK)
-        except BlockingIOError:
-            return False
-        except OSError:
-            pass
-        return True
+        return self._line.stirs()
 
     def ask(
         self, method: str, path: str, headers: Mapping[str, str], body: bytes | None, patience: float
     ) -> Answer:
         """Sends a request and reads the answer; `TimeoutError` after `patience` s of silence, else `Broken`."""
-        lines = [f"{method} {path} HTTP/1.1\r\nHost: {self._host}"]
-        lines += [f"{name}: {value}" for name, value in headers.items()]
-        if body is not None or method in ("POST", "PUT"):
-            lines.append(f"Content-Length: {len(body or b'')}")
-        head = "\r\n".join(lines) + "\r\n\r\n"
-        said = path + "".join(headers.values())
-        if "\n" in said or "\r" in said:
+        said = _written(tuple(headers.items()))
+        if "\n" in path or "\r" in path or said is None:
             raise ValueError(f"a header or path of {method} {path!r} has a line break")
-        self._socket.settimeout(patience)
-        message = head.encode("latin-1")
+        if body is not None or method in ("POST", "PUT"):
+            said = f"{said}Content-Length: {len(body or b'')}\r\n"
+        message = f"{method} {path} HTTP/1.1\r\nHost: {self._host}\r\n{said}\r\n".encode("latin-1")
+        self._line.wait_for(patience)
         # Written together where it is cheap: two small packets could wait for each other.
         if body is not None and len(body) > 2**17:
-            self._socket.sendall(message)
-            self._socket.sendall(body)
+            self._line.send(message)
+            self._line.send(body)
         else:
-            self._socket.sendall(message + body if body else message)
+            self._line.send(message + body if body else message)
         return self._read(method)
 
     def close(self) -> None:
         """Hangs up."""
-        with suppress(OSError):
-            self._socket.close()
+        self._line.close()
 
     def _read(self, method: str) -> Answer:
         rest = b""
@@ -91,32 +80,23 @@ class Connection:
                 if len(rest) > _HEAD:
                     raise Broken("headers that do not end")
                 rest += self._more()
-            first, *lines = rest[:end].decode("latin-1").split("\r\n")
+            code, reason, headers, keep = _head(rest[:end])
             rest = rest[end + 4 :]
-            version, _, status = first.partition(" ")
-            if not version.startswith("HTTP/1.") or not status[:3].isdigit():
-                raise Broken(f"{first[:60]!r} is not HTTP")
-            code = int(status[:3])
             # 1xx announces another.
             if code >= 200:
                 break
-        headers: dict[str, str] = {}
-        for line in lines:
-            name, _, value = line.partition(":")
-            headers[name.lower()] = value.strip()
-        keep = version == "HTTP/1.1" and headers.get("connection", "").lower() != "close"
         if method == "HEAD" or code in (204, 304):
             data = b""
-        elif headers.get("transfer-encoding", "").lower() == "chunked":
+        elif "transfer-encoding" in headers and headers["transfer-encoding"].lower() == "chunked":
             data = self._chunks(rest)
         elif "content-length" in headers:
             data = self._exactly(rest, _number(headers["content-length"], 10))
         else:
             data, keep = self._all(rest), False
-        return Answer(code, headers, data, keep, status[4:])
+        return Answer(code, headers, data, keep, reason)
 
     def _more(self) -> bytes:
-        data = self._socket.recv(_READ)
+        data = self._line.receive(_READ)
         if not data:
             raise Broken("the server hung up")
         return data
@@ -128,7 +108,7 @@ class Connection:
         whole[: len(rest)] = rest
         at, view = len(rest), memoryview(whole)
         while at < length:
-            n = self._socket.recv_into(view[at:])
+            n = self._line.receive_into(view[at:])
             if n == 0:
                 raise Broken(f"the server hung up after {at} of {length} bytes")
             at += n
@@ -153,9 +133,32 @@ class Connection:
 
     def _all(self, rest: bytes) -> bytes:
         parts = [rest]
-        while data := self._socket.recv(_READ):
+        while data := self._line.receive(_READ):
             parts.append(data)
         return b"".join(parts)
+
+
+@lru_cache(64)
+def _written(headers: tuple[tuple[str, str], ...]) -> str | None:
+    """Headers as they are sent, or None if one would be two; clients send the same few again and again."""
+    lines = [f"{name}: {value}" for name, value in headers]
+    said = "".join(lines)
+    return None if "\n" in said or "\r" in said else "".join(f"{line}\r\n" for line in lines)
+
+
+@lru_cache(64)
+def _head(head: bytes) -> tuple[int, str, Mapping[str, str], bool]:
+    """Status, reason, headers and whether the connection stays; servers say the same for a second at least."""
+    first, *lines = head.decode("latin-1").split("\r\n")
+    version, _, status = first.partition(" ")
+    if not version.startswith("HTTP/1.") or not status[:3].isdigit():
+        raise Broken(f"{first[:60]!r} is not HTTP")
+    headers: dict[str, str] = {}
+    for line in lines:
+        name, _, value = line.partition(":")
+        headers[name.lower()] = value.strip()
+    keep = version == "HTTP/1.1" and headers.get("connection", "").lower() != "close"
+    return int(status[:3]), status[4:], MappingProxyType(headers), keep
 
 
 def _number(text: str, base: int) -> int:

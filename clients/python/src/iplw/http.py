@@ -1,10 +1,13 @@
-"""HTTP: JSON in and out, MessagePack for arrays, refusals as exceptions, repeats only where they do no harm."""
+"""HTTP: MessagePack in and out where it is installed, else JSON; refusals as exceptions, repeats only where they do no
+harm.
+"""
 
 from __future__ import annotations
 
 import json
 import math
 import os
+import re
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
@@ -13,7 +16,6 @@ from functools import lru_cache
 from typing import Any
 from urllib.parse import quote, urlencode, urlsplit
 
-import numpy as np
 import urllib3
 from urllib3.connectionpool import HTTPConnectionPool
 from urllib3.util import Timeout
@@ -26,7 +28,10 @@ from .transport import Event, Transport, closed, scheme_of
 
 _JSON = "application/json"
 _PACKED = "application/msgpack"
-_PROBLEM = "application/problem+json"
+_ACCEPT_JSON = f"{_JSON}, application/problem+json"
+_ACCEPT_RAW = f"{_PACKED}; arrays=raw"
+#: What stands in a path as it is.
+_SAFE = re.compile(r"[A-Za-z0-9_.~:-]+").fullmatch
 #: Connections kept for the next requests.
 KEPT = 64
 #: Repeats of what may be repeated after a lost connection or a gateway's refusal.
@@ -49,9 +54,8 @@ class Http(Transport):
 
     def send(self, call: Call[Any]) -> Any:
         """The JSON or MessagePack answer (None if empty), or its bytes."""
-        operation = OPERATIONS[call.op]
         address, headers, payload = request(call)
-        answer = self._request(operation.method, address, payload, headers, call.slack, call.repeatable)
+        answer = self._request(call, address, payload, headers)
         data = answer.data
         if call.binary:
             return data
@@ -101,30 +105,24 @@ class Http(Transport):
         self._streams = None
 
     def _request(
-        self,
-        method: str,
-        path: str,
-        payload: bytes | None,
-        headers: Mapping[str, str],
-        slack: float,
-        repeat: bool,
+        self, call: Call[Any], path: str, payload: bytes | None, headers: Mapping[str, str]
     ) -> Answer:
-        left = REPEATS if repeat else 0
+        method, repeats = OPERATIONS[call.op].method, 0
         while True:
             try:
-                answer = self._once(method, path, payload, headers, slack)
+                answer = self._once(method, path, payload, headers, call.slack)
             except (urllib3.exceptions.HTTPError, OSError) as error:
                 # Nobody there is nobody there; silence has cost its time already.
-                if left == 0 or isinstance(error, (_Nobody, TimeoutError, urllib3.exceptions.TimeoutError)):
+                final = isinstance(error, (_Nobody, TimeoutError, urllib3.exceptions.TimeoutError))
+                if final or repeats == REPEATS or not call.repeatable:
                     raise self._unavailable(method, path, error) from error
             else:
-                if left == 0 or answer.status not in (502, 503, 504):
-                    break
-            left -= 1
+                if answer.status < 300:
+                    return answer
+                if answer.status not in (502, 503, 504) or repeats == REPEATS or not call.repeatable:
+                    raise _problem(answer)
+            repeats += 1
             time.sleep(0.1)
-        if answer.status >= 300:
-            raise _problem(answer)
-        return answer
 
     def _once(
         self, method: str, path: str, payload: bytes | None, headers: Mapping[str, str], slack: float
@@ -213,43 +211,41 @@ class _Nobody(OSError):
     """No connection could be made."""
 
 
-def request(call: Call[Any]) -> tuple[str, dict[str, str], bytes | None]:
+def request(call: Call[Any]) -> tuple[str, Mapping[str, str], bytes | None]:
     """The path with its query, the headers and the body of a call."""
     operation = OPERATIONS[call.op]
     rest = dict(call.args)
     address = "".join(
-        _quoted(str(rest.pop(part[1:-1]))) if part.startswith("{") else part
-        for part in _parts(operation.path)
+        [part if name is None else _quoted(str(rest.pop(name))) for part, name in _parts(operation.path)]
     )
-    packed = codec.has_msgpack() and (
-        call.raw or any(isinstance(value, np.ndarray) for value in rest.values())
-    )
-    headers = {"Accept": f"{_PACKED}; arrays=raw" if packed else f"{_JSON}, {_PROBLEM}"}
+    # A file that is JSON is to come as such.
+    packed = codec.has_msgpack() and not call.binary
+    headers = {"Accept": (_ACCEPT_RAW if call.raw else _PACKED) if packed else _ACCEPT_JSON}
+    kind, payload = "", None
+    if "csv" in rest:
+        kind, payload = "text/csv", str(rest.pop("csv")).encode()
+    elif isinstance(rest.get("body"), bytes):
+        kind, payload = "application/octet-stream", rest.pop("body")
+    elif operation.method == "POST" or (operation.method == "DELETE" and rest):
+        kind, payload = (_PACKED, codec.pack(rest)) if packed else (_JSON, codec.to_json(rest))
+        rest = {}
+    if kind:
+        headers["Content-Type"] = kind
     if call.key is not None:
         headers["Idempotency-Key"] = call.key
-    payload: bytes | None = None
-    if "csv" in rest:
-        headers["Content-Type"] = "text/csv"
-        payload = str(rest.pop("csv")).encode()
-    elif isinstance(rest.get("body"), bytes):
-        headers["Content-Type"] = "application/octet-stream"
-        payload = rest.pop("body")
-    elif operation.method == "POST" or (operation.method == "DELETE" and rest):
-        headers["Content-Type"] = _PACKED if packed else _JSON
-        payload = codec.pack(rest) if packed else codec.to_json(rest)
-        rest = {}
     return address + ("?" + urlencode(rest) if rest else ""), headers, payload
 
 
 @lru_cache
-def _parts(path: str) -> list[str]:
-    """`/v1/worlds/{id}/step` as `/v1/worlds/`, `{id}`, `/step`."""
-    return path.replace("{", "\0{").replace("}", "}\0").split("\0")
+def _parts(path: str) -> list[tuple[str, str | None]]:
+    """`/v1/worlds/{id}/step` as `/v1/worlds/`, `{id}`, `/step`, with the names of what is to be put in."""
+    parts = path.replace("{", "\0{").replace("}", "}\0").split("\0")
+    return [(part, part[1:-1] if part.startswith("{") else None) for part in parts]
 
 
-@lru_cache(4096)
 def _quoted(part: str) -> str:
-    return quote(part, safe=":")
+    # Most ids need nothing done, and quote() takes its time.
+    return part if _SAFE(part) else quote(part, safe=":")
 
 
 def _whole(response: urllib3.BaseHTTPResponse) -> Answer:

@@ -2,7 +2,7 @@
 
 | address | file | speaks |
 |---|---|---|
-| `http://`, `https://` | `http` | JSON; MessagePack with raw arrays for batches where `msgpack` is installed |
+| `http://`, `https://` | `http` | MessagePack where `msgpack` is installed, with raw arrays for batches; else JSON |
 | `tcp://`, `ipc://` | `zeromq` | ZeroMQ with raw arrays; needs `pip install 'iplw[zmq]'` |
 """
 

@@ -209,16 +209,18 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
 
     def _start(self, mask: NDArray[np.bool_]) -> None:
         """Forgets what was placed where an episode begins."""
-        for i in np.flatnonzero(mask):
-            self._acted[i] = None
+        if self.render_mode is not None:
+            for i in np.flatnonzero(mask).tolist():
+                self._acted[i] = None
 
     def _finish(self, infos: dict[str, Any], ends: NDArray[np.bool_], answer: Mapping[str, Any]) -> None:
         """`final_obs` and `final_info` of those that ended and were reset in the same step."""
         tasks = answer["final_task"]
         last = self._observe(answer["final_observation"], tasks)
         final = np.full(self.num_envs, None, dtype=object)
-        for i in np.flatnonzero(ends):
-            final[i] = last[i].copy()
+        # Rows of a copy: assigned one by one, as NumPy would spread a row over the cells.
+        for i, row in zip(np.flatnonzero(ends).tolist(), last[ends]):
+            final[i] = row
         infos["final_obs"], infos["_final_obs"] = final, ends.copy()
         inner: dict[str, Any] = {}
         _stepped(inner, ends, answer, tasks)
@@ -320,8 +322,14 @@ def _add(infos: dict[str, Any], key: str, mask: NDArray[np.bool_], values: Any, 
         array = np.full(len(mask), None, object) if kind is object else np.zeros(len(mask), kind)
         infos[key], infos[f"_{key}"] = array, np.zeros(len(mask), np.bool_)
     if kind is object:
-        for i in np.flatnonzero(mask):
-            array[i] = values[i]
+        array[mask] = _objects(values)[mask]
     else:
         array[mask] = np.asarray(values)[mask]
     infos[f"_{key}"] |= mask
+
+
+def _objects(values: Any) -> NDArray[np.object_]:
+    """Values one in a cell."""
+    cells = np.empty(len(values), object)
+    cells[:] = values
+    return cells

@@ -1,6 +1,6 @@
-"""ZeroMQ: a DEALER socket for each request under way, with raw arrays.
+"""ZeroMQ: a connection for each request under way, with raw arrays.
 
-A socket connects once. When its connection breaks, it is thrown away and the next request makes a new one, so
+A connection is made once. When its connection breaks, it is thrown away and the next request makes a new one, so
 nothing asked of a server that died is ever delivered to the one after it. While waiting, the server is pinged: it
 may work for as long as the request is granted, but not be silent for longer than the timeout.
 """
@@ -12,7 +12,7 @@ import itertools
 import os
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -21,28 +21,25 @@ from .operations import OPERATIONS, Call
 from .transport import Transport, closed
 
 try:
-    import zmq
-    import zmq.asyncio
-    from zmq.utils.monitor import recv_monitor_message
-
-    from . import codec, frames
+    from . import frames, zmtp
 except ImportError as error:
     raise ImportError(
-        "tcp:// and ipc:// addresses need pyzmq and msgpack: pip install 'iplw[zmq]'; or use the http:// address"
+        "tcp:// and ipc:// addresses need msgpack: pip install 'iplw[zmq]'; or use the http:// address"
     ) from error
 
+Broken = zmtp.Broken
 #: How long a connection may take to be made, s, if the timeout is not shorter.
 CONNECT = 10.0
-#: Time between two looks whether the connection still stands, s.
+#: Time between two looks at the clock while waiting, s.
 LOOK = 0.1
 #: Silence after which the server is pinged, s.
 PING = 5.0
+#: How long the server may not take what is sent, s.
+SENDING = 5.0
 #: Repeats of what may be repeated after a lost connection.
 REPEATS = 2
 #: Connections kept for the next requests.
 KEPT = 64
-_ENDS = zmq.EVENT_DISCONNECTED | zmq.EVENT_CLOSED | zmq.EVENT_CONNECT_RETRIED
-_FAILS = zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL
 
 
 class ZeroMq(Transport):
@@ -50,21 +47,21 @@ class ZeroMq(Transport):
 
     def __init__(self, url: str, timeout: float, advice: Callable[[], str] | None = None) -> None:
         super().__init__(url, timeout, advice)
-        self._lines: deque[_Line] = deque()
+        self._lines: deque[zmtp.Connection] = deque()
         self._numbers = itertools.count(1)
         self._pid = os.getpid()
         self._closed = False
 
     def send(self, call: Call[Any]) -> Any:
         """The answer, with arrays where they came raw; or its bytes."""
-        repeats = REPEATS if call.repeatable else 0
+        repeats = 0
         while True:
             try:
                 return self._send(call)
             except Broken as broken:
-                if repeats == 0:
-                    raise self._broke(call.op) from broken
-                repeats -= 1
+                if repeats == REPEATS or not call.repeatable:
+                    raise broke(self.url, call.op, self._advice) from broken
+                repeats += 1
                 time.sleep(0.1)
 
     def close(self) -> None:
@@ -78,41 +75,40 @@ class ZeroMq(Transport):
         message = frames.request(number, call)
         line = self._line()
         try:
-            line.socket.send_multipart(message, copy=True)
+            line.send(message)
             head, reply = self._await(line, number, call)
             result = frames.answer(head, reply, call.binary)
         except Problem:
             self._keep(line)
             raise
-        except (zmq.ZMQError, ValueError) as error:
+        except OSError as error:
             line.close()
-            if isinstance(error, zmq.ZMQError):
-                raise Broken from error
+            raise Broken from error
+        except ValueError as error:
+            line.close()
             raise ServerUnavailable(
                 f"{self.url} answered {call.op} with something else than this protocol ({error}); "
                 "is it the ZeroMQ address of an iplw server?"
             ) from error
         except BaseException:
             # Somebody's Ctrl-C, too: what was asked is not wanted any more.
-            line.abandon(number)
+            _abandon(line, number)
             raise
         self._keep(line)
         return result
 
-    def _await(self, line: _Line, number: int, call: Call[Any]) -> tuple[dict[str, Any], list[bytes]]:
-        now = time.monotonic()
-        deadline, heard, pinged = now + self.timeout + call.slack, now, now
+    def _await(self, line: zmtp.Connection, number: int, call: Call[Any]) -> tuple[dict[str, Any], list[Any]]:
+        asked = heard = pinged = time.monotonic()
         while True:
             try:
-                reply = line.socket.recv_multipart()
-            except zmq.Again:
+                reply = line.receive()
+            except TimeoutError:
                 now = time.monotonic()
-                if line.broken():
-                    raise Broken from None
-                if now > deadline or now - heard > max(self.timeout, 2 * LOOK):
-                    raise self._silent(call.op, now > deadline) from None
+                overdue = now > asked + self.timeout + call.slack
+                if overdue or now - heard > max(self.timeout, 2 * LOOK):
+                    raise silent(self.url, call.op, self.timeout, self._advice) from None
                 if now - max(pinged, heard) > PING:
-                    line.socket.send_multipart(frames.control(0, "ping"))
+                    line.send(frames.control(0, "ping"))
                     pinged = now
                 continue
             head = frames.header(reply)
@@ -121,7 +117,7 @@ class ZeroMq(Transport):
                 return head, reply
             heard = time.monotonic()
 
-    def _line(self) -> _Line:
+    def _line(self) -> zmtp.Connection:
         if self._closed:
             raise closed()
         if self._pid != os.getpid():
@@ -132,30 +128,29 @@ class ZeroMq(Transport):
                 line = self._lines.pop()
             except IndexError:
                 break
-            if not line.broken():
+            if not line.dropped():
                 return line
             line.close()
-        made = _Line(self.url, min(LOOK, self.timeout))
-        patience = min(self.timeout, CONNECT)
-        if not made.established(patience):
-            made.close()
-            raise self._nobody(patience)
+        try:
+            made = zmtp.Connection(self.url, min(self.timeout, CONNECT))
+        except (OSError, zmtp.Nonsense) as error:
+            raise nobody(self.url, self._advice) from error
+        made.wait_for(min(LOOK, self.timeout), SENDING)
         return made
 
-    def _keep(self, line: _Line) -> None:
+    def _keep(self, line: zmtp.Connection) -> None:
         if self._closed or len(self._lines) >= KEPT:
             line.close()
         else:
             self._lines.append(line)
 
-    def _nobody(self, patience: float) -> ServerUnavailable:
-        return nobody(self.url, self._advice)
 
-    def _broke(self, op: str) -> ServerUnavailable:
-        return broke(self.url, op, self._advice)
-
-    def _silent(self, op: str, overdue: bool) -> ServerUnavailable:
-        return silent(self.url, op, self.timeout, self._advice)
+def _abandon(line: zmtp.Connection, number: int) -> None:
+    """Tells the server that the answer is not waited for, and hangs up."""
+    if line.whole:
+        with suppress(OSError):
+            line.send(frames.control(0, "cancel", request=number))
+    line.close()
 
 
 def nobody(url: str, advice: Callable[[], str] | None) -> ServerUnavailable:
@@ -184,30 +179,34 @@ def silent(url: str, op: str, timeout: float, advice: Callable[[], str] | None) 
 class AsyncZeroMq:
     """One connection for asyncio, never renewed; carries any number of requests at once."""
 
-    def __init__(self, url: str, timeout: float, advice: Callable[[], str] | None) -> None:
+    def __init__(
+        self,
+        url: str,
+        timeout: float,
+        advice: Callable[[], str] | None,
+        reader: asyncio.StreamReader,
+        writer: asyncio.StreamWriter,
+    ) -> None:
         self._url = url
         self._timeout = timeout
         self._advice = advice
         self._loop = asyncio.get_running_loop()
-        self._socket: Any = zmq.asyncio.Context.instance().socket(zmq.DEALER)
-        self._monitor: Any = prepare(self._socket)
-        self._waiting: dict[int, asyncio.Future[tuple[dict[str, Any], list[bytes]]]] = {}
-        self._tasks: list[asyncio.Task[None]] = []
+        self._reader = reader
+        self._writer = writer
+        self._waiting: dict[int, asyncio.Future[tuple[dict[str, Any], list[Any]]]] = {}
+        self._reading: asyncio.Task[None] | None = None
         self._broken = False
         self._heard = time.monotonic()
 
     @classmethod
     async def made(cls, url: str, timeout: float, advice: Callable[[], str] | None) -> AsyncZeroMq:
         """A connection that stands."""
-        line = cls(url, timeout, advice)
-        line._socket.connect(url)
-        event: dict[str, Any] = {}
-        with suppress(asyncio.TimeoutError):
-            event = await asyncio.wait_for(recv_monitor_message(line._monitor), min(timeout, CONNECT))
-        if event.get("event") != zmq.EVENT_HANDSHAKE_SUCCEEDED:
-            line.close()
-            raise nobody(url, advice)
-        line._tasks = [asyncio.create_task(line._read()), asyncio.create_task(line._watch())]
+        try:
+            reader, writer = await asyncio.wait_for(zmtp.opened(url), min(timeout, CONNECT))
+        except (OSError, EOFError, ValueError, asyncio.TimeoutError) as error:
+            raise nobody(url, advice) from error
+        line = cls(url, timeout, advice, reader, writer)
+        line._reading = asyncio.create_task(line._read())
         return line
 
     def usable(self) -> bool:
@@ -216,11 +215,12 @@ class AsyncZeroMq:
 
     async def send(self, number: int, call: Call[Any]) -> Any:
         """The answer to one call; a lost connection raises `Broken`."""
-        future: asyncio.Future[tuple[dict[str, Any], list[bytes]]] = self._loop.create_future()
+        future: asyncio.Future[tuple[dict[str, Any], list[Any]]] = self._loop.create_future()
+        message = frames.request(number, call)
         self._waiting[number] = future
         answered = False
         try:
-            await self._socket.send_multipart(frames.request(number, call))
+            await self._say(message)
             deadline = time.monotonic() + self._timeout + call.slack
             while not future.done():
                 left = deadline - time.monotonic()
@@ -230,105 +230,57 @@ class AsyncZeroMq:
                     if now >= deadline or now - self._heard > max(self._timeout, 2 * PING):
                         raise silent(self._url, call.op, self._timeout, self._advice)
                     if now - self._heard > PING:
-                        await self._socket.send_multipart(frames.control(0, "ping"))
+                        await self._say(frames.control(0, "ping"))
             answered = True
             head, reply = future.result()
             return frames.answer(head, reply, call.binary)
-        except zmq.ZMQError as error:
+        except OSError as error:
             raise Broken from error
         except ValueError as error:
             raise ServerUnavailable(f"{self._url} answered {call.op} with nonsense: {error}") from error
         finally:
             self._waiting.pop(number, None)
             if not answered and not self._broken:
-                with suppress(zmq.ZMQError):
-                    self._socket.send_multipart(frames.control(0, "cancel", request=number))
+                self._put(frames.control(0, "cancel", request=number))
 
     def close(self) -> None:
         """Drops the connection; what is under way breaks."""
         self._end()
-        for task in self._tasks:
-            if self._loop.is_running():
-                task.cancel()
-        with suppress(zmq.ZMQError):
-            self._socket.disable_monitor()
-        self._monitor.close(0)
-        self._socket.close(0)
+        if self._reading is not None and self._loop.is_running():
+            self._reading.cancel()
+        with suppress(RuntimeError):
+            # Its loop may have gone before it.
+            self._writer.close()
+
+    async def _say(self, message: Sequence[Any]) -> None:
+        if self._broken:
+            raise Broken
+        self._put(message)
+        await self._writer.drain()
+
+    def _put(self, message: Sequence[Any]) -> None:
+        # A message is written whole before anybody else's turn comes.
+        for piece in zmtp.pieces(message):
+            self._writer.write(piece)
 
     async def _read(self) -> None:
-        while True:
-            try:
-                reply = await self._socket.recv_multipart()
-                head = frames.header(reply)
-            except zmq.ZMQError:
-                return self._end()
-            except ValueError:
-                continue
-            self._heard = time.monotonic()
-            future = self._waiting.get(head.get("id") or 0)
-            if future is not None and not future.done():
-                future.set_result((head, reply))
-
-    async def _watch(self) -> None:
-        # After the handshake the monitor only ever speaks of an end.
-        with suppress(zmq.ZMQError):
-            await self._monitor.recv_multipart()
-        self._end()
+        try:
+            while True:
+                reply = await zmtp.receive(self._reader, self._writer)
+                self._heard = time.monotonic()
+                try:
+                    head = frames.header(reply)
+                except ValueError:
+                    continue
+                future = self._waiting.get(head.get("id") or 0)
+                if future is not None and not future.done():
+                    future.set_result((head, reply))
+        except (OSError, EOFError, ValueError):
+            self._end()
+            self._writer.close()
 
     def _end(self) -> None:
         self._broken = True
         for future in self._waiting.values():
             if not future.done():
                 future.set_exception(Broken())
-
-
-class Broken(Exception):
-    """The connection ended before the answer came."""
-
-
-class _Line:
-    """One connection, never renewed."""
-
-    def __init__(self, url: str, look: float) -> None:
-        # The instance notices a fork and makes a context of the child's own.
-        self.socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
-        self.socket.setsockopt(zmq.RCVTIMEO, round(1000 * look))
-        self._monitor: zmq.Socket[bytes] = prepare(self.socket)
-        self.socket.connect(url)
-
-    def established(self, patience: float) -> bool:
-        """Waits until the connection stands; False if it cannot be made."""
-        until = time.monotonic() + patience
-        while self._monitor.poll(max(0, round(1000 * (until - time.monotonic())))):
-            if recv_monitor_message(self._monitor)["event"] == zmq.EVENT_HANDSHAKE_SUCCEEDED:
-                return True
-            break
-        return False
-
-    def broken(self) -> bool:
-        """Whether the connection has ended."""
-        # After the handshake the monitor only ever speaks of an end.
-        return bool(int(self._monitor.getsockopt(zmq.EVENTS)) & zmq.POLLIN)
-
-    def abandon(self, number: int) -> None:
-        """Tells the server that the answer is not waited for, as far as that goes at once."""
-        with suppress(zmq.ZMQError):
-            self.socket.send_multipart(frames.control(0, "cancel", request=number), zmq.NOBLOCK)
-        self.close(linger=100)
-
-    def close(self, linger: int = 0) -> None:
-        """Drops the connection."""
-        with suppress(zmq.ZMQError):
-            self.socket.disable_monitor()
-        self._monitor.close(0)
-        self.socket.close(linger)
-
-
-def prepare(socket: Any) -> Any:
-    """Sets a socket up to connect once; gives the monitor that tells of the connection."""
-    socket.setsockopt(zmq.LINGER, 0)
-    socket.setsockopt(zmq.SNDTIMEO, 5000)
-    # No queue for a server that is not there, and no second try behind our back.
-    socket.setsockopt(zmq.IMMEDIATE, 1)
-    socket.setsockopt(zmq.RECONNECT_IVL, -1)
-    return socket.get_monitor_socket(zmq.EVENT_HANDSHAKE_SUCCEEDED | _ENDS | _FAILS)
