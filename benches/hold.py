@@ -4,8 +4,9 @@
 
 A thousand sessions stay open. Sixty-four clients act in them, half over HTTP and half over ZeroMQ, each a thread with
 a client of its own in one of a few processes: reset, steps, now and then a batch. Prints one line of JSON: requests,
-errors (there must be none), latency in ms (median, p99, worst), resident memory at a third of the time and at the end.
-Ends with 1 if there was an error or memory grew by more than `--growth`.
+errors (there must be none), latency in ms (median, p99, worst), the server's threads at most, its resident memory at
+each tenth of the time, and how much that grew from the third of them to the last. Ends with 1 if there was an error or
+memory grew by more than `--growth`.
 """
 
 from __future__ import annotations
@@ -64,11 +65,12 @@ def hold(urls: Sequence[str], pid: int, seconds: float) -> dict[str, Any]:
                 pool.apply_async(clients, (urls, worlds, range(k * share, (k + 1) * share), end))
                 for k in range(PROCESSES)
             ]
-            # The start fills caches and pools; what grows after it is a leak.
-            time.sleep(max(0.0, seconds / 3))
-            before = resident(pid)
+            memory, threads = [], 0
+            for k in range(10):
+                time.sleep(max(0.0, end - seconds * (9 - k) / 10 - time.time()))
+                memory.append(resident(pid))
+                threads = max(threads, len(list(Path(f"/proc/{pid}/task").iterdir())))
             done = [part.get() for part in parts]
-        after = resident(pid)
         still = len(client.worlds())
     took = np.concatenate([np.asarray(times) for times, _ in done]) * 1e3
     errors = [error for _, found in done for error in found]
@@ -83,8 +85,10 @@ def hold(urls: Sequence[str], pid: int, seconds: float) -> dict[str, Any]:
         "median_ms": round(float(np.median(took)), 2),
         "p99_ms": round(float(np.percentile(took, 99)), 2),
         "worst_ms": round(float(took.max()), 2),
-        "rss_mb": [round(before / 2**20, 1), round(after / 2**20, 1)],
-        "rss_growth": round(after / before - 1, 4),
+        "threads": threads,
+        "rss_mb": [round(bytes / 2**20, 1) for bytes in memory],
+        # The start fills caches and pools; what grows after it may be a leak.
+        "rss_growth": round(memory[-1] / memory[2] - 1, 4),
     }
 
 

@@ -4,8 +4,16 @@
         --in-process target/release/examples/in_process [--peers PYTHON] [--out FILE.json]
 
 Server and client share the machine's cores. Everything is measured in rounds, each with all rows, so that what
-disturbs one disturbs all; a row is its fastest round, a ratio the median over the rounds. Single requests are medians. A single step is one step in
-a world of its own, reset beforehand, of a scene of one ball and one time step; for the others see `wire_peers.py`.
+disturbs one disturbs all; a row is its fastest round, a ratio the median over the rounds. Single requests are medians.
+A single step is one step in a world of its own, reset beforehand, of a scene of one ball and one time step; for the
+others see `wire_peers.py`.
+
+| row | what is measured |
+|---|---|
+| step | `World.step`: from the action as an array to observation, reward and info |
+| bare | the step's own message sent to a server that sends it back: by urllib3 over HTTP, by pyzmq over ZeroMQ |
+| bare, our own client | the same over the connections that our client has |
+| packing | what of a step needs no wire: the request put together, an answer taken apart |
 """
 
 from __future__ import annotations
@@ -29,7 +37,7 @@ import zmq
 from gymnasium.vector import AutoresetMode
 
 import iplw
-from iplw import calls
+from iplw import calls, codec, frames, http, zmtp
 from iplw.exchange import Connection
 from iplw.vector import PlacementVectorEnv
 from iplw.world import World
@@ -52,6 +60,7 @@ SCENE = {
         ]
     },
 }
+ACTION = np.array([0.5, 0.5, 0.2])
 PEERS = ["openenv", "dm_env_rpc", "flask", "flask_urllib3"]
 BATCH = 256
 #: Requests of one kind on end.
@@ -94,27 +103,24 @@ def wire(arguments: argparse.Namespace) -> dict[str, float]:
     with ExitStack() as stack:
         ours = stack.enter_context(serving([arguments.bin, "serve", *LISTEN, "--exit-with-stdin"]))
         echo = stack.enter_context(serving([arguments.echo, *LISTEN]))
-        bare_http = bare_http_of(echo["http"])
-        barest_http = barest_http_of(echo["http"])
-        bare_zmq = bare_zmq_of(echo["tcp"])
+        bares_of = {"http": bare_http_of(echo["http"]), "tcp": bare_zmq_of(echo["tcp"])}
         clients = {name: iplw.Client(ours[name], timeout=60) for name in ("http", "tcp")}
-        for name, bares in (("http", [bare_http, barest_http]), ("tcp", [bare_zmq])):
+        for name, bares in bares_of.items():
             client = clients[name]
             made = client._transport.do(calls.create_worlds({"scene": SCENE}, arguments.steps))
             ids = made["worlds"]
             worlds = [World(client._transport, {"id": id}) for id in ids]
             client._transport.do(calls.reset_worlds(ids, [0] * len(ids), None, None, None))
-            action = np.array([0.5, 0.5, 0.2])
             for _ in range(200):
                 for bare in bares:
                     bare()
             for world in worlds[:100]:
-                world.step(action)
+                world.step(ACTION)
             # In turns, as the machine's pace changes, but not one by one: a server asked seldom sleeps in between.
-            names = [f"{name} step", f"{name} bare", f"{name} bare, our own client"]
-            took: dict[str, list[float]] = {row: [] for row in names[: 1 + len(bares)]}
+            names = [f"{name} step", f"{name} bare", f"{name} bare, our own client", f"{name} packing"]
+            took: dict[str, list[float]] = {row: [] for row in names}
             rest = iter(worlds[100:])
-            steps = [lambda: next(rest).step(action), *bares]
+            steps = [lambda: next(rest).step(ACTION), *bares]
             for _ in range(len(worlds[100:]) // BLOCK):
                 for times, work in zip(took.values(), steps):
                     for _ in range(BLOCK):
@@ -205,7 +211,12 @@ HTTP_PEERS = ["openenv", "flask", "flask_urllib3"]
 RATIOS: dict[str, Callable[[dict[str, float]], float]] = {
     "HTTP step / bare request (at most 1.3)": lambda r: r["http step"] / r["http bare"],
     "HTTP step / bare request by our own client": lambda r: r["http step"] / r["http bare, our own client"],
+    "HTTP bare and packing / bare, our own client": lambda r: (r["http bare, our own client"] + r["http packing"])
+    / r["http bare, our own client"],
     "ZeroMQ step / bare echo (at most 1.3)": lambda r: r["tcp step"] / r["tcp bare"],
+    "ZeroMQ step / bare echo by our own client": lambda r: r["tcp step"] / r["tcp bare, our own client"],
+    "ZeroMQ echo and packing / echo, our own client": lambda r: (r["tcp bare, our own client"] + r["tcp packing"])
+    / r["tcp bare, our own client"],
     "best HTTP peer / HTTP step": lambda r: min(r[p] for p in HTTP_PEERS) / r["http step"],
     "best HTTP peer / ZeroMQ step (at least 3)": lambda r: min(r[p] for p in HTTP_PEERS) / r["tcp step"],
     "dm_env_rpc / ZeroMQ step": lambda r: r["dm_env_rpc"] / r["tcp step"],
@@ -229,33 +240,63 @@ def of_can(of: Callable[[dict[str, float]], float], row: dict[str, float]) -> bo
     return True
 
 
-def bare_http_of(url: str) -> Callable[[], Any]:
-    """A request to a handler that does nothing, over a connection kept alive, by urllib3.
+#: A step's request and its answer.
+CALL = calls.step("w00000000-1000", np.array([0.5, 0.5, 0.2]))
+ANSWER = {
+    "observation": [0.10770566239316239, 0.5420026881720431, 0.08012820512820512] * 2,
+    "reward": 0.0,
+    "terminated": True,
+    "truncated": False,
+    "info": {
+        **{"valid": True, "solved": False, "steps": 1, "task": "custom:trivial", "interactions": 1},
+        **{"collisions": 0, "rolling_steps": 0, "end": "horizon"},
+    },
+}
 
-    Without a body, which such a handler would not read.
-    """
+
+def bare_http_of(url: str) -> list[Callable[[], Any]]:
+    """A step's request to a handler that sends its body back, over a connection kept alive; and packing alone."""
     pool = urllib3.connection_from_url(url)
-    return lambda: pool.urlopen("GET", "/", retries=False).data
-
-
-def barest_http_of(url: str) -> Callable[[], Any]:
-    """The same by what our client is made of."""
+    path, headers, body = http.request(CALL)
     host, _, port = url.removeprefix("http://").partition(":")
     line = Connection(host, int(port), 10)
-    return lambda: line.ask("GET", "/", {}, None, 10).data
+    said = codec.pack(ANSWER)
+
+    def packing() -> Any:
+        call = calls.step("w00000000-1000", ACTION)
+        http.request(call)
+        return call.read(codec.unpack(said))
+
+    return [
+        lambda: pool.urlopen("POST", path, body=body, headers=headers, retries=False).data,
+        lambda: line.ask("POST", path, headers, body, 10).data,
+        packing,
+    ]
 
 
-def bare_zmq_of(url: str) -> Callable[[], Any]:
-    """A message to a ROUTER that sends it back."""
+def bare_zmq_of(url: str) -> list[Callable[[], Any]]:
+    """A step's message to a ROUTER that sends it back; and packing alone."""
     dealer: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
     dealer.linger = 0
     dealer.connect(url)
+    line = zmtp.Connection(url, 10)
+    message = frames.request(1000, CALL)
+    said = codec.pack({"v": 1, "id": 1000, "ok": True, "result": ANSWER, "arrays": []})
 
     def ask() -> Any:
-        dealer.send_multipart([b"{}"])
+        dealer.send_multipart(message)
         return dealer.recv_multipart()
 
-    return ask
+    def ask_by_ours() -> Any:
+        line.send(message)
+        return line.receive()
+
+    def packing() -> Any:
+        call = calls.step("w00000000-1000", ACTION)
+        frames.request(1000, call)
+        return call.read(frames.answer(frames.header([said]), [said], False))
+
+    return [ask, ask_by_ours, packing]
 
 
 @contextmanager

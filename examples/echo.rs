@@ -1,5 +1,4 @@
-//! The least that a server can do, to measure ours against: any POST is answered with `{}`, any ZeroMQ message with
-//! itself.
+//! The least that a server can do, to measure ours against: whatever it is sent is sent back, over HTTP as over ZeroMQ.
 //!
 //! `cargo run --release --example echo -- --http 127.0.0.1:0 --zmq tcp://127.0.0.1:0`
 
@@ -28,8 +27,7 @@ async fn main() -> Result<(), Box<dyn Error>> {
             let _ = router.send(message).await;
         }
     });
-    // The body is read, or the connection would not be kept.
-    let answer = |_: Bytes| async { ([(header::CONTENT_TYPE, "application/json")], "{}") };
+    let answer = |body: Bytes| async { ([(header::CONTENT_TYPE, "application/json")], body) };
     let app = axum::Router::new().fallback(any(answer));
     let prompt = listener.tap_io(|stream| drop(stream.set_nodelay(true)));
     axum::serve(prompt, app).await?;

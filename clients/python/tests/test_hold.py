@@ -21,3 +21,5 @@ def test_many_clients_at_once() -> None:
     assert done.returncode == 0, done.stdout + done.stderr
     figures = json.loads(done.stdout)
     assert figures["errors"] == 0 and figures["sessions"] >= 1000 and figures["requests"] > 1000
+    # Each thread keeps a stack and an arena: as many as a busy machine would make are most of what memory grows by.
+    assert figures["threads"] <= 90, figures
