@@ -6,6 +6,8 @@ use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
+use tokio::sync::Semaphore;
+
 use super::ServeConfig;
 use super::metrics::Metrics;
 use super::operations;
@@ -38,13 +40,23 @@ pub struct App {
     /// Keys of the requests that are being worked on.
     keys: Mutex<HashSet<String>>,
     busy: AtomicUsize,
+    at_work: Arc<Semaphore>,
+    streamed: Arc<Semaphore>,
     /// Distinguishes this server's world ids from those of earlier ones.
     nonce: u32,
     made: AtomicU64,
 }
 
-/// Requests worked on at a time; more are told to come back.
+/// Requests taken in at a time; more are told to come back.
 const MOST_BUSY: usize = 512;
+/// Of these, worked on at a time; the others wait without a thread. Above the number of cores, as some wait for the
+/// disk or for a world's turn.
+const AT_WORK: usize = 32;
+/// Answers at a time that are written as their clients read them.
+const STREAMED: usize = 32;
+/// Threads for all of this and for what the server does by itself. More would each keep a stack and an arena, and a
+/// busy machine makes as many as it may.
+pub const THREADS: usize = AT_WORK + STREAMED + 8;
 
 impl App {
     /// Opens the store, assembles the tasks and makes the default worlds.
@@ -70,6 +82,8 @@ impl App {
             telling: Mutex::default(),
             keys: Mutex::default(),
             busy: AtomicUsize::new(0),
+            at_work: Arc::new(Semaphore::new(AT_WORK)),
+            streamed: Arc::new(Semaphore::new(STREAMED)),
             nonce: nonce(),
             made: AtomicU64::new(0),
         };
@@ -87,12 +101,34 @@ impl App {
         self: &Arc<Self>,
         work: impl FnOnce(&App) -> Answer<T> + Send + 'static,
     ) -> Answer<T> {
+        self.run_among(&self.at_work, work).await
+    }
+
+    /// The same for work that waits for its client: it does not keep others from theirs.
+    pub async fn run_streamed<T: Send + 'static>(
+        self: &Arc<Self>,
+        work: impl FnOnce(&App) -> Answer<T> + Send + 'static,
+    ) -> Answer<T> {
+        self.run_among(&self.streamed, work).await
+    }
+
+    async fn run_among<T: Send + 'static>(
+        self: &Arc<Self>,
+        places: &Arc<Semaphore>,
+        work: impl FnOnce(&App) -> Answer<T> + Send + 'static,
+    ) -> Answer<T> {
         if self.busy.fetch_add(1, Ordering::SeqCst) >= MOST_BUSY {
             self.busy.fetch_sub(1, Ordering::SeqCst);
             return Err(Problem::busy(MOST_BUSY));
         }
         let place = Place(self.clone());
-        let done = tokio::task::spawn_blocking(move || work(&place.0)).await;
+        // Kept until the work is done, also if nobody waits for it any more. Never closed.
+        let turn = places.clone().acquire_owned().await;
+        let work = move || {
+            let _turn = turn;
+            work(&place.0)
+        };
+        let done = tokio::task::spawn_blocking(work).await;
         done.unwrap_or_else(|e| {
             tracing::error!("a request's work panicked: {e}");
             Err(Problem::defect())

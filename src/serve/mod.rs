@@ -103,6 +103,7 @@ pub async fn serve(config: ServeConfig) -> Result<()> {
 pub fn serve_blocking(config: ServeConfig) -> Result<()> {
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .enable_all()
+        .max_blocking_threads(app::THREADS)
         .build()
         .map_err(|e| Error::Failed(format!("no threads to serve with: {e}")))?;
     let done = runtime.block_on(serve(config));

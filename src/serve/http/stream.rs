@@ -30,7 +30,7 @@ pub async fn answer_streamed<T: Serialize>(
     let (sender, pieces) = mpsc::channel(4);
     let (app, handle) = (caller.app.clone(), Handle::current());
     let written = tokio::spawn(async move {
-        app.run(move |app| {
+        app.run_streamed(move |app| {
             let value = match work(app) {
                 Ok(value) => value,
                 Err(e) => return Err(e.into()),
