@@ -451,7 +451,7 @@ fn bad_input_is_a_problem_that_names_it() {
         ("/v1/worlds/bowling-sim/step", "/v1/worlds/bowling-sim/reset", "/v1/worlds/bowling-sim/rollout");
     let (set, worlds, iplw) = ("/v1/worlds/bowling-sim/set_latents", "/v1/worlds", "/v1/iplw");
     let (render, policies) = ("/v1/worlds/bowling-sim/render", "/v1/policies");
-    let (bad, wrong, missing) = ("malformed", "invalid-value", "not-found");
+    let (bad, wrong, missing, refused) = ("malformed", "invalid-value", "not-found", "refused");
     let query = |q: &str| format!("{render}?{q}");
     let rows: Vec<Row> = vec![
         row("POST", step, "{", 400, bad, ""),
@@ -652,6 +652,15 @@ fn bad_input_is_a_problem_that_names_it() {
             wrong,
             "learning_rate",
         ),
+        row("POST", "/v1/policies/random/learn", r#"{"world": "bowling-sim"}"#, 409, refused, ""),
+        row("GET", "/v1/policies/random/weights", "", 409, refused, ""),
+        row("GET", "/v1/policies/untrained/weights", "", 409, refused, ""),
+        row("DELETE", "/v1/policies/random", "", 409, refused, ""),
+        row("DELETE", "/v1/policies/untrained", "", 409, refused, ""),
+        row("POST", "/v1/policies/untrained/act", r#"{"task": "bowling:000"}"#, 409, refused, ""),
+        row("POST", "/v1/policies/untrained/evaluate", r#"{"world": "bowling-sim"}"#, 409, refused, ""),
+        row("POST", "/v1/policies/nobody/act", r#"{"task": "bowling:000"}"#, 404, missing, ""),
+        row("DELETE", "/v1/policies/nobody", "", 404, missing, ""),
         row("PUT", "/v1/policies/random/weights", "x", 422, wrong, "id"),
         row("PUT", "/v1/policies/untrained/weights", "x", 422, wrong, "id"),
         row("POST", iplw, r#"{"task": "bowling", "rounds": 0}"#, 422, wrong, "rounds"),
@@ -917,6 +926,18 @@ fn baselines_need_no_simulation() {
         assert_eq!(server.get(&format!("/v1/policies/{always}"))["training"], "none");
     }
     assert!(chance["auccess"].as_f64().unwrap() < 0.5, "{chance}");
+    // Acting at random: the same every time, in no order, and only what can be placed.
+    let act = || {
+        server.post("/v1/policies/random/act", &json!({"task": "bowling:000", "count": 40}), 200)["actions"]
+            .clone()
+    };
+    let (liked, again) = (act(), act());
+    assert_eq!(liked, again);
+    let indices: Vec<u64> = liked.as_array().unwrap().iter().map(|a| a["index"].as_u64().unwrap()).collect();
+    assert!(indices.len() == 40 && !indices.is_sorted(), "{indices:?}");
+    let tried = json!({"task": "bowling:000", "actions": indices});
+    let tried = server.post("/v1/worlds/bowling-sim/rollout", &tried, 200);
+    assert!(tried["results"].as_array().unwrap().iter().all(|r| r["valid"] == true), "{tried}");
     let before = server.get("/v1/worlds/bowling-real")["interactions"].as_u64().unwrap();
     assert_eq!(before, chance["interactions"].as_u64().unwrap());
     let before = before + a_ranking_of_ones_own_is_tried(&server);

@@ -59,6 +59,7 @@ pub async fn get(app: Caller, Params(id): Params<String>) -> Answer<Response> {
     responses(
         (status = 204, description = "Gone"),
         (status = 404, body = Problem, content_type = "application/problem+json"),
+        (status = 409, body = Problem, content_type = "application/problem+json", description = "A policy that is always there"),
     ))]
 pub async fn delete(app: Caller, Params(id): Params<String>) -> Answer<Response> {
     app.run(move |app| Ok(policy::delete(app, &id)?)).await?;
@@ -71,6 +72,7 @@ pub async fn delete(app: Caller, Params(id): Params<String>) -> Answer<Response>
     responses(
         (status = 200, content_type = "application/octet-stream", body = Vec<u8>),
         (status = 404, body = Problem, content_type = "application/problem+json"),
+        (status = 409, body = Problem, content_type = "application/problem+json", description = "A policy that has none: `random`, `untrained`"),
     ))]
 pub async fn weights(app: Caller, Params(id): Params<String>) -> Answer<Response> {
     let bytes = app.run(move |app| Ok(policy::weights(app, &id)?)).await?;
@@ -104,6 +106,8 @@ pub async fn put_weights(
 }
 
 /// The actions a policy likes best on a task, of those that can be placed.
+///
+/// The policy `random`, always there, likes them in an order drawn once.
 #[utoipa::path(post, path = "/v1/policies/{id}/act", tag = "policies", operation_id = "act",
     params(("id" = String, Path)),
     request_body = ActIn,
@@ -111,6 +115,7 @@ pub async fn put_weights(
         (status = 200, body = Acted),
         (status = 400, body = Problem, content_type = "application/problem+json"),
         (status = 404, body = Problem, content_type = "application/problem+json", description = "Unknown policy or task"),
+        (status = 409, body = Problem, content_type = "application/problem+json", description = "`untrained`, which knows nothing yet"),
         (status = 422, body = Problem, content_type = "application/problem+json"),
     ))]
 pub async fn act(
@@ -133,6 +138,7 @@ pub async fn act(
         (status = 202, body = JobOut, headers(("Location" = String, description = "Where the job is"))),
         (status = 400, body = Problem, content_type = "application/problem+json"),
         (status = 404, body = Problem, content_type = "application/problem+json", description = "Unknown policy or world"),
+        (status = 409, body = Problem, content_type = "application/problem+json", description = "`random`, which cannot learn"),
         (status = 422, body = Problem, content_type = "application/problem+json"),
         (status = 429, body = Problem, content_type = "application/problem+json", description = "Too many waiting jobs"),
     ))]
@@ -157,6 +163,7 @@ pub async fn learn(app: Caller, Params(id): Params<String>, sent: Sent) -> Answe
         (status = 202, body = JobOut, headers(("Location" = String, description = "Where the job is"))),
         (status = 400, body = Problem, content_type = "application/problem+json"),
         (status = 404, body = Problem, content_type = "application/problem+json", description = "Unknown policy or world"),
+        (status = 409, body = Problem, content_type = "application/problem+json", description = "`untrained`, which knows nothing yet"),
         (status = 422, body = Problem, content_type = "application/problem+json"),
         (status = 429, body = Problem, content_type = "application/problem+json", description = "Too many waiting jobs"),
     ))]

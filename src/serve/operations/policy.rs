@@ -12,7 +12,9 @@ use super::{Keep, Page, json};
 use crate::error::{Error, Result};
 use crate::job::{New, Outcome, Work};
 use crate::json::from_value;
-use crate::policy::{CHUNK, Dqn, LabelConfig, Policy, TrainConfig, Training, label, rank, train};
+use crate::policy::{
+    CHUNK, Dqn, LabelConfig, Policy, Random, TrainConfig, Training, label, rank, train,
+};
 use crate::serve::app::{App, Base};
 use crate::serve::wire::{
     ActIn, Acted, JobOut, Object, Policies, PolicyOut, Scored, TrainIn, TrainingIn, effects,
@@ -27,7 +29,7 @@ pub const TRAIN: &str = "train";
 pub const RANDOM: &str = "random";
 /// Policies that are always there, and what they are.
 const ALWAYS: [(&str, &str); 3] = [
-    (RANDOM, "tries actions in random order; may be evaluated"),
+    (RANDOM, "tries actions in random order; may act and be evaluated"),
     (RANKED, "lives with the client, whose order of actions may be evaluated"),
     (UNTRAINED, "knows nothing; learning on from it is direct learning"),
 ];
@@ -137,12 +139,17 @@ pub fn get(app: &App, id: &str) -> Result<PolicyOut> {
 
 /// Forgets a policy.
 pub fn delete(app: &App, id: &str) -> Result<()> {
+    if is_always(id) {
+        return Err(Error::Refused {
+            reason: format!("the policy {id} is always there and cannot be deleted"),
+        });
+    }
     if app.store.remove_policy(id)? { Ok(()) } else { Err(unknown(id)) }
 }
 
 /// A policy's weights, safetensors.
 pub fn weights(app: &App, id: &str) -> Result<Vec<u8>> {
-    app.store.weights(id)?.ok_or_else(|| unknown(id))
+    app.store.weights(id)?.ok_or_else(|| without_weights(id))
 }
 
 /// Stores weights under `id`; whether the policy is new.
@@ -152,7 +159,7 @@ pub fn put_weights(app: &App, id: &str, bytes: &[u8]) -> Result<(PolicyOut, bool
         let allowed = "1 to 64 letters, digits, `.`, `_` or `-`, the first a letter or digit";
         return Err(Error::input("id", format!("{id:?}"), allowed));
     }
-    if ALWAYS.iter().any(|p| p.0 == id) {
+    if is_always(id) {
         let allowed = "another name: this policy is always there and has no weights to replace";
         return Err(Error::input("id", format!("{id:?}"), allowed));
     }
@@ -168,22 +175,27 @@ pub fn put_weights(app: &App, id: &str, bytes: &[u8]) -> Result<(PolicyOut, bool
     Ok((row.into(), new))
 }
 
-/// The actions a policy likes best.
+/// The actions a policy likes best; `random` likes an order that is the same every time.
 pub fn act(app: &App, id: &str, body: &ActIn) -> Result<Acted> {
     let count = body.count.unwrap_or(1);
     if !(1..=10_000).contains(&count) {
         return Err(Error::input("count", count, "a whole number from 1 to 10000"));
     }
-    let dqn = load(app, id)?;
     let task = app.catalogue.task(&body.task)?;
-    dqn.fits(&task)?;
+    let policy: Box<dyn Policy> = if id == RANDOM {
+        Box::new(Random { seed: 0 })
+    } else {
+        let dqn = load(app, id)?;
+        dqn.fits(&task)?;
+        Box::new(dqn)
+    };
     let actions: Vec<ValidAction> =
         (0..task.actions().count()).map(|i| task.actions().at(i)).collect::<Result<_>>()?;
-    let order = rank(&dqn, &task, &actions, CHUNK)?;
+    let order = rank(policy.as_ref(), &task, &actions, CHUNK)?;
     let placeable = |i: &usize| matches!(task.place(&actions[*i]), Placement::Valid(_));
     let best: Vec<usize> = order.into_iter().filter(placeable).take(count as usize).collect();
     let chosen: Vec<ValidAction> = best.iter().map(|i| actions[*i].clone()).collect();
-    let scores = dqn.score(&task, &chosen)?;
+    let scores = policy.score(&task, &chosen)?;
     let scored = best.into_iter().zip(chosen).zip(scores).map(|((index, action), score)| Scored {
         index,
         action: action.values().to_vec(),
@@ -236,7 +248,7 @@ pub fn free_id(store: &Store, job: &str) -> Result<String> {
 
 /// A stored policy.
 pub fn load(base: &Base, id: &str) -> Result<Dqn> {
-    Dqn::from_safetensors(&base.store.weights(id)?.ok_or_else(|| unknown(id))?)
+    Dqn::from_safetensors(&base.store.weights(id)?.ok_or_else(|| without_weights(id))?)
 }
 
 /// A policy's row; it says that the weights were uploaded.
@@ -251,6 +263,22 @@ pub fn row(id: &str, dqn: &Dqn, bytes: usize) -> PolicyRow {
         version: env!("CARGO_PKG_VERSION").into(),
         bytes: bytes as u64,
     }
+}
+
+fn is_always(id: &str) -> bool {
+    ALWAYS.iter().any(|p| p.0 == id)
+}
+
+/// There are no weights under this id: there is no such policy, or it never has any.
+fn without_weights(id: &str) -> Error {
+    if !is_always(id) {
+        return unknown(id);
+    }
+    let reason = format!(
+        "the policy {id} is always there and has no weights; train a policy, or let untrained learn in a world, \
+         and use the one that comes of it"
+    );
+    Error::Refused { reason }
 }
 
 /// No policy has this id.
