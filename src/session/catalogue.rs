@@ -1,14 +1,15 @@
 //! The built-in tasks, assembled once and shared by all worlds.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
+use super::observation::Layout;
 use crate::error::{Error, Result};
 use crate::task::action::{Component, Quantity};
-use crate::task::{FAMILIES, Family, Scene, Task, custom};
+use crate::task::{FAMILIES, Family, Scene, Split, Task, custom};
 
 /// Every built-in family with its tasks.
 pub struct Catalogue {
-    families: Vec<(&'static Family, Arc<[Task]>)>,
+    families: Vec<(&'static Family, TaskSet)>,
 }
 
 /// The tasks a world may be reset to.
@@ -20,29 +21,48 @@ pub struct TaskSet {
     pub family: Option<&'static Family>,
     /// One or more.
     pub tasks: Arc<[Task]>,
+    known: Arc<Known>,
+}
+
+/// What follows from the tasks and is asked for at every step of a vector environment.
+struct Known {
+    /// Indices of the tasks of each part of the family.
+    pools: [Arc<[usize]>; 3],
+    /// Indices of all tasks.
+    all: Arc<[usize]>,
+    /// How each task is observed.
+    layouts: Vec<OnceLock<Layout>>,
+}
+
+/// A task with how it is observed.
+#[derive(Clone, Copy)]
+pub(super) struct Posed<'a> {
+    pub task: &'a Task,
+    pub layout: &'a Layout,
 }
 
 impl Catalogue {
     /// Assembles all families.
     pub fn new() -> Catalogue {
-        Catalogue { families: FAMILIES.iter().map(|f| (*f, (f.tasks)().into())).collect() }
+        let set = |f: &'static Family| TaskSet::new(f.name.into(), Some(f), (f.tasks)().into());
+        Catalogue { families: FAMILIES.iter().map(|f| (*f, set(f))).collect() }
     }
 
     /// All families in the order of the registry.
     pub fn families(&self) -> impl Iterator<Item = (&'static Family, &[Task])> {
-        self.families.iter().map(|(f, tasks)| (*f, &tasks[..]))
+        self.families.iter().map(|(f, set)| (*f, &set.tasks[..]))
     }
 
     /// A family's tasks.
     pub fn family(&self, name: &str) -> Result<TaskSet> {
-        let (family, tasks) = self.families.iter().find(|(f, _)| f.name == name).ok_or_else(|| {
+        let (_, set) = self.families.iter().find(|(f, _)| f.name == name).ok_or_else(|| {
             let known = self.families.iter().map(|(f, _)| f.name.to_string()).collect();
             Error::NotFound { kind: "task family", id: name.to_string(), known }
         })?;
-        if tasks.is_empty() {
+        if set.tasks.is_empty() {
             return Err(Error::Failed(format!("the family {name} has no certified tasks")));
         }
-        Ok(TaskSet { name: name.into(), family: Some(family), tasks: tasks.clone() })
+        Ok(set.clone())
     }
 
     /// One task by id, `bowling:017`.
@@ -58,7 +78,7 @@ impl Catalogue {
         }
         let one = self.task(task)?;
         let family = self.family(&one.family)?.family;
-        Ok(TaskSet { name: one.id.clone(), family, tasks: [one].into() })
+        Ok(TaskSet::new(one.id.clone(), family, [one].into()))
     }
 }
 
@@ -69,6 +89,32 @@ impl Default for Catalogue {
 }
 
 impl TaskSet {
+    fn new(name: String, family: Option<&'static Family>, tasks: Arc<[Task]>) -> TaskSet {
+        let of = |s: Split| (0..tasks.len()).filter(|i| tasks[*i].split == s).collect();
+        let known = Known {
+            pools: [Split::Train, Split::Validation, Split::Test].map(of),
+            all: (0..tasks.len()).collect(),
+            layouts: tasks.iter().map(|_| OnceLock::new()).collect(),
+        };
+        TaskSet { name, family, tasks, known: Arc::new(known) }
+    }
+
+    /// Indices of the tasks of a part of the family, or of all; may be none.
+    pub(super) fn pool(&self, split: Option<Split>) -> &Arc<[usize]> {
+        match split {
+            Some(Split::Train) => &self.known.pools[0],
+            Some(Split::Validation) => &self.known.pools[1],
+            Some(Split::Test) => &self.known.pools[2],
+            None => &self.known.all,
+        }
+    }
+
+    /// The task with this index.
+    pub(super) fn posed(&self, index: usize) -> Posed<'_> {
+        let task = &self.tasks[index];
+        Posed { task, layout: self.known.layouts[index].get_or_init(|| Layout::of(&task.scene)) }
+    }
+
     /// The one task of a user's scene.
     pub fn custom(scene: Scene) -> Result<TaskSet> {
         let task = custom(scene)?;
@@ -80,7 +126,7 @@ impl TaskSet {
                 return Err(Error::input(format!("bodies[{i}].position"), "missing", allowed));
             }
         }
-        Ok(TaskSet { name: task.id.clone(), family: None, tasks: [task].into() })
+        Ok(TaskSet::new(task.id.clone(), None, [task].into()))
     }
 
     /// Index of the task with this id.

@@ -8,11 +8,12 @@ use std::sync::{Arc, MutexGuard};
 use rayon::prelude::*;
 
 use super::{
-    Action, Drawn, MOST_ACTIONS, Phase, Reset, Seen, Start, Step, World, bearable, lock, observation,
+    Action, Drawn, Layout, MOST_ACTIONS, Phase, Posed, Reset, Seen, Start, Step, World, bearable, lock,
+    observation,
 };
 use crate::error::{Error, Result};
 use crate::reality::{HiddenWorld, measure_each};
-use crate::task::{Placement, Scene, Split, Task, ValidAction};
+use crate::task::{Placement, Scene, Split, ValidAction};
 use crate::world::{Engine, Latents, Rollout, simulate_mixed};
 
 /// When a world whose episode has ended begins the next one by itself (Gymnasium's `AutoresetMode`).
@@ -70,14 +71,14 @@ pub fn step_many(
             (Plan::Begin(drawn), _) => {
                 Turned { step: None, start: Some(world.begin(drawn, &again(world, split))) }
             }
-            (Plan::Act { task, .. }, Some(Placement::Invalid(reason))) => {
+            (Plan::Act { posed, .. }, Some(Placement::Invalid(reason))) => {
                 let interactions = world.interactions();
-                Turned { step: Some(world.stepped(task, Err(reason), interactions)), start: None }
+                Turned { step: Some(world.stepped(posed, Err(reason), interactions)), start: None }
             }
-            (Plan::Act { task, then, .. }, _) => {
+            (Plan::Act { posed, then, .. }, _) => {
                 let (seen, interactions) =
                     brought.next().ok_or_else(|| Error::Failed("a rollout was lost".into()))?;
-                let step = world.stepped(task, Ok(seen), interactions);
+                let step = world.stepped(posed, Ok(seen), interactions);
                 Turned { step: Some(step), start: then.map(|drawn| world.begin(drawn, &again(world, split))) }
             }
         });
@@ -107,7 +108,7 @@ enum Plan<'a> {
     /// Begin an episode; the action is ignored.
     Begin(Drawn),
     Act {
-        task: &'a Task,
+        posed: Posed<'a>,
         action: ValidAction,
         latents: Latents,
         /// The episode to begin if this one ends.
@@ -120,14 +121,16 @@ impl Plan<'_> {
     fn work(&self) -> u64 {
         match self {
             Plan::Begin(_) => 0,
-            Plan::Act { task, .. } => u64::from(task.scene.steps) * task.scene.bodies.len() as u64,
+            Plan::Act { posed, .. } => {
+                u64::from(posed.task.scene.steps) * posed.task.scene.bodies.len() as u64
+            }
         }
     }
 
     fn place(&self) -> Option<Placement> {
         match self {
             Plan::Begin(_) => None,
-            Plan::Act { task, action, .. } => Some(task.place(action)),
+            Plan::Act { posed, action, .. } => Some(posed.task.place(action)),
         }
     }
 }
@@ -144,13 +147,13 @@ fn plan<'a>(
     if done && autoreset == Autoreset::NextStep {
         return Ok(Plan::Begin(world.drawn(&again(world, split)).map_err(of_world)?));
     }
-    let (task, latents) = world.ready().map_err(of_world)?;
-    let action = action.resolve(task.actions(), &format!("actions[{i}]"))?;
+    let (posed, latents) = world.ready().map_err(of_world)?;
+    let action = action.resolve(posed.task.actions(), &format!("actions[{i}]"))?;
     let then = match autoreset {
         Autoreset::SameStep => Some(world.drawn(&again(world, split)).map_err(of_world)?),
         Autoreset::Disabled | Autoreset::NextStep => None,
     };
-    Ok(Plan::Act { task, action, latents, then })
+    Ok(Plan::Act { posed, action, latents, then })
 }
 
 /// The reset of a world that resets itself: its own stream of tasks goes on.
@@ -164,8 +167,8 @@ fn attempt(worlds: &[Arc<World>], plans: &[Plan], placed: &[Option<Placement>]) 
     let (mut simulated, mut measured): (Vec<Valid>, Vec<Valid>) = (Vec::new(), Vec::new());
     let mut slots = 0;
     for (i, (plan, placement)) in plans.iter().zip(placed).enumerate() {
-        if let (Plan::Act { task, latents, .. }, Some(Placement::Valid(scene))) = (plan, placement) {
-            let valid = Valid { i, slot: slots, task, latents: *latents, scene };
+        if let (Plan::Act { posed, latents, .. }, Some(Placement::Valid(scene))) = (plan, placement) {
+            let valid = Valid { i, slot: slots, layout: posed.layout, latents: *latents, scene };
             slots += 1;
             if worlds[i].hidden.is_some() { &mut measured } else { &mut simulated }.push(valid);
         }
@@ -179,7 +182,7 @@ fn attempt(worlds: &[Arc<World>], plans: &[Plan], placed: &[Option<Placement>]) 
             (world.engine, rollout)
         })
         .collect();
-    let seen = simulate_mixed(&rollouts, |k, trajectory| Seen::of(simulated[k].task, &trajectory))?;
+    let seen = simulate_mixed(&rollouts, |k, trajectory| Seen::of(simulated[k].layout, &trajectory))?;
     // A spent budget refuses here, when nothing has been counted yet.
     measure(worlds, &measured, &mut brought)?;
     for (v, seen) in simulated.iter().zip(seen) {
@@ -203,7 +206,7 @@ struct Valid<'a> {
     i: usize,
     /// Number among all that could be placed.
     slot: usize,
-    task: &'a Task,
+    layout: &'a Layout,
     latents: Latents,
     scene: &'a Scene,
 }
@@ -233,7 +236,7 @@ fn measure(worlds: &[Arc<World>], valid: &[Valid], brought: &mut [Option<(Seen, 
             account.store.note_world(&account.id, interactions, None);
             to_write = Some(&account.store);
         }
-        brought[v.slot] = Some((Seen::of(v.task, trajectory), interactions));
+        brought[v.slot] = Some((Seen::of(v.layout, trajectory), interactions));
     }
     drop(guards);
     // Written together, before a result is given out.

@@ -22,7 +22,7 @@ pub mod observation;
 mod registry;
 mod saved;
 
-use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
@@ -34,8 +34,10 @@ use crate::task::scene::EffectTerm;
 use crate::task::{ActionSpace, Placement, Scene, Split, Task, ValidAction};
 use crate::trajectory::{End, Trajectory};
 use crate::world::{Engine, Latents, Rollout, chosen, effect, simulate_map};
+use catalogue::Posed;
 pub use catalogue::{Catalogue, TaskSet};
 pub use many::{Autoreset, Turned, reset_many, step_many};
+use observation::Layout;
 pub use registry::{Listed, Registry, RegistryConfig};
 use saved::Account;
 pub use saved::SavedWorld;
@@ -132,7 +134,7 @@ enum Drawn {
     /// This one.
     Given(usize),
     /// Any of these; never empty.
-    Pool(Vec<usize>),
+    Pool(Arc<[usize]>),
 }
 
 /// What is left of a trajectory once a step is made of it.
@@ -146,9 +148,9 @@ struct Seen {
 }
 
 impl Seen {
-    fn of(task: &Task, trajectory: &Trajectory) -> Seen {
+    fn of(layout: &Layout, trajectory: &Trajectory) -> Seen {
         Seen {
-            observation: observation::observe(&task.scene, Some(trajectory)),
+            observation: layout.observe(Some(trajectory)),
             solved: trajectory.solved(),
             steps: trajectory.outcome.steps,
             collisions: trajectory.collisions,
@@ -361,48 +363,45 @@ impl World {
         if let Some(seed) = reset.seed {
             state.resets = rng::stream(seed, "reset");
         }
-        let task = match drawn {
+        let index = match drawn {
             Drawn::Given(task) => task,
             Drawn::Pool(pool) => pool[state.resets.random_range(0..pool.len())],
         };
-        state.task = Some(task);
+        state.task = Some(index);
         state.split = reset.split;
         state.phase = Phase::Ready;
         state.episodes += 1;
-        let task = &self.tasks.tasks[task];
-        Start {
-            observation: observation::observe(&task.scene, None),
-            task: task.id.clone(),
-            split: task.split,
-        }
+        let Posed { task, layout } = self.tasks.posed(index);
+        Start { observation: layout.observe(None), task: task.id.clone(), split: task.split }
     }
 
     /// Carries out one action; see the table of phases.
     pub fn step(&self, action: &Action) -> Result<Step> {
         let _turn = lock(&self.turn);
-        let (task, latents) = self.ready()?;
+        let (posed, latents) = self.ready()?;
+        let task = posed.task;
         let action = action.resolve(task.actions(), "action")?;
         let (mut results, interactions) = self.attempt(task, &[action], latents, true, |t| t, None)?;
         let result = results.pop().ok_or_else(|| Error::Failed("an attempt without a result".into()))?;
-        Ok(self.stepped(task, result.map(|t| Seen::of(task, &t)), interactions))
+        Ok(self.stepped(posed, result.map(|t| Seen::of(posed.layout, &t)), interactions))
     }
 
     /// The task of the episode that waits for an action, and the latents it is attempted with.
-    fn ready(&self) -> Result<(&Task, Latents)> {
+    fn ready(&self) -> Result<(Posed<'_>, Latents)> {
         let state = lock(&self.state);
         match (state.phase, state.task) {
-            (Phase::Ready, Some(task)) => Ok((&self.tasks.tasks[task], state.latents)),
+            (Phase::Ready, Some(task)) => Ok((self.tasks.posed(task), state.latents)),
             (Phase::Done, _) => Err(refused("the episode has ended; reset the world first")),
             _ => Err(refused("no episode has begun; reset the world first")),
         }
     }
 
     /// Takes in what an action brought; a valid one ends the episode.
-    fn stepped(&self, task: &Task, seen: std::result::Result<Seen, String>, interactions: u64) -> Step {
-        let task_id = task.id.clone();
+    fn stepped(&self, posed: Posed, seen: std::result::Result<Seen, String>, interactions: u64) -> Step {
+        let task_id = posed.task.id.clone();
         match seen {
             Err(reason) => Step {
-                observation: observation::observe(&task.scene, None),
+                observation: posed.layout.observe(None),
                 reward: 0.0,
                 terminated: false,
                 invalid: Some(reason),
@@ -664,15 +663,13 @@ impl World {
     }
 
     /// Indices of the tasks a reset draws from; never empty.
-    fn pool(&self, split: Option<Split>) -> Result<Vec<usize>> {
-        let of = |s: Split| -> Vec<usize> {
-            (0..self.tasks.tasks.len()).filter(|i| self.tasks.tasks[*i].split == s).collect()
-        };
+    fn pool(&self, split: Option<Split>) -> Result<Arc<[usize]>> {
+        let of = |split| Some(self.tasks.pool(Some(split))).filter(|pool| !pool.is_empty());
         match split {
-            Some(split) => Some(of(split)).filter(|pool| !pool.is_empty()).ok_or_else(|| {
+            Some(split) => of(split).cloned().ok_or_else(|| {
                 let there: Vec<String> = [Split::Train, Split::Validation, Split::Test]
                     .into_iter()
-                    .filter(|s| !of(*s).is_empty())
+                    .filter(|s| of(*s).is_some())
                     .map(|s| format!("{:?}", s.name()))
                     .collect();
                 Error::input(
@@ -681,9 +678,7 @@ impl World {
                     format!("{} in this world", there.join(", ")),
                 )
             }),
-            None => Ok(Some(of(Split::Train))
-                .filter(|pool| !pool.is_empty())
-                .unwrap_or_else(|| (0..self.tasks.tasks.len()).collect())),
+            None => Ok(of(Split::Train).unwrap_or_else(|| self.tasks.pool(None)).clone()),
         }
     }
 

@@ -20,24 +20,42 @@ pub fn names(scene: &Scene) -> Vec<String> {
 /// The observation of a scene as it stands, or of where its bodies ended up after a rollout.
 /// (n_features,) in [0, 1].
 pub fn observe(scene: &Scene, after: Option<&Trajectory>) -> Vec<f64> {
-    let bounds = frame(scene);
-    let (width, height) = (bounds[2] - bounds[0], bounds[3] - bounds[1]);
-    let share = |v: f64, low: f64, size: f64| {
-        let s = (v - low) / size;
-        if s.is_finite() { s.clamp(0.0, 1.0) } else { 0.5 }
-    };
-    observed(scene)
-        .into_iter()
-        .flat_map(|thing| {
+    Layout::of(scene).observe(after)
+}
+
+/// What of an observation a scene decides before anything moves.
+pub struct Layout {
+    /// The box positions are shares of.
+    bounds: Bounds,
+    things: Vec<Thing>,
+}
+
+impl Layout {
+    /// That of a scene.
+    pub fn of(scene: &Scene) -> Layout {
+        Layout { bounds: frame(scene), things: observed(scene) }
+    }
+
+    /// [`observe`] for its scene.
+    pub fn observe(&self, after: Option<&Trajectory>) -> Vec<f64> {
+        let bounds = self.bounds;
+        let (width, height) = (bounds[2] - bounds[0], bounds[3] - bounds[1]);
+        let share = |v: f64, low: f64, size: f64| {
+            let s = (v - low) / size;
+            if s.is_finite() { s.clamp(0.0, 1.0) } else { 0.5 }
+        };
+        let mut features = Vec::with_capacity(3 * self.things.len());
+        for thing in &self.things {
             let track = after.and_then(|t| t.track(&thing.name));
             let [x, y] = track.and_then(|t| Some([*t.x.last()?, *t.y.last()?])).unwrap_or(thing.position);
-            [
+            features.extend([
                 share(x, bounds[0], width),
                 share(y, bounds[1], height),
                 share(thing.radius, 0.0, width.max(height)),
-            ]
-        })
-        .collect()
+            ]);
+        }
+        features
+    }
 }
 
 /// One thing observed.
