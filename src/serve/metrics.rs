@@ -13,19 +13,25 @@ use crate::store::JobState;
 /// What is counted while the server runs.
 #[derive(Default)]
 pub struct Metrics {
-    /// By method, route and status; ZeroMQ counts as a method, its operations as routes.
-    requests: Mutex<BTreeMap<(String, String, u16), u64>>,
+    requests: Mutex<Requests>,
     rollouts: AtomicU64,
     /// Valid attempts in simulated and in real worlds.
     interactions: [AtomicU64; 2],
 }
 
+/// By method, route and status; ZeroMQ counts as a method, its operations as routes.
+type Requests = BTreeMap<&'static str, BTreeMap<String, BTreeMap<u16, u64>>>;
+
 impl Metrics {
     /// A request was answered.
     pub fn answered(&self, method: &str, route: &str, status: u16) {
-        let method = if METHODS.contains(&method) { method } else { "other" };
+        let method = METHODS.into_iter().find(|m| *m == method).unwrap_or("other");
         let mut requests = self.requests.lock().unwrap_or_else(PoisonError::into_inner);
-        *requests.entry((method.into(), route.into(), status)).or_default() += 1;
+        let routes = requests.entry(method).or_default();
+        match routes.get_mut(route) {
+            Some(counts) => *counts.entry(status).or_default() += 1,
+            None => drop(routes.insert(route.into(), BTreeMap::from([(status, 1)]))),
+        }
     }
 
     /// `valid` attempts were made in a world of this kind.
@@ -48,7 +54,16 @@ pub fn text(app: &App) -> Result<String> {
     let m = &app.metrics;
     let requests = m.requests.lock().unwrap_or_else(PoisonError::into_inner).clone();
     head(&mut out, "iplw_requests_total", "counter", "Requests answered.");
-    for ((method, route, status), n) in &requests {
+    let requests: Vec<(&str, &str, u16, u64)> = requests
+        .iter()
+        .flat_map(|(method, routes)| {
+            routes.iter().map(move |(route, counts)| (*method, route.as_str(), counts))
+        })
+        .flat_map(|(method, route, counts)| {
+            counts.iter().map(move |(status, n)| (method, route, *status, *n))
+        })
+        .collect();
+    for (method, route, status, n) in &requests {
         line(
             &mut out,
             "iplw_requests_total",
@@ -58,7 +73,7 @@ pub fn text(app: &App) -> Result<String> {
     }
     head(&mut out, "iplw_errors_total", "counter", "Requests answered with a problem, by its class.");
     for (class, range) in [("4xx", 400..500), ("5xx", 500..600)] {
-        let n = requests.iter().filter(|((_, _, status), _)| range.contains(status)).map(|(_, n)| n).sum();
+        let n = requests.iter().filter(|(_, _, status, _)| range.contains(status)).map(|(.., n)| n).sum();
         line(&mut out, "iplw_errors_total", &[("class", class)], n);
     }
     head(&mut out, "iplw_worlds", "gauge", "Worlds there are.");
