@@ -22,6 +22,7 @@ use axum::http::{HeaderName, HeaderValue, StatusCode, header};
 use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
+use serde_json::Value;
 use tower_http::catch_panic::CatchPanicLayer;
 use utoipa::OpenApi;
 use utoipa_axum::router::OpenApiRouter;
@@ -158,7 +159,8 @@ async fn answer_once<T: Serialize + 'static>(
     let body = match caller.form {
         Form::Json => answered.body,
         Form::Msgpack { .. } => {
-            pack::pack(&serde_json::from_slice(&answered.body).unwrap_or_default(), Vec::new())
+            let kept: Value = serde_json::from_slice(&answered.body).unwrap_or_default();
+            pack::pack(&kept, Vec::new()).unwrap_or_default()
         }
     };
     let mut response = response(status, caller.form, body);
@@ -190,7 +192,7 @@ fn body_of<T: Serialize + Bulk>(mut value: T, form: Form) -> Answer<Vec<u8>> {
         Form::Json => serde_json::to_vec(&value).map_err(unwritable),
         Form::Msgpack { raw } => {
             let arrays = if raw { value.bulk() } else { Vec::new() };
-            Ok(pack::pack(&serde_json::to_value(value).map_err(unwritable)?, arrays))
+            pack::pack(&value, arrays).map_err(unwritable)
         }
     }
 }
@@ -236,7 +238,7 @@ async fn count(State(app): State<Arc<App>>, request: Request, next: Next) -> Res
     if let Some(problem) = response.extensions_mut().remove::<Problem>()
         && form != Form::Json
     {
-        let body = pack::pack(&serde_json::to_value(&problem).unwrap_or_default(), Vec::new());
+        let body = pack::pack(&problem, Vec::new()).unwrap_or_default();
         let (mut parts, _) = response.into_parts();
         parts.headers.remove(header::CONTENT_LENGTH);
         parts.headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(PROBLEM_MSGPACK));

@@ -16,7 +16,7 @@ use crate::error::Error;
 use crate::json::from_value;
 use crate::serve::app::App;
 use crate::serve::problem::{Answer, Problem};
-use crate::serve::wire::{Array, Bulk, Data, TellQuery};
+use crate::serve::wire::{ActionIn, Array, Bulk, Data, StepIn, TellQuery, packed};
 
 /// A row of the table.
 pub struct Operation {
@@ -42,8 +42,8 @@ pub struct Asked {
 
 /// What an operation answers.
 pub struct Reply {
-    /// What HTTP's body would be, but for the arrays; `null` if it has none.
-    pub result: Value,
+    /// What HTTP's body would be, but for the arrays, as msgpack; nil if it has none.
+    pub result: Vec<u8>,
     /// Arrays by name.
     pub arrays: Vec<(&'static str, Array)>,
 }
@@ -59,14 +59,14 @@ pub static OPERATIONS: [Operation; 41] = [
     light("get_world", always, |app, mut a| a.only_id().and_then(|id| a.out(world::get(app, &id)?))),
     row("delete_world", |app, mut a| {
         world::delete(app, &a.only_id()?)?;
-        NOTHING
+        Reply::plain(&())
     }),
     light("reset_world", one_light, |app, mut a| {
         let (id, body) = (a.id()?, a.body()?);
         a.out(world::reset(app, &id, body)?)
     }),
     light("step_world", one_light, |app, mut a| {
-        let (id, body) = (a.id()?, a.body()?);
+        let (id, body) = (a.id()?, a.step()?);
         a.out(world::step(app, &id, body)?)
     }),
     row("set_latents", |app, mut a| {
@@ -88,7 +88,7 @@ pub static OPERATIONS: [Operation; 41] = [
     }),
     row("delete_worlds", |app, mut a| {
         batch::delete(app, a.body()?)?;
-        NOTHING
+        Reply::plain(&())
     }),
     light("reset_worlds", few_light, |app, mut a| {
         let body = a.body()?;
@@ -138,7 +138,7 @@ pub static OPERATIONS: [Operation; 41] = [
     row("draw_surface", |app, mut a| bytes(surface::drawn(app, &a.only_id()?)?.into_bytes())),
     row("delete_surface", |app, mut a| {
         surface::delete(app, &a.only_id()?)?;
-        NOTHING
+        Reply::plain(&())
     }),
     row("learn_policy", |app, mut a| {
         let (id, by) = (a.id()?, a.once.take());
@@ -156,7 +156,7 @@ pub static OPERATIONS: [Operation; 41] = [
     row("get_policy", |app, mut a| a.only_id().and_then(|id| a.out(policy::get(app, &id)?))),
     row("delete_policy", |app, mut a| {
         policy::delete(app, &a.only_id()?)?;
-        NOTHING
+        Reply::plain(&())
     }),
     row("download_weights", |app, mut a| {
         let id = a.only_id()?;
@@ -183,7 +183,7 @@ pub static OPERATIONS: [Operation; 41] = [
     row("get_job", |app, mut a| a.only_id().and_then(|id| a.out(job::get(app, &id)?))),
     row("delete_job", |app, mut a| {
         let id = a.only_id()?;
-        job::delete(app, &id)?.map_or(NOTHING, |job| a.out(job))
+        job::delete(app, &id)?.map_or_else(|| Reply::plain(&()), |job| a.out(job))
     }),
     row("list_trials", |app, mut a| {
         let id = a.id()?;
@@ -201,8 +201,8 @@ pub static OPERATIONS: [Operation; 41] = [
     }),
     row("openapi", |_, a| {
         a.nothing_more()?;
-        let document = serde_json::from_str(&crate::serve::openapi_document());
-        Ok(Reply { result: document.unwrap_or_default(), arrays: Vec::new() })
+        let document: Option<Value> = serde_json::from_str(&crate::serve::openapi_document()).ok();
+        Reply::plain(&document)
     }),
 ];
 
@@ -213,9 +213,6 @@ pub fn operation(name: &str) -> Answer<&'static Operation> {
         Error::NotFound { kind: "operation", id: name.into(), known }.into()
     })
 }
-
-/// The answer of what has none.
-const NOTHING: Answer<Reply> = Ok(Reply { result: Value::Null, arrays: Vec::new() });
 
 fn always(_: &App, _: &Asked) -> bool {
     true
@@ -245,8 +242,20 @@ fn few_light(app: &App, asked: &Asked) -> bool {
 }
 
 fn bytes(body: Vec<u8>) -> Answer<Reply> {
-    let result = Value::Object(Map::new());
-    Ok(Reply { result, arrays: vec![("body", Array::line(Data::Bytes(body)))] })
+    let arrays = vec![("body", Array::line(Data::Bytes(body)))];
+    Ok(Reply { arrays, ..Reply::plain(&Map::new())? })
+}
+
+impl Reply {
+    /// An answer without arrays.
+    pub fn plain<T: Serialize + ?Sized>(answer: &T) -> Answer<Reply> {
+        let mut result = Vec::with_capacity(256);
+        packed(&mut result, answer).map_err(|e| {
+            tracing::error!("an answer cannot be written: {e}");
+            Problem::defect()
+        })?;
+        Ok(Reply { result, arrays: Vec::new() })
+    }
 }
 
 impl Asked {
@@ -282,6 +291,17 @@ impl Asked {
         from_value(Value::Object(std::mem::take(&mut self.fields))).map_err(Problem::malformed)
     }
 
+    /// What is left, as the body of a step: what most of them are is read at once, and the rest with care.
+    fn step(&mut self) -> Answer<StepIn> {
+        let action = match self.fields.get("action") {
+            Some(Value::Array(numbers)) if self.fields.len() == 1 => {
+                numbers.iter().map(Value::as_f64).collect::<Option<Vec<f64>>>()
+            }
+            _ => None,
+        };
+        action.map_or_else(|| self.body(), |numbers| Ok(StepIn { action: ActionIn::Vector(numbers) }))
+    }
+
     /// What is left, as query parameters.
     fn pairs(&mut self) -> Answer<Vec<(String, String)>> {
         let pair = |(name, value): (String, Value)| {
@@ -313,11 +333,7 @@ impl Asked {
 
     fn out<T: Serialize + Bulk>(&self, mut answer: T) -> Answer<Reply> {
         let arrays = if self.raw { answer.bulk() } else { Vec::new() };
-        let result = serde_json::to_value(answer).map_err(|e| {
-            tracing::error!("an answer cannot be written: {e}");
-            Problem::defect()
-        })?;
-        Ok(Reply { result, arrays })
+        Ok(Reply { arrays, ..Reply::plain(&answer)? })
     }
 
     fn made<T: Serialize>(
@@ -327,7 +343,7 @@ impl Asked {
         work: impl FnOnce(&App, super::Keep<T>) -> crate::error::Result<T>,
     ) -> Answer<Reply> {
         let (answered, _) = once(app, by, 200, |_| None, work)?;
-        Ok(Reply { result: serde_json::from_slice(&answered.body).unwrap_or_default(), arrays: Vec::new() })
+        Reply::plain(&serde_json::from_slice::<Value>(&answered.body).unwrap_or_default())
     }
 }
 

@@ -9,6 +9,7 @@ mod batch;
 mod diagnosis;
 mod job;
 pub mod pack;
+mod packed;
 mod policy;
 mod strict;
 mod surface;
@@ -20,6 +21,7 @@ pub use asked::{ProposalOut, Proposals, TellIn, TellQuery, Told, TrialIn, TrialO
 pub use batch::{CreateWorlds, ResetWorlds, StepWorlds, WorldIds, WorldsMade, WorldsReset, WorldsStepped};
 pub use diagnosis::DiagnosisIn;
 pub use job::{Estimation, Event, JobOut, Jobs, RealChoice, RealIn};
+pub use packed::packed;
 pub use policy::{
     ActIn, Acted, EvaluateIn, LearnIn, Policies, PolicyOut, RankingIn, Scored, TrainIn, TrainingIn,
 };
@@ -27,8 +29,8 @@ pub use strict::Object;
 pub use surface::{SensitivityOut, SurfaceIn, SurfaceOut, SurfaceWhole, Surfaces};
 pub use task::{Families, FamilyOut, FamilyTasks, TaskOut};
 pub use world::{
-    ActionSpaceOut, BatchOut, CreateWorld, EffectIn, LatentsIn, ObservationSpaceOut, ResetIn, ResetOut,
-    RolloutIn, SplitIn, StepIn, StepOut, WorldOut, Worlds, effects,
+    ActionIn, ActionSpaceOut, BatchOut, CreateWorld, EffectIn, LatentsIn, ObservationSpaceOut, ResetIn,
+    ResetOut, RolloutIn, SplitIn, StepIn, StepOut, WorldOut, Worlds, effects,
 };
 
 use serde::Serialize;

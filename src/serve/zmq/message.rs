@@ -7,7 +7,8 @@ use crate::error::{Error, Result};
 use crate::serve::operations::dispatch::{Asked, Reply};
 use crate::serve::operations::once::Once;
 use crate::serve::problem::Problem;
-use crate::serve::wire::{lists, pack};
+use crate::serve::wire::pack::{self, Path};
+use crate::serve::wire::{self, lists};
 
 /// A request as it was sent.
 pub struct Request {
@@ -35,31 +36,40 @@ const MOST_ID: usize = 256;
 fn parts(frames: Vec<Vec<u8>>, id: &mut Vec<u8>) -> Result<Request> {
     let mut frames = frames.into_iter();
     let head = frames.next().unwrap_or_default();
-    let Packed::Map(entries) = pack::read(&head)? else {
+    let mut rest = head.as_slice();
+    let Some(entries) = pack::map(&mut rest) else {
         return Err(Error::input("", "no map", "a msgpack map as the first frame"));
     };
-    let (mut header, mut given, mut about) = (Map::new(), None, None);
-    let mut shapes = Vec::new();
-    let cancel = entries.iter().any(|(k, v)| k.as_str() == Some("op") && v.as_str() == Some("cancel"));
-    for (key, value) in entries {
-        match key.as_str().unwrap_or_default() {
-            "id" => given = Some(value),
-            "args" if cancel => about = Some(packed(&value["request"])),
-            "arrays" => shapes = described(value)?,
-            key => drop(header.insert(key.to_string(), pack::plain(value, &pack::Path::Top(key))?)),
+    let (mut header, mut about, mut args) = (Map::new(), None, None);
+    let (mut named, mut shapes) = (false, Vec::new());
+    for _ in 0..entries {
+        match pack::key(&mut rest, &Path::Top(""))? {
+            "id" => {
+                *id = identity(&pack::read(&mut rest)?)?;
+                named = true;
+            }
+            // What these are depends on the operation, which may come later.
+            "args" if !header.contains_key("op") => {
+                args = Some(rest);
+                pack::read(&mut rest)?;
+            }
+            "args" if header.get("op").is_some_and(|op| op == "cancel") => {
+                about = Some(packed(&pack::read(&mut rest)?["request"]));
+            }
+            "arrays" => shapes = described(pack::read(&mut rest)?)?,
+            key => drop(header.insert(key.to_string(), pack::value(&mut rest, &Path::Top(key))?)),
         }
     }
-    let allowed = "a whole number from 0, text or bytes, up to 256 bytes";
-    match given {
-        Some(given @ (Packed::Integer(_) | Packed::String(_) | Packed::Binary(_))) => {
-            let packed = packed(&given);
-            if packed.len() > MOST_ID || given.as_i64().is_some_and(|n| n < 0) {
-                return Err(Error::input("id", given, allowed));
-            }
-            *id = packed;
+    pack::end(rest)?;
+    if let Some(mut args) = args {
+        if header.get("op").is_some_and(|op| op == "cancel") {
+            about = Some(packed(&pack::read(&mut args)?["request"]));
+        } else {
+            header.insert("args".into(), pack::value(&mut args, &Path::Top("args"))?);
         }
-        Some(other) => return Err(Error::input("id", other, allowed)),
-        None => return Err(Error::input("id", "missing", allowed)),
+    }
+    if !named {
+        return Err(Error::input("id", "missing", ID));
     }
     match header.remove("v") {
         Some(v) if v == VERSION => {}
@@ -112,6 +122,18 @@ fn parts(frames: Vec<Vec<u8>>, id: &mut Vec<u8>) -> Result<Request> {
     Ok(Request { op, asked, about })
 }
 
+const ID: &str = "a whole number from 0, text or bytes, up to 256 bytes";
+
+/// A request's id, as msgpack.
+fn identity(given: &Packed) -> Result<Vec<u8>> {
+    let packed = packed(given);
+    let kind = matches!(given, Packed::Integer(_) | Packed::String(_) | Packed::Binary(_));
+    if !kind || packed.len() > MOST_ID || given.as_i64().is_some_and(|n| n < 0) {
+        return Err(Error::input("id", given, ID));
+    }
+    Ok(packed)
+}
+
 fn packed(value: &Packed) -> Vec<u8> {
     let mut out = Vec::new();
     // Writing to memory does not fail.
@@ -153,7 +175,7 @@ fn place(fields: &mut Map<String, Value>, path: &str, value: Value) -> Result<()
 pub fn reply(id: &[u8], reply: Reply) -> Vec<Vec<u8>> {
     let mut head = opening(id, true, 5);
     pack::text(&mut head, "result");
-    pack::write(&mut head, &reply.result);
+    head.extend_from_slice(&reply.result);
     pack::text(&mut head, "arrays");
     pack::list_head(&mut head, reply.arrays.len());
     let mut frames = Vec::with_capacity(1 + reply.arrays.len());
@@ -175,18 +197,19 @@ pub fn reply(id: &[u8], reply: Reply) -> Vec<Vec<u8>> {
 pub fn refusal(id: &[u8], problem: &Problem) -> Vec<Vec<u8>> {
     let mut head = opening(id, false, 4);
     pack::text(&mut head, "problem");
-    pack::write(&mut head, &serde_json::to_value(problem).unwrap_or_default());
+    // Plain fields of text and numbers: that they can be written is tested.
+    let _ = wire::packed(&mut head, problem);
     vec![head]
 }
 
 fn opening(id: &[u8], ok: bool, fields: usize) -> Vec<u8> {
-    let mut head = Vec::new();
+    let mut head = Vec::with_capacity(512);
     pack::map_head(&mut head, fields);
     pack::text(&mut head, "v");
-    pack::write(&mut head, &VERSION.into());
+    pack::number(&mut head, VERSION);
     pack::text(&mut head, "id");
     head.extend_from_slice(id);
     pack::text(&mut head, "ok");
-    pack::write(&mut head, &ok.into());
+    pack::truth(&mut head, ok);
     head
 }

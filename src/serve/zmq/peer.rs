@@ -81,7 +81,7 @@ impl Peer {
         match request {
             Err(e) => self.answer(&to, "none", Err(Problem::malformed(e))).await,
             Ok(request) => match request.op.as_str() {
-                "ping" => self.answer(&to, "ping", Ok(plain(json!({"pong": true})))).await,
+                "ping" => self.answer(&to, "ping", Reply::plain(&json!({"pong": true}))).await,
                 "cancel" => {
                     let cancelled = self.cancel(&request);
                     self.answer(&to, "cancel", cancelled).await;
@@ -175,7 +175,7 @@ impl Peer {
             flight.dropped.store(true, Ordering::SeqCst);
             flight.cancel.take()?.send(()).ok()
         });
-        Ok(plain(json!({"cancelled": cancelled.is_some()})))
+        Reply::plain(&json!({"cancelled": cancelled.is_some()}))
     }
 
     async fn refuse_large(&self, mut frames: Vec<Vec<u8>>) {
@@ -224,10 +224,6 @@ struct Address {
     id: Vec<u8>,
     /// Whether the client puts an empty frame in front, as a REQ does.
     delimited: bool,
-}
-
-fn plain(result: serde_json::Value) -> Reply {
-    Reply { result, arrays: Vec::new() }
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {

@@ -138,6 +138,11 @@ impl<R: AsyncRead + Unpin> Receiver<R> {
 
     /// Memory grows with what arrives, not with what is announced.
     async fn body(&mut self, length: usize) -> io::Result<Vec<u8>> {
+        if let Some(body) = self.from.buffer().get(..length) {
+            let body = body.to_vec();
+            self.from.consume(length);
+            return Ok(body);
+        }
         let mut body = Vec::with_capacity(length.min(64 * 1024));
         let read = (&mut self.from).take(length as u64).read_to_end(&mut body).await?;
         if read < length { Err(ErrorKind::UnexpectedEof.into()) } else { Ok(body) }
