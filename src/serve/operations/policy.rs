@@ -12,9 +12,7 @@ use super::{Keep, Page, json};
 use crate::error::{Error, Result};
 use crate::job::{New, Outcome, Work};
 use crate::json::from_value;
-use crate::policy::{
-    CHUNK, Dqn, LabelConfig, Policy, Random, TrainConfig, Training, label, rank, train,
-};
+use crate::policy::{CHUNK, Dqn, LabelConfig, Policy, Random, TrainConfig, Training, label, rank, train};
 use crate::serve::app::{App, Base};
 use crate::serve::wire::{
     ActIn, Acted, JobOut, Object, Policies, PolicyOut, Scored, TrainIn, TrainingIn, effects,
