@@ -38,10 +38,10 @@ use crate::world::Engine;
 use crate::world::latent::{FACTORS, factor_index};
 use judge::Fitted;
 use model::{Data, Layout, State};
-use noise::{Noise, expected_squares};
+use noise::{Noise, Slow, expected_squares};
 pub use report::Diagnosis;
 use report::{Calibrated, FoundEffect, FoundParameter, Gain, HeldOut, NextExperiment, Residual, Verdict};
-use stats::{mean_error, median, normal_above, t_above};
+use stats::{f_above, mean_error, median, normal_above, t_above};
 use window::{Kind, Window};
 
 /// Knobs of a diagnosis.
@@ -107,8 +107,14 @@ const FEWEST_TRIALS: usize = 4;
 const MISFIT: f64 = 0.01;
 /// The same where no effect was found: to call physics unknown takes more than one odd trial.
 const UNKNOWN: f64 = 0.002;
-/// Share of the base's excess that may remain under a named set.
+/// Share of the base's excess that may remain under a named set, and the same where slow residuals are sure of it.
 const REMAINS: f64 = 0.05;
+const REMAINS_SURELY: f64 = 0.02;
+/// p below which slow residuals say that a set leaves something (it is ten times smaller than it says, since the trials
+/// that are furthest off are left out of account), and the share of trials, the furthest off, that have no
+/// say in it.
+const SLOW: f64 = 0.04;
+const ODD: f64 = 0.1;
 /// Effects that push against the velocity.
 const DRAGS: [&str; 3] = ["linear_drag", "quadratic_drag", "moving_air"];
 /// Excess of the middle trial, as a share of the floor, below which the excess of all is that of a few.
@@ -168,6 +174,7 @@ pub fn diagnose(
         .iter()
         .map(|w| if w.kind.simulated() { runs.unwrap_or(noise.sd) } else { noise.sd })
         .collect();
+    weed(&mut windows, &sd, kept.len(), &settings, config)?;
     let mut data = Data {
         windows: &windows,
         trials: kept.len(),
@@ -182,7 +189,14 @@ pub fn diagnose(
         nuisances: windows.iter().map(|w| w.nuisances.clone()).collect(),
     };
     progress.report("fitting the base model", 0, 1)?;
-    let (state, first) = begin(&mut data, trials, &kept, &layout, start)?;
+    let (mut state, mut first) = begin(&mut data, trials, &kept, &layout, start)?;
+    for start in rougher(&layout, &state, &windows) {
+        // A contact that grips as simulated says nothing of a friction at which it would slide.
+        let (other, pass) = model::fit(&data, &layout, start, 8)?;
+        if model::total(&pass) < model::total(&first) {
+            (state, first) = (other, pass);
+        }
+    }
     let blur = blur(scene, &data, &latents, names.len(), &state, &first)?;
     for (w, window) in windows.iter().enumerate() {
         if window.kind == Kind::Contact {
@@ -198,6 +212,21 @@ pub fn diagnose(
     conclude(scene, trials, &windows, &kept, found, &judged, config)
 }
 
+/// The same state at other frictions, where friction is to be found from contacts of one disc.
+fn rougher(layout: &Layout, state: &State, windows: &[Window]) -> Vec<State> {
+    let wanted = |l: usize| FACTORS[l].name == "friction";
+    let slot = layout.slots.iter().position(|s| matches!(s.what, model::What::Latent(l) if wanted(l)));
+    let Some(slot) = slot.filter(|_| windows.iter().any(|w| w.kind == Kind::Contact)) else {
+        return Vec::new();
+    };
+    let at = |friction: f64| {
+        let mut other = state.clone();
+        other.values[slot] = friction;
+        other
+    };
+    vec![at(0.1), at(0.25)]
+}
+
 /// Expected sum of squares by trial, and its variance, if only noise were left; units of the noise.
 pub(crate) struct Expected {
     pub mean: Vec<f64>,
@@ -208,6 +237,8 @@ pub(crate) struct Expected {
     pub coordinates: Vec<f64>,
     /// Relative error of the noise's own variance.
     pub floor_error: f64,
+    /// Slow parts of flights' residuals, by window, and the scale of those, m.
+    slow: Vec<Option<(Slow, f64)>>,
 }
 
 impl Expected {
@@ -247,6 +278,36 @@ impl Expected {
         (usual, usual * all / deviation.max(1e-9), p)
     }
 
+    /// Squares that flights' slow parts hold above what noise leaves there, and p of there being none: against the noise
+    /// that fast parts show, not against other trials. What acts at one place or time in few trials shows here and not in
+    /// what trials have in common. The trials that are furthest off do not count: they may have something of their own.
+    pub fn slow_misfit(&self, fit: &Fitted, windows: &[Window], unit: f64) -> (f64, f64) {
+        let trials = self.mean.len();
+        // squares, mean, variance by trial
+        let mut sums = vec![[0.0; 3]; trials];
+        for (w, window) in windows.iter().enumerate() {
+            if let Some((slow, sd)) = &self.slow[w] {
+                let own = &mut sums[window.trial];
+                own[0] += slow.square(&fit.pass.residuals[w]) / (sd * sd);
+                own[1] += slow.mean;
+                own[2] += slow.variance;
+            }
+        }
+        sums.retain(|s| s[1] > 0.0);
+        sums.sort_by(|a, b| (a[0] / a[1]).total_cmp(&(b[0] / b[1])));
+        let all: f64 = sums.iter().map(|s| s[1]).sum();
+        sums.truncate(sums.len() - (sums.len() as f64 * ODD).ceil() as usize);
+        let total = |k: usize| sums.iter().map(|s| s[k]).sum::<f64>();
+        let taken = fit.layout.slots.len() as f64 * unit * total(1) / all.max(1e-9);
+        let mean = total(1) - taken;
+        if mean <= 0.0 {
+            return (0.0, 1.0);
+        }
+        let freedom = 2.0 * total(1).powi(2) / total(2).max(1e-9);
+        let p = f_above(total(0) / mean, freedom, 2.0 / self.floor_error.powi(2));
+        ((total(0) - mean).max(0.0), p)
+    }
+
     /// Excess over the floor as a share of it, and p, by trial.
     fn misfit(&self, squares: &[f64]) -> (f64, f64) {
         let excess: Vec<f64> = squares.iter().zip(&self.mean).map(|(s, m)| s - m).collect();
@@ -260,13 +321,21 @@ impl Expected {
     }
 }
 
+fn slow(window: &Window, rho: f64) -> Option<Slow> {
+    let smooth = window.smooth.as_ref().filter(|_| window.kind == Kind::Flight)?;
+    let times: Vec<f64> = window.points.iter().map(|p| p.time).collect();
+    let weights: Vec<f64> = window.points.iter().map(|p| p.weight).collect();
+    Slow::new(&times, &weights, smooth.axes, rho.max(0.0))
+}
+
 fn expected(windows: &[Window], sd: &[f64], trials: usize, noise: &Noise) -> Expected {
     let mut out = Expected {
         mean: vec![0.0; trials],
         contacts: 0.0,
         variance: vec![0.0; trials],
         coordinates: vec![0.0; trials],
-        floor_error: (2.0 / noise.freedom * (1.0 + noise.rho.powi(2)) / (1.0 - noise.rho.powi(2))).sqrt(),
+        floor_error: noise.floor_error(),
+        slow: windows.iter().zip(sd).map(|(w, sd)| Some((slow(w, noise.rho)?, *sd))).collect(),
     };
     for (w, _) in windows.iter().zip(sd).filter(|(_, sd)| sd.is_finite()) {
         let n = w.points.iter().filter(|p| p.weight > 0.0).count() as f64;
@@ -390,6 +459,36 @@ fn begin(
     Ok((state, pass))
 }
 
+/// Takes outliers at the ends of flights out, by what nothing but gravity leaves.
+fn weed(
+    windows: &mut [Window],
+    sd: &[f64],
+    trials: usize,
+    settings: &[usize],
+    config: &Config,
+) -> Result<()> {
+    let flights: Vec<usize> = (0..windows.len()).filter(|w| windows[*w].kind == Kind::Flight).collect();
+    let own: Vec<Window> = flights.iter().map(|w| windows[*w].clone()).collect();
+    let data = Data {
+        windows: &own,
+        trials,
+        settings,
+        sd: flights.iter().map(|w| sd[*w]).collect(),
+        frozen: Vec::new(),
+        engine: config.engine,
+    };
+    let layout = Layout::new(&[], Vec::new(), 1);
+    let start = State { values: Vec::new(), nuisances: own.iter().map(|w| w.nuisances.clone()).collect() };
+    let (_, left) = model::fit(&data, &layout, start, 3)?;
+    for (k, w) in flights.into_iter().enumerate() {
+        let times: Vec<f64> = own[k].points.iter().map(|p| p.time).collect();
+        for i in noise::spikes(&times, &left.residuals[k], sd[w]) {
+            windows[w].points[i].weight = 0.0;
+        }
+    }
+    Ok(())
+}
+
 /// Growth of a start's error beyond which a run is no longer trusted.
 const GROWTH: f64 = 100.0;
 
@@ -480,6 +579,7 @@ fn insufficient(scene: &Scene, trials: &[Trial], reason: &str, config: &Config) 
             why: reason.to_string(),
             action: "measure more trials, each with ten or more observations between contacts".into(),
             separates: Vec::new(),
+            scene: None,
         }),
         considered: Vec::new(),
         seed: config.seed,
@@ -544,8 +644,15 @@ fn conclude(
     let unexplained = (base_excess > SLIGHT).then(|| (left_excess / base_excess).clamp(0.0, 1.0));
     let far = |f: &Fitted| !shots && search::far(expected.above(f, windows));
     let much = |l: &search::Lack| l.is_much(expected.total());
-    let misfit = base_lack_p < UNKNOWN || far(&base) || much(&base_lack);
-    let remains = (lack.tested.p < MISFIT || far(model) || much(lack)) && by_floor.max(by_signs) > REMAINS;
+
+    let (slow, slow_p) = expected.slow_misfit(model, windows, noise.unit());
+    let (base_slow, base_slow_p) = expected.slow_misfit(&base, windows, noise.unit());
+    let misfit =
+        base_lack_p < UNKNOWN || far(&base) || much(&base_lack) || (!shots && base_slow_p < search::PLAIN);
+    let by_slow = slow / base_slow.max(sure_of_base).max(1e-9);
+    let remains = ((lack.tested.p < MISFIT || far(model) || much(lack)) && by_floor.max(by_signs) > REMAINS)
+        || (!shots && slow_p < SLOW && by_slow > REMAINS)
+        || (!shots && slow_p < search::PLAIN && by_slow > REMAINS_SURELY);
     let (verdict, reason) = match best {
         None if !misfit => (Verdict::None, "the base model explains the data to its noise floor".to_string()),
         None => (

@@ -220,7 +220,7 @@ pub struct Extra {
 /// A window at a state: what is left, how it depends on the slots, and on extras; in units of the noise, the window's
 /// nuisances projected out.
 pub struct Look {
-    /// Square roots of weights over noise, by point; 0 for those that do not count.
+    /// Square roots of weights over noise, by point and for each nuisance that is held; 0 for those that do not count.
     pub weights: Vec<f64>,
     pub residual: DVector<f64>,
     /// A column for every slot, then for every extra.
@@ -255,7 +255,7 @@ pub fn pass(data: &Data, layout: &Layout, state: &State) -> Result<Pass> {
         sums.square += square;
         out.squares.push(square);
         let metres = |i: usize| if weights[i / 2] > 0.0 { residual[i] / weights[i / 2] } else { f64::NAN };
-        out.residuals.push((0..residual.len()).map(metres).collect());
+        out.residuals.push((0..2 * window.points.len()).map(metres).collect());
         out.corrections.push(correction);
     }
     Ok(out)
@@ -274,7 +274,7 @@ pub fn looks(data: &Data, layout: &Layout, state: &State, extras: &[Extra]) -> R
         } else {
             integrated(window, layout, state, nuisances, &shared, extras)
         };
-        out.push(look(data, w, layout.slots.len(), &shared, moved));
+        out.push(look(data, w, layout.slots.len(), &shared, nuisances, moved));
     }
     Ok(out)
 }
@@ -486,25 +486,55 @@ pub fn freeze(data: &mut Data, layout: &Layout, state: &State) -> Result<()> {
     Ok(())
 }
 
-/// Weighs, and projects the nuisances out.
-fn look(data: &Data, w: usize, slots: usize, shared: &[Shared], moved: Moved) -> Look {
+/// What bounces and rolls need beyond a state, and by how much it may plausibly differ from where it starts: spin, 1 cm;
+/// 1 cm, 5 mm a metre. A shot's spins are held where they stand.
+fn held(window: &Window) -> Vec<(usize, f64)> {
+    let spin = window.surface.as_ref().map_or(3.0, |s| s.spin);
+    let all: &[(usize, f64)] = match window.kind {
+        Kind::Contact => &[(4, spin), (5, 0.01)],
+        Kind::Roll => &[(2, 0.01), (3, 0.005)],
+        Kind::Shot => &[(4, 3.0), (9, 3.0), (14, 3.0), (19, 3.0)],
+        Kind::Flight | Kind::Run => &[],
+    };
+    all.iter().copied().filter(|(k, _)| *k < window.nuisances.len()).collect()
+}
+
+/// Weighs, and projects the nuisances out. What is held of them is observed, as it were: two more rows each, of which
+/// the second is empty.
+fn look(data: &Data, w: usize, slots: usize, shared: &[Shared], nuisances: &[f64], moved: Moved) -> Look {
     let window = &data.windows[w];
-    let n = moved.base.len();
-    let mut residual = DVector::from_fn(n, |i, _| window.points[i / 2].seen[i % 2] - moved.base[i]);
-    let weights: Vec<f64> = weights(data, w, window, &residual).into_iter().map(|v| v / data.sd[w]).collect();
+    let held = held(window);
+    let seen = moved.base.len();
+    let n = seen + 2 * held.len();
+    let mut residual =
+        DVector::from_fn(
+            n,
+            |i, _| {
+                if i < seen { window.points[i / 2].seen[i % 2] - moved.base[i] } else { 0.0 }
+            },
+        );
+    let mut weights: Vec<f64> =
+        weights(data, w, window, &residual).into_iter().map(|v| v / data.sd[w]).collect();
+    weights.extend(held.iter().map(|(_, plausible)| 1.0 / plausible));
     let count = moved.nuisances.len();
-    let mut start = DMatrix::from_fn(n, count, |i, k| moved.nuisances[k][i] * weights[i / 2]);
+    let mut start = DMatrix::zeros(n, count);
     let mut columns = DMatrix::zeros(n, slots + moved.extras.len());
-    for (s, slope) in shared.iter().zip(&moved.slots) {
-        for i in 0..n {
+    for i in 0..seen {
+        for k in 0..count {
+            start[(i, k)] = moved.nuisances[k][i] * weights[i / 2];
+        }
+        for (s, slope) in shared.iter().zip(&moved.slots) {
             columns[(i, s.slot)] = slope[i] * weights[i / 2];
         }
-    }
-    for (k, difference) in moved.extras.iter().enumerate() {
-        for i in 0..n {
+        for (k, difference) in moved.extras.iter().enumerate() {
             let d = difference[i] * weights[i / 2];
             columns[(i, slots + k)] = if d.is_finite() { d } else { 0.0 };
         }
+    }
+    for (h, (k, _)) in held.iter().enumerate().filter(|(_, (k, _))| *k < count) {
+        let row = seen + 2 * h;
+        start[(row, *k)] = weights[row / 2];
+        residual[row] = if window.kind == Kind::Shot { 0.0 } else { window.nuisances[*k] - nuisances[*k] };
     }
     for i in 0..n {
         residual[i] = if weights[i / 2] > 0.0 { residual[i] * weights[i / 2] } else { 0.0 };
@@ -519,26 +549,14 @@ fn look(data: &Data, w: usize, slots: usize, shared: &[Shared], moved: Moved) ->
     let mut project = DMatrix::zeros(count, n);
     let mut correction = (DVector::zeros(count), DMatrix::zeros(count, slots));
     if count > 0 {
-        let mut gram = start.tr_mul(&start);
-        // What bounces and rolls need beyond a state is held by what is plausible: spin, 1 cm; 1 cm, 5 mm a metre.
-        let spin = window.surface.as_ref().map_or(3.0, |s| s.spin);
-        let held: &[(usize, f64)] = match window.kind {
-            Kind::Contact => &[(4, spin), (5, 0.01)],
-            Kind::Roll => &[(2, 0.01), (3, 0.005)],
-            Kind::Shot => &[(4, 3.0), (9, 3.0), (14, 3.0), (19, 3.0)],
-            Kind::Flight | Kind::Run => &[],
-        };
-        for (k, plausible) in held.iter().filter(|(k, _)| *k < count) {
-            gram[(*k, *k)] += 1.0 / (plausible * plausible);
-        }
-        project = inverse(&gram) * start.transpose();
+        project = inverse(&start.tr_mul(&start)) * start.transpose();
         let by_column = &project * &columns;
         correction = (&project * &residual, by_column.columns(0, slots).into_owned());
         residual -= &start * &correction.0;
         columns -= &start * by_column;
     }
     let mut square = residual.norm_squared();
-    let left = n as f64 - count as f64;
+    let left = seen as f64 - count as f64;
     if window.kind == Kind::Shot && square > TAME * left {
         let share = TAME * left / square;
         residual *= share.sqrt();

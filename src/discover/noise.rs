@@ -38,6 +38,15 @@ pub struct Noise {
 }
 
 impl Noise {
+    /// Relative error of the variance of slow things: of the noise's own variance, and of its correlation where it has any,
+    /// which fast residuals tell and slow ones depend on.
+    pub fn floor_error(&self) -> f64 {
+        let rho = self.rho;
+        let own = 2.0 / self.freedom * (1.0 + rho * rho) / (1.0 - rho * rho);
+        let by_rho = if rho > 0.0 { 2.0 * RHO_ERROR / (1.0 - rho * rho) } else { 0.0 };
+        (own + by_rho * by_rho * (1.0 - rho * rho) / self.freedom).sqrt()
+    }
+
     /// Variance of smooth things under the noise, in its own variance: correlated noise counts for less.
     pub fn unit(&self) -> f64 {
         let rho = self.rho.max(0.0);
@@ -45,13 +54,16 @@ impl Noise {
     }
 }
 
+/// How much less well the correlation is known than from as many free neighbours: polynomials swallow what tells most.
+const RHO_ERROR: f64 = 2.6;
+
 /// Scales of the median absolute deviation beyond which a point is an outlier: 7 in a million for normal noise.
 const OUTLIER: f64 = 4.5;
 
 /// Fits a flight's rows (t, position).
 pub fn smooth(rows: &[(f64, [f64; 2])]) -> Smooth {
     let n = rows.len();
-    let degree = (n / 4).clamp(3, 12).min(n.saturating_sub(3));
+    let degree = degree(n);
     let (first, last) = (rows[0].0, rows[n - 1].0);
     let full = DMatrix::from_fn(n, degree + 1, |i, k| {
         let u = 2.0 * (rows[i].0 - first) / (last - first).max(1e-12) - 1.0;
@@ -158,6 +170,92 @@ pub fn expected_squares(times: &[f64], weights: &[f64], axes: f64, rho: f64) -> 
     };
     let m = &projector * correlation(n, rho) * &projector;
     (axes * m.trace(), 2.0 * axes * (&m * &m).trace())
+}
+
+/// Slow parts of a flight's residual: what is left of [`smooth`]'s polynomials without a straight line, which a start
+/// takes up. What a wrong law leaves is nearly all there; noise, by the share of these directions alone.
+#[derive(Clone, Debug)]
+pub struct Slow {
+    basis: DMatrix<f64>,
+    /// Mean and variance of the sum of squares over both coordinates, if only noise of unit variance is left.
+    pub mean: f64,
+    pub variance: f64,
+}
+
+impl Slow {
+    /// `None` of too few observations.
+    pub fn new(times: &[f64], weights: &[f64], axes: f64, rho: f64) -> Option<Slow> {
+        let n = times.len();
+        let degree = degree(n);
+        let span = (times[n - 1] - times[0]).max(1e-12);
+        let columns = DMatrix::from_fn(n, degree + 1, |i, k| {
+            let u: f64 = 2.0 * (times[i] - times[0]) / span - 1.0;
+            weights[i] * libm::cos(k as f64 * libm::acos(u.clamp(-1.0, 1.0)))
+        });
+        let kept = weights.iter().filter(|w| **w > 0.0).count();
+        if kept < degree + 3 {
+            return None;
+        }
+        // Chebyshev's polynomials come by degree: the first two span the lines.
+        let q = orthonormal(&columns)?;
+        let basis = q.columns(2, degree - 1).into_owned();
+        let m = basis.tr_mul(&(correlation(n, rho) * &basis));
+        Some(Slow { mean: axes * m.trace(), variance: 2.0 * axes * (&m * &m).trace(), basis })
+    }
+
+    /// Sum of squares of the slow parts of residuals (two numbers a point, NaN where nothing counts).
+    pub fn square(&self, residual: &[f64]) -> f64 {
+        (0..2)
+            .map(|axis| {
+                let of = |i: usize| residual[2 * i + axis];
+                let r =
+                    DVector::from_fn(self.basis.nrows(), |i, _| if of(i).is_finite() { of(i) } else { 0.0 });
+                self.basis.tr_mul(&r).norm_squared()
+            })
+            .sum()
+    }
+}
+
+/// Rows of a flight that are outliers against their own neighbourhood: [`smooth`]'s polynomial bends to those at its
+/// ends. `residual` is what a model leaves (two numbers a point, NaN where nothing counts), which a straight line fits
+/// well over a few observations even if the model is wrong.
+pub fn spikes(times: &[f64], residual: &[f64], sd: f64) -> Vec<usize> {
+    let n = times.len();
+    let mut kept: Vec<bool> = (0..n).map(|i| residual[2 * i].is_finite()).collect();
+    let mut out = Vec::new();
+    while kept.iter().filter(|k| **k).count() > 2 * NEAR {
+        let worst = (0..n).filter(|i| kept[*i]).map(|i| {
+            let mut near: Vec<usize> = (0..n).filter(|j| *j != i && kept[*j]).collect();
+            near.sort_by(|a, b| (times[*a] - times[i]).abs().total_cmp(&(times[*b] - times[i]).abs()));
+            near.truncate(NEAR);
+            let m = near.len() as f64;
+            let mean = near.iter().map(|j| times[*j]).sum::<f64>() / m;
+            let spread: f64 = near.iter().map(|j| (times[*j] - mean).powi(2)).sum();
+            let error = (1.0 + 1.0 / m + (times[i] - mean).powi(2) / spread.max(1e-12)).sqrt();
+            let off = |axis: usize| {
+                let of = |j: usize| residual[2 * j + axis];
+                let level = near.iter().map(|j| of(*j)).sum::<f64>() / m;
+                let slope = near.iter().map(|j| (times[*j] - mean) * of(*j)).sum::<f64>() / spread.max(1e-12);
+                (of(i) - level - slope * (times[i] - mean)).abs() / (sd * error)
+            };
+            (off(0).max(off(1)), i)
+        });
+        match worst.max_by(|a, b| a.0.total_cmp(&b.0)) {
+            Some((size, i)) if size > OUTLIER => {
+                kept[i] = false;
+                out.push(i);
+            }
+            _ => break,
+        }
+    }
+    out
+}
+
+/// Neighbours that an observation is compared with.
+const NEAR: usize = 6;
+
+fn degree(n: usize) -> usize {
+    (n / 4).clamp(3, 12).min(n.saturating_sub(3))
 }
 
 fn correlation(n: usize, rho: f64) -> DMatrix<f64> {

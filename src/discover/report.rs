@@ -2,6 +2,8 @@
 
 use serde::Serialize;
 
+use crate::task::Scene;
+
 /// The value of a diagnosis's `format` field.
 pub const FORMAT: &str = "iplw.diagnosis/1";
 
@@ -131,6 +133,10 @@ pub struct NextExperiment {
     #[serde(rename = "do")]
     pub action: String,
     pub separates: Vec<String>,
+    /// The experiment as it would be simulated: its first body's start is the launch. `None` where it is not of that
+    /// kind.
+    #[serde(skip)]
+    pub scene: Option<Scene>,
 }
 
 /// A fitted set.

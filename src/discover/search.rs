@@ -60,6 +60,10 @@ const VISIBLE: [f64; 2] = [0.15, 0.05];
 const LIKELY_MUCH: [f64; 2] = [0.05, 0.15];
 /// The same by the noise floor: excess as a share of it, standard deviations above it, p by trial.
 const FAR: [f64; 3] = [0.4, 6.0, 0.1];
+/// p of flights' slow residuals below which a fit lacks something, whatever trials have in common.
+pub const PLAIN: f64 = 5e-4;
+/// The same where a set with an effect more has nothing left.
+const SPEAKS: f64 = 0.02;
 /// p below which a term is accepted beside the others of its set.
 const ACCEPT: f64 = 0.01;
 /// p (of two tests) below which what the best set has and another has not would help the other.
@@ -69,6 +73,8 @@ const TENTH: f64 = 0.1;
 /// Share that a term must remove of the base's excess: real recordings have errors of their own, and some effect always
 /// helps against them a little.
 const HUNDREDTH: f64 = 0.01;
+/// Share of the base's excess from which what a set lacks speaks against it at [`ANYTHING`] already.
+const MATTERS: f64 = 0.05;
 /// Share of the base's excess below which what a set lacks does not speak against it.
 const NEGLIGIBLE: f64 = 0.01;
 /// Difference of held-out losses, units of the noise's variance, that is worth looking at; so much again for every
@@ -86,10 +92,28 @@ const AGAIN: f64 = 4.0;
 const STARTS: usize = 2;
 /// Pairs, and triples, that are fitted: those whose linear estimate is best.
 const FITTED: usize = 8;
+/// Most steps that the best fits are given beyond the first few.
+const POLISH: usize = 24;
 /// Fits of a size that are tested for what they lack.
 const TESTED: usize = 6;
 /// Sets of the size before from which larger ones are made: none, singles, pairs.
 const PARENTS: [usize; 3] = [0, 5, 3];
+
+/// Singles of few parameters that always take part in pairs, and parameters an effect that are few (those of a pair
+/// together at most 3).
+const SIMPLE: usize = 3;
+const FEW: usize = 2;
+/// Effects that hold another within them, for some values of their parameters or in a limit.
+const HOLDS: [(&str, &str); 8] = [
+    ("wind", "gravity_error"),
+    ("wind", "position_scale"),
+    ("wind", "time_scale"),
+    ("gust", "wind"),
+    ("position_field", "wind"),
+    ("moving_air", "quadratic_drag"),
+    ("moving_air", "wind"),
+    ("sticky_patch", "linear_drag"),
+];
 
 /// What a search goes by.
 #[derive(Clone, Copy)]
@@ -141,8 +165,12 @@ pub fn search<'a>(
                 let own = (0..first).filter(|i| found.fits[*i].set.len() == size - 1);
                 let mut known: Vec<usize> = own.filter(|i| found.lacks[*i].is_some()).collect();
                 known.sort_by(|a, b| held(&found.fits[*a]).total_cmp(&held(&found.fits[*b])));
-                let best = known.into_iter().take(PARENTS[size.min(3) - 1]);
-                best.filter_map(|i| Some((&found.fits[i], found.lacks[i].as_ref()?))).collect()
+                let simple = known.clone().into_iter().filter(|i| self::simple(&found.fits[*i])).take(SIMPLE);
+                let mut best: Vec<usize> = known.iter().copied().take(PARENTS[size.min(3) - 1]).collect();
+                best.extend(simple);
+                best.sort_unstable();
+                best.dedup();
+                best.into_iter().filter_map(|i| Some((&found.fits[i], found.lacks[i].as_ref()?))).collect()
             }
         };
         let unions = hunt.unions(&parents, if size == 1 { usize::MAX } else { FITTED }, most_parameters);
@@ -154,10 +182,18 @@ pub fn search<'a>(
         }
         fits.sort_by(|a, b| held(a).total_cmp(&held(b)));
         progress.report(stage, fits.len() as u64, fits.len() as u64 + 1)?;
-        let best = fits.first().map_or(0.0, held);
         let base_held = held(&found.base);
-        let worth =
-            |(i, f): (usize, &Fitted)| i < TESTED && held(f) - best < 0.5 * (base_held - best).max(0.0);
+        let last = fits.split_off(fits.len().min(TESTED));
+        let polished: Vec<Result<Fitted>> = fits.into_par_iter().map(|f| hunt.polished(f)).collect();
+        let mut fits = polished.into_iter().collect::<Result<Vec<_>>>()?;
+        fits.extend(last);
+        fits.sort_by(|a, b| held(a).total_cmp(&held(b)));
+        let best = fits.first().map_or(0.0, held);
+        let plain: Vec<usize> = (0..fits.len()).filter(|i| simple(&fits[*i])).take(SIMPLE).collect();
+        let worth = |(i, f): (usize, &Fitted)| {
+            (i < TESTED && held(f) - best < 0.5 * (base_held - best).max(0.0))
+                || (plain.contains(&i) && held(f) < base_held)
+        };
         let lacks: Vec<Result<Option<Lack>>> = fits
             .par_iter()
             .enumerate()
@@ -166,6 +202,9 @@ pub fn search<'a>(
         for (fit, lack) in fits.into_iter().zip(lacks) {
             found.fits.push(fit);
             found.lacks.push(lack?);
+        }
+        if size > 1 {
+            hunt.simplify(&mut found, first)?;
         }
         hunt.complete(&mut found, first)?;
         let enough = (first..found.fits.len())
@@ -256,12 +295,23 @@ impl Hunt<'_, '_> {
         lack.tested.p < if visible || shots { ANYTHING } else { INVISIBLE }
             || lack.is_much(self.expected.total())
             || (!shots && far(self.expected.above(fit, self.data.windows)))
+            || (!shots && self.expected.slow_misfit(fit, self.data.windows, self.unit).1 < PLAIN)
+    }
+
+    /// Whether flights' slow residuals hold more than noise.
+    fn speaks(&self, fit: &Fitted) -> bool {
+        self.expected.slow_misfit(fit, self.data.windows, self.unit).1 < SPEAKS
     }
 
     /// Whether a fit is known to lack nothing that matters.
     fn adequate(&self, found: &Found, i: usize, excess: f64) -> bool {
         let lack = found.lacks[i].as_ref();
-        lack.is_some_and(|l| l.sure() < NEGLIGIBLE * excess || !self.lacks(&found.fits[i], l))
+        let fit = &found.fits[i];
+        let clean = self.expected.middle_excess(fit, self.data.windows) < WRONG[0] && self.speaks(fit);
+        lack.is_some_and(|l| {
+            let much = l.tested.p < ANYTHING && l.sure() > MATTERS * excess;
+            (!clean && l.sure() < NEGLIGIBLE * excess) || !(much || self.lacks(fit, l))
+        })
     }
 
     /// Whether one fit's held-out losses are smaller than another's by far more than chance makes them.
@@ -271,8 +321,12 @@ impl Hunt<'_, '_> {
         if gain < HAIR * (1.0 + more) {
             return Ok(false);
         }
-        let likely = gain > LIKELY + HAIR * more && paired(&worse.held, &better.held).1 > 1.0;
-        Ok(likely || beaten(worse, better) || self.adds(worse, better, BEATEN)?)
+        let enough = LIKELY + HAIR * more;
+        // One trial may hold most of what there is to tell; then the others must say as much.
+        let most = worse.held.iter().zip(&better.held).map(|(w, b)| w - b).fold(0.0, f64::max) / self.unit;
+        let likely = gain > enough && (paired(&worse.held, &better.held).1 > 1.0 || gain - most > enough);
+        // Of many sets of more parameters one is better by chance more easily.
+        Ok(likely || beaten(worse, better) || self.adds(worse, better, BEATEN / (1.0 + more))?)
     }
 
     /// What a fit lacks.
@@ -299,7 +353,7 @@ impl Hunt<'_, '_> {
 
     /// The most promising unions of a fit and a candidate.
     fn unions(&self, parents: &[(&Fitted, &Lack)], most: usize, parameters: usize) -> Vec<Union> {
-        let mut all: Vec<(f64, Vec<&'static str>, Union)> = Vec::new();
+        let mut all: Vec<(f64, Vec<&'static str>, Union, usize)> = Vec::new();
         for (fit, lack) in parents {
             for (c, (effect, terms)) in self.library.candidates.iter().enumerate() {
                 let mut names = fit.names();
@@ -314,15 +368,25 @@ impl Hunt<'_, '_> {
                 let left = model::total(&fit.pass) - drop;
                 let start = |b: &&(usize, usize, f64, Vec<f64>)| self.joined(fit, &terms[b.1], &b.3);
                 let union = Union { starts: starts.iter().map(start).collect() };
+                let count = fit.parameters() + effect.parameters.len();
                 match all.iter_mut().find(|u| u.1 == names) {
                     Some(known) if known.0 <= left => {}
-                    Some(known) => *known = (left, names, union),
-                    None => all.push((left, names, union)),
+                    Some(known) => *known = (left, names, union, count),
+                    None => all.push((left, names, union, count)),
                 }
             }
         }
         all.sort_by(|a, b| a.0.total_cmp(&b.0));
-        all.into_iter().take(most).map(|u| u.2).collect()
+        // The best, and the best of the simple ones, which those of many parameters would crowd out.
+        let (mut taken, mut plain) = (0, 0);
+        all.retain(|u| {
+            let few = u.3 <= 1 + parents.first().map_or(0, |p| p.0.set.len()) * FEW;
+            let keep = taken < most || (few && plain < most);
+            taken += 1;
+            plain += usize::from(few);
+            keep
+        });
+        all.into_iter().map(|u| u.2).collect()
     }
 
     /// A fit's model with another term.
@@ -355,6 +419,48 @@ impl Hunt<'_, '_> {
         Ok(best.map(|(layout, state, pass)| Fitted::new(layout, state, pass, self.data.settings)))
     }
 
+    /// A fit brought to its end: valleys along which a shape and an amplitude make up for each other take many steps.
+    fn polished(&self, fit: Fitted) -> Result<Fitted> {
+        if !self.data.frozen.is_empty() {
+            return Ok(fit);
+        }
+        let (state, pass) = model::fit(self.data, &fit.layout, fit.state, POLISH)?;
+        Ok(Fitted::new(fit.layout, state, pass, self.data.settings))
+    }
+
+    /// Fits what the best sets from `first` on hold in a limit: no effect of many parameters stands where a simple one was
+    /// never tried.
+    fn simplify(&self, found: &mut Found, first: usize) -> Result<()> {
+        let best: Vec<usize> = (first..found.fits.len()).filter(|i| found.lacks[*i].is_some()).collect();
+        for i in best {
+            for (large, small) in HOLDS {
+                let own = &found.fits[i].layout.terms;
+                let candidate = self.library.candidates.iter().find(|c| c.0.name == small);
+                let (Some(at), Some(term)) =
+                    (own.iter().position(|t| t.effect.name == large), candidate.and_then(|c| c.1.first()))
+                else {
+                    continue;
+                };
+                let mut terms = own.clone();
+                terms[at] = term.clone();
+                let mut names: Vec<&str> = terms.iter().map(|t| t.effect.name).collect();
+                names.sort_unstable();
+                names.dedup();
+                if names.len() < terms.len() || find(&found.fits, &names).is_some() {
+                    continue;
+                }
+                let layout = Layout::new(self.latents, terms, self.settings());
+                let start = extended(&found.base, &layout);
+                let Some(fit) = self.fit(Union { starts: vec![(layout, start)] })? else { continue };
+                let fit = self.polished(fit)?;
+                let lack = self.test(&fit)?;
+                found.fits.push(fit);
+                found.lacks.push(Some(lack));
+            }
+        }
+        Ok(())
+    }
+
     /// Fits what the sets from `first` on are judged against: each without one of its terms.
     fn complete(&self, found: &mut Found, first: usize) -> Result<()> {
         let mut i = first;
@@ -384,6 +490,9 @@ impl Hunt<'_, '_> {
         let expected = self.expected;
         let f = &found.fits[i];
         let excess = (held(&found.base) - expected.total()).max(0.0);
+        // Where a set explains the data to their noise, and without one of its effects does not, a small effect is no error
+        // of the recording.
+        let clean = self.expected.middle_excess(f, self.data.windows) < WRONG[0];
         (0..f.set.len()).all(|t| {
             let names = without(f, t);
             let other = match names.is_empty() {
@@ -394,7 +503,8 @@ impl Hunt<'_, '_> {
             let (gain, t_value) = paired(&other.held, &f.held);
             let gain = gain * other.held.len() as f64;
             let left = (held(other) - expected.total()).max(0.0);
-            let helps = t_value > 1.0 && gain >= (TENTH * left).max(HUNDREDTH * excess);
+            let hundredth = if clean && self.speaks(other) { 0.0 } else { HUNDREDTH };
+            let helps = t_value > 1.0 && gain >= (TENTH * left).max(hundredth * excess);
             helps && self.adds(other, f, ACCEPT).unwrap_or(false)
         })
     }
@@ -439,9 +549,13 @@ impl Hunt<'_, '_> {
         let middle = |i: usize| self.expected.middle_excess(&fits[i], self.data.windows);
         let wrong = middle(best);
         let spoken = found.lacks[best].as_ref().is_none_or(|l| self.lacks(&fits[best], l));
-        let known = if spoken { WRONG[0] } else { WRONG[1] };
+        let known = if spoken { WRONG[0] } else { WRONG[1] } + 2.0 * self.expected.floor_error;
+        let above = |i: usize| (held(&fits[i]) - self.expected.total()).max(0.0);
         let no_worse = |i: usize| {
-            wrong > known && fits[i].parameters() <= fits[best].parameters() && middle(i) < AGAIN * wrong
+            wrong > known
+                && fits[i].parameters() <= fits[best].parameters()
+                && middle(i) < AGAIN * wrong
+                && above(i) < AGAIN * above(best)
         };
         let mut tied = Vec::new();
         for i in accepted.iter().copied() {
@@ -474,7 +588,16 @@ impl Hunt<'_, '_> {
             let (own, simplest) = (&fits[*i], &fits[champion]);
             let more = own.parameters().saturating_sub(simplest.parameters()) as f64;
             let gain = (held(simplest) - held(own)) / self.unit;
-            (own.set.len() <= simplest.set.len() && more == 0.0) || gain > HAIR * (1.0 + more)
+            // What holds the simplest within it is never worse; what does not must be no worse for its parameters.
+            let least = match own.set.len() > simplest.set.len() {
+                _ if holds(own, simplest) => 1.0 + more,
+                // Errors of several instruments that look like one push are less likely than the push; two pushes are not.
+                true if own.set.iter().any(|e| e.acts_on == "sensor") => more.max(0.5),
+                true if more == 0.0 => -1.0,
+                true => more,
+                false => more - 1.0,
+            };
+            gain > HAIR * least || (own.set.len() <= simplest.set.len() && more == 0.0)
         });
         Ok((Some(champion), tied))
     }
@@ -547,6 +670,20 @@ fn without(f: &Fitted, term: usize) -> Vec<&'static str> {
         f.set.iter().enumerate().filter(|(k, _)| *k != term).map(|(_, e)| e.name).collect();
     names.sort_unstable();
     names
+}
+
+/// Whether every effect of `small` is in `large` or held by another effect there.
+fn holds(large: &Fitted, small: &Fitted) -> bool {
+    let within = |name: &str| {
+        let held = |l: &&'static Effect| l.name == name || HOLDS.contains(&(l.name, name));
+        large.set.iter().any(held)
+    };
+    large.parameters() > small.parameters() && small.set.iter().all(|s| within(s.name))
+}
+
+/// Whether a single effect has few parameters.
+fn simple(fit: &Fitted) -> bool {
+    fit.set.len() == 1 && fit.parameters() <= FEW
 }
 
 fn find(fits: &[Fitted], names: &[&str]) -> Option<usize> {

@@ -169,7 +169,8 @@ pub fn test(data: &Data, fit: &Fitted, groups: Vec<Group>, fields: bool, seed: u
                 if !matches!(window.kind, Kind::Flight | Kind::Roll) {
                     return DMatrix::zeros(0, field.features());
                 }
-                let mut c = field.responses(window, &paths[w]);
+                let own = field.responses(window, &paths[w]);
+                let mut c = own.resize_vertically(look.residual.len(), 0.0);
                 for row in 0..c.nrows() {
                     c.row_mut(row).scale_mut(look.weights[row / 2]);
                 }
