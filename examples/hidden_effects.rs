@@ -11,6 +11,8 @@ use std::collections::{BTreeMap, HashSet};
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use iplw::discover::report::{Diagnosis, Verdict};
 use iplw::discover::{Config, diagnose};
@@ -18,15 +20,35 @@ use iplw::progress::Silent;
 use iplw::reality::Trial;
 use iplw::rng;
 use iplw::task::Scene;
-use worlds::NOISES;
+use rand::RngExt;
+use worlds::{NOISES, Noise};
+
+/// Sets that differ in more than which of the twins of gravity they hold.
+fn apart(sets: &str) -> HashSet<String> {
+    let plain = |set: &str| {
+        let twin = |n: &str| if TWINS.contains(&n) { "gravity_error".to_string() } else { n.to_string() };
+        let mut names: Vec<String> = set.split('+').map(twin).collect();
+        names.sort();
+        names.join("+")
+    };
+    sets.split('|').filter(|s| !s.is_empty()).map(plain).collect()
+}
+
+/// Reported sets: names joined by `+`, sets by `|`.
+fn sets(d: &Diagnosis) -> String {
+    d.rivals.iter().map(|r| r.join("+")).collect::<Vec<_>>().join("|")
+}
 
 /// One world: what is hidden in it, what a diagnosis is given.
+#[derive(Clone)]
 struct World {
     kind: String,
     names: Vec<&'static str>,
     parameter: Option<(&'static str, &'static str, f64)>,
     scene: Scene,
     trials: Vec<Trial>,
+    /// What more can be thrown in: the hidden world, how observations err, and by how much, m.
+    more: Option<(worlds::Hidden, Noise, f64)>,
 }
 
 /// Trials, observations a trial, and path shifts in noise deviations: a medium effect, and a large one for forces that
@@ -36,7 +58,7 @@ const ROWS: usize = 40;
 const MEDIUM: f64 = 5.0;
 const LARGE: f64 = 15.0;
 /// Kinds of worlds with something hidden.
-const KINDS: usize = worlds::SINGLES + 5 + 4 + 4 + worlds::CONTACTS;
+const KINDS: usize = worlds::SINGLES + 2 * worlds::DOUBLES + 4 + 4 + worlds::CONTACTS;
 
 fn main() -> std::io::Result<()> {
     let arguments: Vec<String> = std::env::args().collect();
@@ -45,34 +67,111 @@ fn main() -> std::io::Result<()> {
         at.and_then(|i| arguments.get(i + 1)).cloned()
     };
     let number = |name: &str, usual: u64| given(name).and_then(|v| v.parse().ok()).unwrap_or(usual);
-    let (count, seed) = (number("--worlds", 28), number("--seed", 1));
+    let (count, seed, threads) = (number("--worlds", 28), number("--seed", 1), number("--threads", 1));
     let out = PathBuf::from(given("--out").unwrap_or_else(|| "hidden_effects.md".into()));
+    let only = given("--only").unwrap_or_default();
+    let talk = arguments.iter().any(|a| a == "--show");
     let log = out.with_file_name("worlds.csv");
     let known = std::fs::read_to_string(&log).unwrap_or_default();
     let done: HashSet<String> =
         known.lines().filter_map(|l| Some(l.split_once(',')?.0.to_string())).collect();
-    let mut file = std::fs::OpenOptions::new().create(true).append(true).open(&log)?;
+    let file = Mutex::new(std::fs::OpenOptions::new().create(true).append(true).open(&log)?);
     let begun = std::time::Instant::now();
-    for i in 0..2 * count {
-        let id = format!("{seed}/{i}");
-        if done.contains(&id) {
-            continue;
+    let next = AtomicU64::new(0);
+    let worker = || -> std::io::Result<()> {
+        // One thread a world: the times written are of one processor.
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().map_err(std::io::Error::other)?;
+        loop {
+            let i = next.fetch_add(1, Ordering::Relaxed);
+            if i >= 2 * count {
+                return Ok(());
+            }
+            let id = format!("{seed}/{i}");
+            if done.contains(&id) {
+                continue;
+            }
+            let world = world(i, seed);
+            if !world.kind.contains(&only) {
+                continue;
+            }
+            let lines = pool.install(|| study(&world, &id, i, talk));
+            let mut file = file.lock().map_err(|_| std::io::Error::other("a world could not be written"))?;
+            file.write_all(lines.as_bytes())?;
+            if i % 20 == 19 {
+                eprintln!("{} of {} worlds, {:.0} s", i + 1, 2 * count, begun.elapsed().as_secs_f64());
+            }
         }
-        let world = world(i, seed);
-        let from = std::time::Instant::now();
-        let d = match diagnose(&world.scene, &world.trials, &Config::standard(i), &Silent) {
-            Ok(found) => found.diagnosis,
-            Err(e) => panic!("world {id} could not be diagnosed: {e}"),
-        };
-        writeln!(file, "{id},{}", line(&world, &d, from.elapsed().as_secs_f64()))?;
-        if i % 20 == 19 {
-            eprintln!("{} of {} worlds, {:.0} s", i + 1, 2 * count, begun.elapsed().as_secs_f64());
-        }
-    }
+    };
+    std::thread::scope(|scope| {
+        let all: Vec<_> = (0..threads).map(|_| scope.spawn(worker)).collect();
+        all.into_iter().try_for_each(|t| t.join().expect("a world could not be diagnosed"))
+    })?;
     let table = table(&log)?;
     std::fs::write(&out, &table)?;
     print!("{table}");
     Ok(())
+}
+
+/// A world's line, and one for each time that its advice was followed.
+fn study(world: &World, id: &str, seed: u64, talk: bool) -> String {
+    let look = |trials: &[Trial]| match diagnose(&world.scene, trials, &Config::standard(seed), &Silent) {
+        Ok(found) => found.diagnosis,
+        Err(e) => panic!("world {id} could not be diagnosed: {e}"),
+    };
+    let from = std::time::Instant::now();
+    let d = look(&world.trials);
+    let mut out = format!("{id},{}\n", line(world, &d, from.elapsed().as_secs_f64()));
+    let mut now = d.clone();
+    let mut trials = world.trials.clone();
+    for round in 1..=2 {
+        if now.verdict != Verdict::Ambiguous || apart(&sets(&now)).len() < 2 {
+            break;
+        }
+        let own = World { trials: trials.clone(), ..world.clone() };
+        let Some(all) = followed(&own, &now, rng::derive(seed, "round", round)) else { break };
+        let from = std::time::Instant::now();
+        (now, trials) = (look(&all), all);
+        let kind = format!("advice followed {round} / {}", world.kind);
+        let own = World { kind, ..world.clone() };
+        out += &format!("{id}/{round},{}\n", line(&own, &now, from.elapsed().as_secs_f64()));
+    }
+    if talk {
+        eprintln!("{out}  {}", d.reason);
+        if let Some(next) = &d.next_experiment {
+            eprintln!("  {} ({})", next.action, next.why);
+        }
+        for c in d.considered.iter().take(8) {
+            eprintln!("  {:.4} {:.1e} {} {}", c.held_out, c.p_value, c.accepted, c.effects.join("+"));
+        }
+    }
+    out
+}
+
+/// The trials with those that a diagnosis advises, if it advises a launch.
+fn followed(world: &World, d: &Diagnosis, seed: u64) -> Option<Vec<Trial>> {
+    let (hidden, noise, sd) = world.more.as_ref()?;
+    let scene = d.next_experiment.as_ref()?.scene.as_ref()?;
+    let (at, v) = (scene.bodies[0].position?, scene.bodies[0].velocity);
+    let duration = f64::from(scene.steps) * scene.time_step / 1.05;
+    let mut r = rng::stream(seed, "advised launches");
+    // Nobody throws exactly as told.
+    let mut about = |value: f64, error: f64| value + error * r.random_range(-1.0..1.0);
+    let launches: Vec<worlds::Launch> = (0..6)
+        .map(|_| {
+            let speed = about(1.0, 0.05);
+            let turn = about(0.0, 0.04);
+            let start = [
+                about(at[0], 0.05),
+                about(at[1], 0.05),
+                speed * (v[0] * turn.cos() - v[1] * turn.sin()),
+                speed * (v[1] * turn.cos() + v[0] * turn.sin()),
+            ];
+            (start, duration)
+        })
+        .collect();
+    let mut trials = world.trials.clone();
+    trials.extend(worlds::thrown(hidden, *noise, &launches, ROWS, *sd, rng::derive(seed, "advised", 0)));
+    Some(trials)
 }
 
 /// World number `i`: with something hidden, kind after kind, if it is even; with nothing if it is odd.
@@ -83,36 +182,42 @@ fn world(i: u64, seed: u64) -> World {
     let noise = NOISES[(round + i as usize % KINDS) % 4];
     let fly = |kind: String, hidden: worlds::Hidden, noise, shift: f64| {
         let trials = worlds::trials(&hidden, noise, TRIALS, ROWS, shift, own);
-        World { kind, names: hidden.names, parameter: hidden.parameter, scene: worlds::scene(), trials }
+        let sd = worlds::deviation(&hidden, TRIALS, ROWS, shift, own);
+        let (names, parameter) = (hidden.names.clone(), hidden.parameter);
+        World { kind, names, parameter, scene: worlds::scene(), trials, more: Some((hidden, noise, sd)) }
     };
     if nothing {
         let noise = NOISES[i as usize % 4];
         return fly(format!("nothing, {noise:?} noise"), worlds::nothing(), noise, MEDIUM);
     }
-    let kind = i as usize % KINDS;
-    if kind < worlds::SINGLES {
-        return fly("single".into(), worlds::single(kind, own), noise, MEDIUM);
+    let mut kind = i as usize % KINDS;
+    let mut among = |count: usize| {
+        let (within, own) = (kind < count, kind);
+        kind = kind.wrapping_sub(count);
+        within.then_some(own)
+    };
+    if let Some(k) = among(worlds::SINGLES) {
+        return fly("single".into(), worlds::single(k, own), noise, MEDIUM);
     }
-    let kind = kind - worlds::SINGLES;
-    if kind < 5 {
-        return fly("double".into(), worlds::double(kind, own), noise, MEDIUM);
+    if let Some(k) = among(worlds::DOUBLES) {
+        return fly("double".into(), worlds::double(k, own), noise, MEDIUM);
     }
-    let kind = kind - 5;
-    if kind < 4 {
-        return fly("outside, medium".into(), worlds::outside(kind, own), noise, MEDIUM);
+    if let Some(k) = among(worlds::DOUBLES) {
+        return fly("uneven double".into(), worlds::uneven(k, own), noise, MEDIUM);
     }
-    let kind = kind - 4;
-    if kind < 4 {
-        return fly("outside, large".into(), worlds::outside(kind, own), noise, LARGE);
+    if let Some(k) = among(4) {
+        return fly("outside, medium".into(), worlds::outside(k, own), noise, MEDIUM);
     }
-    let (names, trials) = worlds::contact(kind - 4, noise, TRIALS, 60, own);
+    if let Some(k) = among(4) {
+        return fly("outside, large".into(), worlds::outside(k, own), noise, LARGE);
+    }
+    let (names, trials) = worlds::contact(kind, noise, TRIALS, 60, own);
     let kind = if names.is_empty() { "nothing, bouncing or rolling" } else { "contact" };
-    World { kind: kind.into(), names, parameter: None, scene: worlds::floor(), trials }
+    World { kind: kind.into(), names, parameter: None, scene: worlds::floor(), trials, more: None }
 }
 
 /// kind, truth, verdict, sets, error, covered, share removed, seconds
 fn line(world: &World, d: &Diagnosis, seconds: f64) -> String {
-    let sets: Vec<String> = d.rivals.iter().map(|r| r.join("+")).collect();
     let mut truth = world.names.clone();
     truth.sort_unstable();
     let within = d.rivals.iter().any(|r| r.iter().map(String::as_str).eq(truth.iter().copied()));
@@ -130,7 +235,7 @@ fn line(world: &World, d: &Diagnosis, seconds: f64) -> String {
     let removed = removed.filter(|_| within).map_or(String::new(), |r| format!("{r:.3}"));
     let kind = world.kind.replace(", ", " / ");
     let (truth, verdict) = (truth.join("+"), format!("{:?}", d.verdict));
-    format!("{kind},{truth},{verdict},{},{error},{covered},{removed},{seconds:.2}", sets.join("|"))
+    format!("{kind},{truth},{verdict},{},{error},{covered},{removed},{seconds:.2}", sets(d))
 }
 
 /// Gravity too weak or strong, a wrong scale and a clock that runs at a wrong rate look exactly alike where starts are
@@ -154,6 +259,23 @@ fn table(log: &Path) -> std::io::Result<String> {
         let named = verdict == "Named";
         match kind {
             k if k.starts_with("nothing") => count(format!("false alarms, {k}"), verdict != "None"),
+            k if k.starts_with("advice followed") => {
+                let one = apart(sets).len() == 1 && verdict != "Unknown";
+                let right = apart(sets) == apart(truth);
+                let k = if k.starts_with("advice followed 1") { "once" } else { "twice" };
+                let outside = truth == "outside";
+                let which = if outside { " (outside the library)" } else { "" };
+                count(format!("advice followed {k}{which}: one set left, the true one"), right && !outside);
+                count(
+                    format!("advice followed {k}{which}: one set left, a wrong one"),
+                    one && (outside || !right),
+                );
+                count(
+                    format!("advice followed {k}{which}: truth in the reported set"),
+                    apart(truth).is_subset(&apart(sets)),
+                );
+                continue;
+            }
             k if k.starts_with("outside") => {
                 count(format!("{k}: unknown"), verdict == "Unknown");
                 count(format!("{k}: confidently named"), named);

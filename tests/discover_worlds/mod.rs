@@ -3,6 +3,8 @@
 //! The integrator is its own: fourth-order Runge-Kutta at 1/2000 s over forces written here, so that nothing that fits
 //! is used to make the data. Noise is white, autoregressive (0.6), rounded, or white with 3 % outliers.
 
+use std::sync::Arc;
+
 use iplw::reality::{Trial, trials_from_csv};
 use iplw::rng;
 use iplw::task::Scene;
@@ -10,7 +12,7 @@ use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
 /// A push of the hidden world: (t, x, y, vx, vy) -> (ax, ay), m/s^2.
-pub type Force = Box<dyn Fn(f64, [f64; 4]) -> [f64; 2]>;
+pub type Force = Arc<dyn Fn(f64, [f64; 4]) -> [f64; 2] + Send + Sync>;
 
 /// How observations err.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,12 +26,15 @@ pub enum Noise {
 pub const NOISES: [Noise; 4] = [Noise::White, Noise::Correlated, Noise::Rounded, Noise::Outliers];
 
 /// What is hidden.
+#[derive(Clone)]
 pub struct Hidden {
     /// Names of the effects; empty for none.
     pub names: Vec<&'static str>,
     /// A parameter to compare: effect, name, true value.
     pub parameter: Option<(&'static str, &'static str, f64)>,
     pub force: Force,
+    /// What the noise is measured against; all of the force if none.
+    pub measure: Option<Force>,
 }
 
 /// The single effects of the library, at strengths drawn from `seed`.
@@ -41,11 +46,12 @@ pub fn single(kind: usize, seed: u64) -> Hidden {
         names: vec![name],
         parameter: Some((name, parameter, value)),
         force,
+        measure: None,
     };
     match kind {
         0 => {
             let c = 0.4 * share;
-            make("linear_drag", "c", c, Box::new(move |_, s| [-c * s[2], -c * s[3]]))
+            make("linear_drag", "c", c, Arc::new(move |_, s| [-c * s[2], -c * s[3]]))
         }
         1 => {
             let k = 0.08 * share;
@@ -53,7 +59,7 @@ pub fn single(kind: usize, seed: u64) -> Hidden {
                 "quadratic_drag",
                 "k",
                 k,
-                Box::new(move |_, s| {
+                Arc::new(move |_, s| {
                     let v = s[2].hypot(s[3]);
                     [-k * v * s[2], -k * v * s[3]]
                 }),
@@ -61,7 +67,7 @@ pub fn single(kind: usize, seed: u64) -> Hidden {
         }
         2 => {
             let a = [0.6 * share * sign, 0.3 * share];
-            make("wind", "ax", a[0], Box::new(move |_, _| a))
+            make("wind", "ax", a[0], Arc::new(move |_, _| a))
         }
         3 => {
             let (u, k) = ([3.0 * sign, 0.5], 0.1 * share);
@@ -69,7 +75,7 @@ pub fn single(kind: usize, seed: u64) -> Hidden {
                 "moving_air",
                 "k",
                 k,
-                Box::new(move |_, s| {
+                Arc::new(move |_, s| {
                     let w = [s[2] - u[0], s[3] - u[1]];
                     let v = w[0].hypot(w[1]);
                     [-k * v * w[0], -k * v * w[1]]
@@ -78,11 +84,11 @@ pub fn single(kind: usize, seed: u64) -> Hidden {
         }
         4 => {
             let dg = 0.5 * share * sign;
-            make("gravity_error", "dg", dg, Box::new(move |_, _| [0.0, -dg]))
+            make("gravity_error", "dg", dg, Arc::new(move |_, _| [0.0, -dg]))
         }
         5 => {
             let l = 0.3 * share * sign;
-            make("lift", "s", l, Box::new(move |_, s| [-l * s[3], l * s[2]]))
+            make("lift", "s", l, Arc::new(move |_, s| [-l * s[3], l * s[2]]))
         }
         6 => {
             let (a, period, phase) = ([1.5 * share, 0.8 * share * sign], 0.7 * share, 1.0);
@@ -90,7 +96,7 @@ pub fn single(kind: usize, seed: u64) -> Hidden {
                 "gust",
                 "period",
                 period,
-                Box::new(move |t, _| {
+                Arc::new(move |t, _| {
                     let swing = (std::f64::consts::TAU * t / period + phase).sin();
                     [a[0] * swing, a[1] * swing]
                 }),
@@ -102,7 +108,7 @@ pub fn single(kind: usize, seed: u64) -> Hidden {
                 "position_field",
                 "kx",
                 k[0],
-                Box::new(move |_, s| [k[0] * (2.0 - s[0]), k[1] * (2.0 - s[1])]),
+                Arc::new(move |_, s| [k[0] * (2.0 - s[0]), k[1] * (2.0 - s[1])]),
             )
         }
         _ => {
@@ -111,7 +117,7 @@ pub fn single(kind: usize, seed: u64) -> Hidden {
                 "sticky_patch",
                 "c",
                 c,
-                Box::new(
+                Arc::new(
                     move |_, s| {
                         if s[0] >= at && s[0] <= at + 1.5 { [-c * s[2], -c * s[3]] } else { [0.0, 0.0] }
                     },
@@ -124,20 +130,55 @@ pub fn single(kind: usize, seed: u64) -> Hidden {
 /// Number of kinds of [`single`].
 pub const SINGLES: usize = 9;
 
-/// Two effects at once.
+/// Two effects at once, each of which moves paths as far as the other: `shift` of [`trials`] holds for each by itself.
 pub fn double(kind: usize, seed: u64) -> Hidden {
-    let pairs = [(0, 2), (1, 5), (4, 5), (1, 2), (5, 6)];
-    let (a, b) = pairs[kind % pairs.len()];
-    let (a, b) = (single(a, seed), single(b, seed + 1));
-    let (fa, fb) = (a.force, b.force);
-    Hidden {
-        names: vec![a.names[0], b.names[0]],
-        parameter: a.parameter,
-        force: Box::new(move |t, s| {
-            let (p, q) = (fa(t, s), fb(t, s));
-            [p[0] + q[0], p[1] + q[1]]
-        }),
+    let (a, b, names) = two(kind, seed);
+    let mut share = 1.0;
+    for _ in 0..3 {
+        let (own, force) = (share, b.force.clone());
+        let scaled: Force = Arc::new(move |t, s| force(t, s).map(|v| own * v));
+        share *= moved(&a.force, seed) / moved(&scaled, seed).max(1e-12);
     }
+    Hidden { names, parameter: a.parameter, force: sum(&a.force, &b.force, share), measure: Some(a.force) }
+}
+
+/// Two effects at once as they come, one of which may be much fainter than the other.
+pub fn uneven(kind: usize, seed: u64) -> Hidden {
+    let (a, b, names) = two(kind, seed);
+    Hidden { names, parameter: a.parameter, force: sum(&a.force, &b.force, 1.0), measure: None }
+}
+
+/// Number of kinds of [`double`].
+pub const DOUBLES: usize = 5;
+
+fn two(kind: usize, seed: u64) -> (Hidden, Hidden, Vec<&'static str>) {
+    let pairs = [(0, 2), (1, 5), (4, 5), (1, 2), (5, 6)];
+    let (a, b) = pairs[kind % DOUBLES];
+    let (a, b) = (single(a, seed), single(b, seed + 1));
+    let names = vec![a.names[0], b.names[0]];
+    (a, b, names)
+}
+
+fn sum(a: &Force, b: &Force, share: f64) -> Force {
+    let (a, b) = (a.clone(), b.clone());
+    Arc::new(move |t, s| {
+        let (p, q) = (a(t, s), b(t, s));
+        [p[0] + share * q[0], p[1] + share * q[1]]
+    })
+}
+
+/// Root-mean-square shift of some paths, m.
+fn moved(force: &Force, seed: u64) -> f64 {
+    let (mut square, mut number) = (0.0, 0.0);
+    for (start, duration) in launches(14, seed) {
+        let (path, plain) =
+            (flight(start, duration, 20, force), flight(start, duration, 20, &nothing().force));
+        for (p, q) in path.iter().zip(&plain) {
+            square += (p.1[0] - q.1[0]).powi(2) + (p.1[1] - q.1[1]).powi(2);
+            number += 2.0;
+        }
+    }
+    f64::sqrt(square / number)
 }
 
 /// What the library does not have.
@@ -146,26 +187,26 @@ pub fn outside(kind: usize, seed: u64) -> Hidden {
     let share: f64 = r.random_range(0.8..1.3);
     let force: Force = match kind % 4 {
         // Bumps over the ground, 1.6 m apart.
-        0 => Box::new(move |_, s| [0.0, 3.0 * share * (4.0 * s[0]).sin()]),
+        0 => Arc::new(move |_, s| [0.0, 3.0 * share * (4.0 * s[0]).sin()]),
         // A gust front that chirps.
-        1 => Box::new(move |t, _| [2.0 * share * (9.0 * t * t + 2.0 * t).sin(), 0.0]),
+        1 => Arc::new(move |t, _| [2.0 * share * (9.0 * t * t + 2.0 * t).sin(), 0.0]),
         // A swirl about a point, falling off with distance.
-        2 => Box::new(move |_, s| {
+        2 => Arc::new(move |_, s| {
             let d = [s[0] - 1.5, s[1] - 1.5];
             let f = 6.0 * share / (0.15 + d[0] * d[0] + d[1] * d[1]);
             [-f * d[1], f * d[0]]
         }),
         // A wall of air: a push only above a height that depends on place.
-        _ => Box::new(move |_, s| {
+        _ => Arc::new(move |_, s| {
             if (3.0 * s[0]).sin() * (3.0 * s[1]).sin() > 0.0 { [4.0 * share, 0.0] } else { [0.0; 2] }
         }),
     };
-    Hidden { names: vec!["outside"], parameter: None, force }
+    Hidden { names: vec!["outside"], parameter: None, force, measure: None }
 }
 
 /// Nothing.
 pub fn nothing() -> Hidden {
-    Hidden { names: Vec::new(), parameter: None, force: Box::new(|_, _| [0.0; 2]) }
+    Hidden { names: Vec::new(), parameter: None, force: Arc::new(|_, _| [0.0; 2]), measure: None }
 }
 
 /// Number of kinds of [`contact`].
@@ -303,34 +344,60 @@ pub fn scene() -> Scene {
 /// Trials of a hidden world. The noise's standard deviation is `1 / shift` of the root-mean-square path shift that the
 /// hidden effect causes (2 mm where there is none).
 pub fn trials(hidden: &Hidden, noise: Noise, count: usize, rows: usize, shift: f64, seed: u64) -> Vec<Trial> {
-    let mut r = rng::stream(seed, "launches");
-    let mut paths = Vec::new();
+    thrown(hidden, noise, &launches(count, seed), rows, deviation(hidden, count, rows, shift, seed), seed)
+}
+
+/// Standard deviation of the noise of [`trials`], m.
+pub fn deviation(hidden: &Hidden, count: usize, rows: usize, shift: f64, seed: u64) -> f64 {
+    let force = hidden.measure.as_ref().unwrap_or(&hidden.force);
     let (mut square, mut number) = (0.0, 0.0);
-    for _ in 0..count {
-        let (speed, angle): (f64, f64) = (r.random_range(2.5..8.0), r.random_range(0.2..1.35));
-        let side = if r.random_range(0.0..1.0) < 0.3 { -1.0 } else { 1.0 };
-        let start: [f64; 4] = [
-            if side > 0.0 { 0.0 } else { 4.0 },
-            r.random_range(0.5..1.5),
-            side * speed * angle.cos(),
-            speed * angle.sin(),
-        ];
-        let duration = r.random_range(0.7..1.3);
-        let path = flight(start, duration, rows, &hidden.force);
+    for (start, duration) in launches(count, seed) {
+        let path = flight(start, duration, rows, force);
         let plain = flight(start, duration, rows, &nothing().force);
         for (p, q) in path.iter().zip(&plain) {
             square += (p.1[0] - q.1[0]).powi(2) + (p.1[1] - q.1[1]).powi(2);
             number += 2.0;
         }
-        paths.push(path);
     }
-    let sd = if square > 0.0 { f64::sqrt(square / number) / shift } else { 0.002 };
+    if square > 0.0 { f64::sqrt(square / number) / shift } else { 0.002 }
+}
+
+/// x, y, vx, vy at the start (m, m/s) and duration, s.
+pub type Launch = ([f64; 4], f64);
+
+/// Launches of all directions and of many speeds.
+fn launches(count: usize, seed: u64) -> Vec<Launch> {
+    let mut r = rng::stream(seed, "launches");
+    (0..count)
+        .map(|_| {
+            let (speed, angle): (f64, f64) = (r.random_range(2.5..8.0), r.random_range(0.2..1.35));
+            let side = if r.random_range(0.0..1.0) < 0.3 { -1.0 } else { 1.0 };
+            let start: [f64; 4] = [
+                if side > 0.0 { 0.0 } else { 4.0 },
+                r.random_range(0.5..1.5),
+                side * speed * angle.cos(),
+                speed * angle.sin(),
+            ];
+            (start, r.random_range(0.7..1.3))
+        })
+        .collect()
+}
+
+/// What is seen of some launches in a hidden world; `sd` m is the noise's standard deviation.
+pub fn thrown(
+    hidden: &Hidden,
+    noise: Noise,
+    launches: &[Launch],
+    rows: usize,
+    sd: f64,
+    seed: u64,
+) -> Vec<Trial> {
     let mut csv = String::from("trial,t,body,x,y\n");
     let mut r = rng::stream(seed, "noise");
-    for (i, path) in paths.iter().enumerate() {
+    for (i, (start, duration)) in launches.iter().enumerate() {
         let mut carried: [f64; 2] = [normal(&mut r), normal(&mut r)];
-        for (t, p) in path {
-            let seen = noisy(noise, *p, sd, &mut carried, &mut r);
+        for (t, p) in flight(*start, *duration, rows, &hidden.force) {
+            let seen = noisy(noise, p, sd, &mut carried, &mut r);
             csv += &format!("{i},{t},ball,{},{}\n", seen[0], seen[1]);
         }
     }
