@@ -58,6 +58,8 @@ const VISIBLE: [f64; 2] = [0.15, 0.05];
 /// The same where what could be added takes away more than this share of what noise leaves: several times what it does
 /// by chance, even of correlated noise.
 const LIKELY_MUCH: [f64; 2] = [0.05, 0.15];
+/// The same where it would take away as much as all noise leaves: few trials that say anything draw few signs.
+const CLEARLY_MUCH: [f64; 2] = [0.2, 1.0];
 /// The same by the noise floor: excess as a share of it, standard deviations above it, p by trial.
 const FAR: [f64; 3] = [0.4, 6.0, 0.1];
 /// p of flights' slow residuals below which a fit lacks something, whatever trials have in common.
@@ -103,6 +105,8 @@ const PARENTS: [usize; 3] = [0, 5, 3];
 /// together at most 3).
 const SIMPLE: usize = 3;
 const FEW: usize = 2;
+/// Difference of held-out losses below which effects are twins.
+const ALIKE: f64 = 0.05;
 /// Effects that hold another within them, for some values of their parameters or in a limit.
 const HOLDS: [(&str, &str); 8] = [
     ("wind", "gravity_error"),
@@ -165,7 +169,7 @@ pub fn search<'a>(
                 let own = (0..first).filter(|i| found.fits[*i].set.len() == size - 1);
                 let mut known: Vec<usize> = own.filter(|i| found.lacks[*i].is_some()).collect();
                 known.sort_by(|a, b| held(&found.fits[*a]).total_cmp(&held(&found.fits[*b])));
-                let simple = known.clone().into_iter().filter(|i| self::simple(&found.fits[*i])).take(SIMPLE);
+                let simple = plain(&found.fits, &known);
                 let mut best: Vec<usize> = known.iter().copied().take(PARENTS[size.min(3) - 1]).collect();
                 best.extend(simple);
                 best.sort_unstable();
@@ -189,7 +193,7 @@ pub fn search<'a>(
         fits.extend(last);
         fits.sort_by(|a, b| held(a).total_cmp(&held(b)));
         let best = fits.first().map_or(0.0, held);
-        let plain: Vec<usize> = (0..fits.len()).filter(|i| simple(&fits[*i])).take(SIMPLE).collect();
+        let plain = plain(&fits, &(0..fits.len()).collect::<Vec<_>>());
         let worth = |(i, f): (usize, &Fitted)| {
             (i < TESTED && held(f) - best < 0.5 * (base_held - best).max(0.0))
                 || (plain.contains(&i) && held(f) < base_held)
@@ -256,7 +260,8 @@ pub struct Lack {
 impl Lack {
     /// Whether something could take away much more than chance does, of the `expected` squares that noise leaves.
     pub fn is_much(&self, expected: f64) -> bool {
-        self.tested.p < LIKELY_MUCH[0] && self.sure() > LIKELY_MUCH[1] * expected
+        (self.tested.p < LIKELY_MUCH[0] && self.sure() > LIKELY_MUCH[1] * expected)
+            || (self.tested.p < CLEARLY_MUCH[0] && self.sure() > CLEARLY_MUCH[1] * expected)
     }
 
     /// Squares that something could take away beyond chance.
@@ -378,12 +383,14 @@ impl Hunt<'_, '_> {
         }
         all.sort_by(|a, b| a.0.total_cmp(&b.0));
         // The best, and the best of the simple ones, which those of many parameters would crowd out.
-        let (mut taken, mut plain) = (0, 0);
+        let (mut taken, mut plain, mut last) = (0, 0, f64::NEG_INFINITY);
         all.retain(|u| {
             let few = u.3 <= 1 + parents.first().map_or(0, |p| p.0.set.len()) * FEW;
             let keep = taken < most || (few && plain < most);
             taken += 1;
-            plain += usize::from(few);
+            // Twins count once.
+            plain += usize::from(few && u.0 - last > ALIKE);
+            last = if few { u.0 } else { last };
             keep
         });
         all.into_iter().map(|u| u.2).collect()
@@ -679,6 +686,17 @@ fn holds(large: &Fitted, small: &Fitted) -> bool {
         large.set.iter().any(held)
     };
     large.parameters() > small.parameters() && small.set.iter().all(|s| within(s.name))
+}
+
+/// The best single effects of few parameters among `order`, one of those that look exactly alike.
+fn plain(fits: &[Fitted], order: &[usize]) -> Vec<usize> {
+    let mut out: Vec<usize> = Vec::new();
+    for i in order.iter().copied().filter(|i| simple(&fits[*i])) {
+        if out.len() < SIMPLE && out.iter().all(|o| (held(&fits[*o]) - held(&fits[i])).abs() > ALIKE) {
+            out.push(i);
+        }
+    }
+    out
 }
 
 /// Whether a single effect has few parameters.
