@@ -30,11 +30,11 @@ fn nothing_is_found_in_noise_of_any_kind() {
     }
 }
 
-/// What happens at a floor is told from what happens above it: a rebound that falls with the speed of impact, a
-/// resistance to rolling; and a floor alone is nothing.
+/// What happens at a floor is told from what happens above it: a rebound that falls with the speed of impact, slip that
+/// turns round, a resistance to rolling; and a floor alone is nothing.
 #[test]
 fn hidden_laws_of_contact_are_named() {
-    for (kind, seed) in [(0, 1), (1, 1), (3, 1), (4, 1)] {
+    for (kind, seed) in [(0, 1), (1, 1), (2, 1), (3, 1), (4, 1)] {
         let (truth, trials) = worlds::contact(kind, Noise::White, 12, 60, seed);
         let d = diagnose(&worlds::floor(), &trials, &Config::standard(seed), &Silent).unwrap().diagnosis;
         match truth[..] {
@@ -71,6 +71,35 @@ fn hidden_effects_are_noticed_and_never_misnamed() {
         }
     }
     assert!(named >= SINGLES / 2, "only {named} of {SINGLES} were named");
+}
+
+/// Moving air imitates a drag with a wind: the pair is tried whatever else looks better at first.
+#[test]
+fn two_effects_at_once_are_in_the_reported_set() {
+    for (kind, seed) in [(0, 31), (1, 32), (3, 33)] {
+        let hidden = worlds::double(kind, seed);
+        let d = look(&hidden, Noise::White, seed).diagnosis;
+        assert!(holds(&d, &hidden), "{:?}: {:?}, {}", hidden.names, d.rivals, d.reason);
+    }
+}
+
+/// Faint drag could be of either law; the advised launch tells which.
+#[test]
+fn an_advised_launch_parts_the_laws_of_drag() {
+    let (hidden, seed) = (worlds::single(1, 3), 5);
+    let trials = worlds::trials(&hidden, Noise::White, 10, 30, 3.5, seed);
+    let scene = worlds::scene();
+    let d = diagnose(&scene, &trials, &Config::standard(1), &Silent).unwrap().diagnosis;
+    assert_eq!(d.verdict, Verdict::Ambiguous, "{:?}", d.rivals);
+    let next = d.next_experiment.expect("rivals tie");
+    let advised = next.scene.expect("a launch is advised").bodies[0].clone();
+    let [x, y] = advised.position.expect("it says from where");
+    let start = [x, y, advised.velocity[0], advised.velocity[1]];
+    let sd = worlds::deviation(&hidden, 10, 30, 3.5, seed);
+    let more = worlds::thrown(&hidden, Noise::White, &[(start, 1.0); 6], 30, sd, 77);
+    let all: Vec<_> = trials.into_iter().chain(more).collect();
+    let d = diagnose(&scene, &all, &Config::standard(1), &Silent).unwrap().diagnosis;
+    assert_eq!((d.verdict, d.rivals), (Verdict::Named, vec![vec!["quadratic_drag".to_string()]]));
 }
 
 #[test]

@@ -270,3 +270,42 @@ fn orthonormal(basis: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let qr = basis.clone().qr();
     Some(qr.q())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two numbers a point: a bend that a wrong law leaves, and a fixed pattern as small noise.
+    fn residual(n: usize, bend: f64) -> (Vec<f64>, Vec<f64>) {
+        let times: Vec<f64> = (0..n).map(|i| 0.025 * i as f64).collect();
+        let both = |i: usize| {
+            let jitter = f64::from((i as u32 * 7919) % 13) / 6.0 - 1.0;
+            let u = i as f64 / (n - 1) as f64 - 0.5;
+            [bend * (u * u - 1.0 / 12.0) + jitter, jitter]
+        };
+        (times, (0..n).flat_map(both).collect())
+    }
+
+    #[test]
+    fn an_outlier_at_the_end_is_a_spike_and_a_bend_is_none() {
+        let (times, mut r) = residual(40, 20.0);
+        assert!(spikes(&times, &r, 1.0).is_empty());
+        r[78] += 12.0;
+        assert_eq!(spikes(&times, &r, 1.0), [39]);
+    }
+
+    #[test]
+    fn slow_parts_hold_a_bend_and_little_noise() {
+        let slow = |bend: f64| {
+            let (times, r) = residual(40, bend);
+            let slow = Slow::new(&times, &[1.0; 40], 2.0, 0.0).unwrap();
+            (slow.square(&r), slow.mean, r.iter().map(|v| v * v).sum::<f64>())
+        };
+        let (square, mean, _) = slow(0.0);
+        // Polynomials of second to tenth degree, both coordinates.
+        assert!((mean - 18.0).abs() < 1e-9);
+        assert!(square < 2.0 * mean, "{square}");
+        let (bent, _, all) = slow(20.0);
+        assert!(bent > 0.7 * (all - 40.0), "{bent} of {all}");
+    }
+}
