@@ -995,6 +995,9 @@ fn a_ranking_of_ones_own_is_tried(server: &Running) -> u64 {
     let other = json!({"world": "bowling-real", "ranking": ranking}).to_string();
     let refused = server.send(Method::POST, "/v1/policies/random/evaluate", other);
     assert_eq!(problem(refused, 422, "invalid-value")["field"], "ranking");
+    let both = json!({"world": "bowling-real", "split": "test", "ranking": ranking}).to_string();
+    let refused = server.send(Method::POST, "/v1/policies/ranked/evaluate", both);
+    assert_eq!(problem(refused, 422, "invalid-value")["field"], "split");
     done["result"]["interactions"].as_u64().unwrap()
 }
 

@@ -51,16 +51,12 @@ pub fn evaluate(
     attempt: &mut Attempt,
     progress: &dyn Progress,
 ) -> Result<Evaluation> {
-    let mut solved_at = Vec::with_capacity(tasks.len());
-    for (i, task) in tasks.iter().enumerate() {
-        progress.report("evaluate", i as u64, tasks.len() as u64)?;
+    each(tasks, progress, |_, task| {
         let candidates = candidates(task, config)?;
         let order = rank(policy, task, &candidates, CHUNK)?;
         let ordered = order.into_iter().map(|i| &candidates[i]);
-        solved_at.push(first_success(task, ordered, config.batch, attempt)?);
-    }
-    progress.report("evaluate", tasks.len() as u64, tasks.len() as u64)?;
-    Ok(Evaluation::of(solved_at))
+        first_success(task, ordered, config.batch, attempt)
+    })
 }
 
 /// Tries the actions of `orders[t]` on `tasks[t]`, best first, up to 100 valid ones: for a policy that lives elsewhere.
@@ -71,13 +67,7 @@ pub fn evaluate_orders(
     attempt: &mut Attempt,
     progress: &dyn Progress,
 ) -> Result<Evaluation> {
-    let mut solved_at = Vec::with_capacity(tasks.len());
-    for (i, (task, order)) in tasks.iter().zip(orders).enumerate() {
-        progress.report("evaluate", i as u64, tasks.len() as u64)?;
-        solved_at.push(first_success(task, order.iter(), batch, attempt)?);
-    }
-    progress.report("evaluate", tasks.len() as u64, tasks.len() as u64)?;
-    Ok(Evaluation::of(solved_at))
+    each(tasks, progress, |t, task| first_success(task, orders[t].iter(), batch, attempt))
 }
 
 /// The actions of `task` that a policy ranks.
@@ -106,6 +96,21 @@ impl Evaluation {
     pub fn of(solved_at: Vec<Option<usize>>) -> Evaluation {
         Evaluation { auccess: auccess(&solved_at), curve: curve(&solved_at), solved_at }
     }
+}
+
+/// The attempt that solves each task, by `solve`.
+fn each(
+    tasks: &[Task],
+    progress: &dyn Progress,
+    mut solve: impl FnMut(usize, &Task) -> Result<Option<usize>>,
+) -> Result<Evaluation> {
+    let mut solved_at = Vec::with_capacity(tasks.len());
+    for (t, task) in tasks.iter().enumerate() {
+        progress.report("evaluate", t as u64, tasks.len() as u64)?;
+        solved_at.push(solve(t, task)?);
+    }
+    progress.report("evaluate", tasks.len() as u64, tasks.len() as u64)?;
+    Ok(Evaluation::of(solved_at))
 }
 
 fn first_success<'a>(

@@ -3,7 +3,7 @@
 use std::hash::{DefaultHasher, Hasher};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 use iplw::error::{Error, Result};
@@ -17,15 +17,22 @@ use crate::cli::output::{self, Bar};
 /// A directory of finished cells.
 pub struct Cells {
     directory: PathBuf,
-    bar: Arc<Bar>,
+    bar: Bar,
     started: Instant,
     /// The program that computes them.
     build: u64,
     /// All cells there will be.
     total: usize,
-    /// Those come by so far, those computed now, and the seconds that all of them took.
+    counts: Mutex<Counts>,
+}
+
+#[derive(Default)]
+struct Counts {
+    /// Cells come by so far.
     seen: usize,
+    /// Cells computed now.
     computed: usize,
+    /// What all cells come by took.
     seconds: f64,
 }
 
@@ -45,14 +52,14 @@ impl Cells {
     pub fn new(out: &Path, total: usize) -> Result<Cells> {
         let directory = out.join("cells");
         output::directory(&directory)?;
-        let (bar, started) = (Arc::new(Bar::new()), Instant::now());
-        Ok(Cells { directory, bar, started, build: build()?, total, seen: 0, computed: 0, seconds: 0.0 })
+        let (bar, started, counts) = (Bar::new(), Instant::now(), Mutex::default());
+        Ok(Cells { directory, bar, started, build: build()?, total, counts })
     }
 
     /// The cells of `items`, as they are kept or made by `make` and kept; as many at a time as there are cores.
     /// `named` gives a cell's name and everything it depends on. The first error ends it; what is done is kept.
     pub fn all<I: Sync, T: Serialize + DeserializeOwned + Send>(
-        &mut self,
+        &self,
         items: &[I],
         named: impl Fn(&I) -> (String, Value) + Sync,
         make: impl Fn(&I) -> Result<T> + Sync,
@@ -60,15 +67,14 @@ impl Cells {
         let slots: Vec<Mutex<Option<T>>> = items.iter().map(|_| Mutex::new(None)).collect();
         let next = AtomicUsize::new(0);
         let failed = Mutex::new(None);
-        let state = Mutex::new(self);
         let work = || {
             while lock(&failed).is_none() {
                 let i = next.fetch_add(1, Ordering::Relaxed);
                 let Some(item) = items.get(i) else { break };
                 let (key, config) = named(item);
                 // Stages of cells side by side would only flicker.
-                match one(&state, &key, config, |_| make(item)) {
-                    Ok(value) => *lock(&slots[i]) = Some(value),
+                match self.get(&key, &config, |_| make(item)) {
+                    Ok((value, _)) => *lock(&slots[i]) = Some(value),
                     Err(error) => *lock(&failed) = Some(error),
                 }
             }
@@ -89,71 +95,57 @@ impl Cells {
     /// The cell called `key`: as it is kept, or made by `make` and kept, with the seconds that took. `config` is
     /// everything it depends on.
     pub fn get<T: Serialize + DeserializeOwned>(
-        &mut self,
+        &self,
         key: &str,
         config: &impl Serialize,
         make: impl FnOnce(&dyn Progress) -> Result<T>,
     ) -> Result<(T, f64)> {
+        let plain = |c: char| if c.is_ascii_alphanumeric() || c == '.' { c } else { '-' };
+        let path = self.directory.join(format!("{}.json", key.chars().map(plain).collect::<String>()));
         let config = serde_json::to_value(config).map_err(|e| Error::Failed(e.to_string()))?;
-        let before = self.seconds;
-        let state = Mutex::new(self);
-        let value = one(&state, key, config, make)?;
-        let after = lock(&state).seconds;
-        Ok((value, after - before))
+        let place = self.next();
+        if let Some((value, seconds)) = kept(&path, &config, self.build) {
+            lock(&self.counts).seconds += seconds;
+            return Ok((value, seconds));
+        }
+        let named = Named { bar: &self.bar, name: format!("{place}: {key}") };
+        named.report("begun", 0, 1)?;
+        let started = Instant::now();
+        let value = make(&named)?;
+        let seconds = started.elapsed().as_secs_f64();
+        let text = serde_json::to_value(&value).map_err(|e| Error::Failed(e.to_string()))?;
+        let version = env!("CARGO_PKG_VERSION").into();
+        let file = File { version, build: self.build, config, seconds, value: text };
+        let text = serde_json::to_string(&file).map_err(|e| Error::Failed(e.to_string()))?;
+        output::write_whole(&path, text.as_bytes())?;
+        let mut counts = lock(&self.counts);
+        counts.computed += 1;
+        counts.seconds += seconds;
+        Ok((value, seconds))
     }
 
     /// Takes the progress bar away; the seconds of all cells together.
     pub fn finish(&self) -> f64 {
         self.bar.clear();
-        self.seconds
+        lock(&self.counts).seconds
     }
 
-    fn path(&self, key: &str) -> PathBuf {
-        let plain = |c: char| if c.is_ascii_alphanumeric() || c == '.' { c } else { '-' };
-        self.directory.join(format!("{}.json", key.chars().map(plain).collect::<String>()))
-    }
-
-    fn left(&self) -> String {
-        match self.computed {
+    /// Counts one more cell: which of how many it is, and the time left.
+    fn next(&self) -> String {
+        let mut counts = lock(&self.counts);
+        counts.seen += 1;
+        let left = match counts.computed {
             0 => String::new(),
             n => {
                 let each = self.started.elapsed().as_secs_f64() / n as f64;
-                format!(", about {:.0} min left", (each * (self.total - self.seen + 1) as f64 / 60.0).ceil())
+                format!(
+                    ", about {:.0} min left",
+                    (each * (self.total - counts.seen + 1) as f64 / 60.0).ceil()
+                )
             }
-        }
+        };
+        format!("{} of {}{left}", counts.seen, self.total)
     }
-}
-
-/// One cell, kept or made.
-fn one<T: Serialize + DeserializeOwned>(
-    state: &Mutex<&mut Cells>,
-    key: &str,
-    config: Value,
-    make: impl FnOnce(&dyn Progress) -> Result<T>,
-) -> Result<T> {
-    let (path, build, named) = {
-        let mut cells = lock(state);
-        cells.seen += 1;
-        let path = cells.path(key);
-        if let Some((value, seconds)) = kept(&path, &config, cells.build) {
-            cells.seconds += seconds;
-            return Ok(value);
-        }
-        let name = format!("{} of {}{}: {key}", cells.seen, cells.total, cells.left());
-        (path, cells.build, Named { bar: cells.bar.clone(), name })
-    };
-    named.report("begun", 0, 1)?;
-    let started = Instant::now();
-    let value = make(&named)?;
-    let seconds = started.elapsed().as_secs_f64();
-    let text = serde_json::to_value(&value).map_err(|e| Error::Failed(e.to_string()))?;
-    let file = File { version: env!("CARGO_PKG_VERSION").into(), build, config, seconds, value: text };
-    let text = serde_json::to_string(&file).map_err(|e| Error::Failed(e.to_string()))?;
-    output::write_whole(&path, text.as_bytes())?;
-    let mut cells = lock(state);
-    cells.computed += 1;
-    cells.seconds += seconds;
-    Ok(value)
 }
 
 fn kept<T: DeserializeOwned>(path: &Path, config: &Value, build: u64) -> Option<(T, f64)> {
@@ -178,12 +170,12 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 /// Puts the cell's name before every stage.
-struct Named {
-    bar: Arc<Bar>,
+struct Named<'a> {
+    bar: &'a Bar,
     name: String,
 }
 
-impl Progress for Named {
+impl Progress for Named<'_> {
     fn report(&self, stage: &str, done: u64, total: u64) -> Result<()> {
         self.bar.report(&format!("{}: {stage}", self.name), done, total)
     }

@@ -72,6 +72,9 @@ pub struct ExperimentArgs {
     quick: bool,
 }
 
+/// All experiments.
+const EXPERIMENTS: [&str; 6] = ["quickstart", "strategies", "latents", "bowling", "basketball", "harder"];
+
 impl ExperimentArgs {
     /// Errors for an option that the experiment would not heed.
     fn check_options(&self) -> Result<()> {
@@ -84,7 +87,8 @@ impl ExperimentArgs {
         ];
         for (name, value, heeding) in given {
             if let Some(value) = value.filter(|_| !heeding.contains(&self.name.as_str())) {
-                return Err(Error::input(name, value, format!("nothing: it is for {}", heeding.join(", "))));
+                let allowed = format!("absent: it is for {}", heeding.join(", "));
+                return Err(Error::input(name, value, allowed));
             }
         }
         Ok(())
@@ -123,20 +127,17 @@ pub fn experiment(args: &ExperimentArgs) -> Result<()> {
     if let Some(seeds) = args.seeds {
         iplw::error::within("--seeds", seeds as f64, 1.0, 1000.0)?;
     }
+    if !EXPERIMENTS.contains(&args.name.as_str()) {
+        let known = EXPERIMENTS.map(String::from).to_vec();
+        return Err(Error::NotFound { kind: "experiment", id: args.name.clone(), known });
+    }
     args.check_options()?;
     match args.name.as_str() {
         "quickstart" => {
             quickstart::story(&args.task, (0..args.seeds.unwrap_or(3)).collect(), args.quick, &args.out)
         }
         "strategies" => strategies::run(args),
-        "latents" | "bowling" | "basketball" | "harder" => study::run(args),
-        other => Err(Error::NotFound {
-            kind: "experiment",
-            id: other.into(),
-            known: ["quickstart", "strategies", "latents", "bowling", "basketball", "harder"]
-                .map(String::from)
-                .to_vec(),
-        }),
+        _ => study::run(args),
     }
 }
 

@@ -28,7 +28,7 @@ pub fn run(args: &ExperimentArgs) -> Result<()> {
     };
     config.validate()?;
     let all = config.cells();
-    let mut cells = Cells::new(&args.out, all.len())?;
+    let cells = Cells::new(&args.out, all.len())?;
     let importance = importance(family, config.needs_importance())?;
     let mut found: Vec<Cell> = Vec::with_capacity(all.len());
     let mut seconds = Vec::with_capacity(all.len());

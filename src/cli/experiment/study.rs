@@ -56,7 +56,7 @@ fn carry_out(args: &ExperimentArgs, family: &Family, mut study: Study, out: &Pat
     let policies = study.seeds.len()
         * study.trials as usize
         * (study.schools.len() + study.arms.len() * study.rounds.len() + study.diagnosed.len());
-    let mut cells = Cells::new(out, estimates + policies)?;
+    let cells = Cells::new(out, estimates + policies)?;
     let arms: Vec<(&Arm, u64)> =
         study.arms.iter().flat_map(|arm| study.seeds.iter().map(move |seed| (arm, *seed))).collect();
     let found: Vec<Estimated> = cells.all(

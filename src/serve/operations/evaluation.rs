@@ -30,6 +30,10 @@ pub fn begin(app: &App, id: &str, body: &EvaluateIn, config: &Value, keep: Keep<
     let world = app.worlds.get(&body.world, app.now())?;
     let part = body.split.unwrap_or(SplitIn::Test);
     match (&body.ranking, id) {
+        (Some(_), RANKED) if body.split.is_some() => {
+            let name = Split::from(part).name();
+            return Err(Error::input("split", format!("{name:?}"), "absent: the ranking names its tasks"));
+        }
         (Some(ranking), RANKED) => drop(orders(&world, ranking)?),
         (Some(_), _) => {
             return Err(Error::input("ranking", "given", format!("absent: it is for the policy {RANKED}")));
