@@ -7,6 +7,9 @@ mod worlds;
 use iplw::discover::report::{Diagnosis, Verdict};
 use iplw::discover::{Config, Finding, diagnose};
 use iplw::progress::Silent;
+use iplw::reality::{HiddenConfig, HiddenWorld, settled, standard};
+use iplw::task::scene::EffectTerm;
+use iplw::task::{Split, split};
 use iplw::world::{Engine, Latents, Rollout, simulate};
 use worlds::{Hidden, NOISES, Noise, SINGLES};
 
@@ -54,6 +57,40 @@ fn what_no_library_holds_is_unknown() {
     let d = diagnose(&worlds::scene(), &trials, &Config::standard(5), &Silent).unwrap().diagnosis;
     assert_eq!(d.verdict, Verdict::Unknown, "{:?}: {}", d.rivals, d.reason);
     assert!(d.residual_law.is_some_and(|law| law.contains('=')));
+}
+
+/// A diagnosis of random actions in a task's hidden world, seen whole at the paper's rate.
+fn task(family: &str, hidden: &[(&str, &str, f64)], seed: u64) -> Diagnosis {
+    let family = iplw::task::family(family).unwrap();
+    let term = |(name, parameter, value): &(&str, &str, f64)| EffectTerm {
+        name: name.to_string(),
+        parameters: [(parameter.to_string(), *value)].into(),
+    };
+    let effects = hidden.iter().map(term).collect();
+    let mut world = HiddenWorld::new(HiddenConfig { effects, ..standard(family) }).unwrap();
+    let tasks = split(&family.fold(0), Split::Train);
+    let trials = iplw::experiment::random_trials(&tasks, &mut world, 16, seed, &Silent).unwrap();
+    let (scene, trials) = settled(&tasks[0].scene, trials).unwrap();
+    diagnose(&scene, &trials, &Config::standard(seed), &Silent).unwrap().diagnosis
+}
+
+/// Latents far from their start are found with the effect, and to the last digits: nothing errs in what is seen.
+#[test]
+fn what_a_task_hides_is_named_and_its_latents_found() {
+    let right = |d: &Diagnosis| {
+        let of = |name: &str| d.calibrated.iter().find(|c| c.name == name).unwrap().value;
+        assert!((of("friction") - 0.2).abs() < 2e-3, "friction {}", of("friction"));
+        assert!((of("restitution") - 0.7).abs() < 2e-3, "restitution {}", of("restitution"));
+    };
+    let d = task("basketball", &[], 1);
+    assert_eq!(d.verdict, Verdict::None, "{}", d.reason);
+    right(&d);
+    for (name, parameter, value) in [("linear_drag", "c", 0.223), ("restitution_speed", "slope", 0.004)] {
+        let d = task("basketball", &[(name, parameter, value)], 1);
+        assert_eq!(d.rivals, [[name]], "{}", d.reason);
+        assert!((d.effects[0].parameters[0].value / value - 1.0).abs() < 0.01, "{:?}", d.effects);
+        right(&d);
+    }
 }
 
 /// Every hidden effect is noticed, and what is named with confidence is what was hidden.

@@ -54,7 +54,9 @@ pub fn next(
     }
     let own: Vec<&Fitted> = rivals.iter().take(RIVALS).map(|i| &fits[*i]).collect();
     match windows.iter().position(|w| w.kind != Kind::Contact) {
-        Some(w) if windows[w].kind == Kind::Run => act(scene, &windows[w], [own[0], own[1]], noise, config),
+        Some(w) if matches!(windows[w].kind, Kind::Run | Kind::Leap) => {
+            act(scene, &windows[w], [own[0], own[1]], noise, config)
+        }
         _ => Ok(fly(windows, &own, noise)),
     }
 }

@@ -78,6 +78,17 @@ pub fn difference(effect: &Effect, parameter: &Parameter) -> f64 {
     }
 }
 
+/// What an amplitude of a unit usually is in scenes of some metres, where one says nothing about it.
+pub fn usual(unit: &str) -> f64 {
+    match unit {
+        "m/s^2" => 1.0,
+        "m/s" => 1.0,
+        "1/s" => 0.5,
+        "1/m" | "s/m" => 0.03,
+        _ => 0.1,
+    }
+}
+
 /// Values that a search may try: a sensor that is off by more than a fifth (or a fifth of a second or radian) is not an
 /// error to discover but another sensor.
 pub fn bounds(effect: &Effect, parameter: &Parameter) -> [f64; 2] {
@@ -134,6 +145,11 @@ fn starts(effect: &Effect, span: &Span) -> Vec<Vec<f64>> {
                         out.push(vec![a, b, y0 - height.max(0.1), y1 + height.max(0.1), 0.05]);
                     }
                 }
+            }
+            // On the floor, where the data reach down to it.
+            for (i, j) in [(0, 2), (1, 3), (2, 4)] {
+                let (a, b) = (at(cuts[i], 0.0)[0], at(cuts[j], 0.0)[0]);
+                out.push(vec![a, b, y0 - height.max(0.1), y0 + 0.3 * height, 0.05]);
             }
             for (low, high) in [(-0.5, 0.33), (-0.5, 0.6), (0.4, 1.5)] {
                 out.push(vec![x0 - width, x1 + width, y0 + low * height, y0 + high * height, 0.05]);

@@ -26,6 +26,7 @@ pub mod report;
 mod search;
 mod signs;
 mod stats;
+mod survey;
 mod window;
 
 use crate::error::Result;
@@ -189,7 +190,7 @@ pub fn diagnose(
         nuisances: windows.iter().map(|w| w.nuisances.clone()).collect(),
     };
     progress.report("fitting the base model", 0, 1)?;
-    let (mut state, mut first) = begin(&mut data, trials, &kept, &layout, start)?;
+    let (mut state, mut first) = begin(&mut data, trials, &kept, &layout, start, config.seed)?;
     for start in rougher(&layout, &state, &windows) {
         // A contact that grips as simulated says nothing of a friction at which it would slide.
         let (other, pass) = model::fit(&data, &layout, start, 8)?;
@@ -256,7 +257,6 @@ impl Expected {
         self.misfit(&squares)
     }
 
-    /// Excess over the floor as a share of it, and the one-sided p of the hypothesis that there is none.
     /// How far the middle trial's flights and runs are above the floor, as a share of it.
     pub fn middle_excess(&self, fit: &Fitted, windows: &[Window]) -> f64 {
         let mut squares = vec![0.0; self.mean.len()];
@@ -273,8 +273,9 @@ impl Expected {
         let (excess, p) = self.misfit_of(fit, windows);
         let all: f64 = self.mean.iter().sum();
         let deviation = (self.variance.iter().sum::<f64>() + (all * self.floor_error).powi(2)).sqrt();
-        // One trial with a missed outlier must not speak for all.
-        let usual = if self.middle_excess(fit, windows) > USUAL { excess } else { 0.0 };
+        // One trial with a missed outlier must not speak for all, unless nothing can be an outlier.
+        let strict = windows.iter().any(|w| w.kind == Kind::Leap);
+        let usual = if strict || self.middle_excess(fit, windows) > USUAL { excess } else { 0.0 };
         (usual, usual * all / deviation.max(1e-9), p)
     }
 
@@ -308,7 +309,7 @@ impl Expected {
         ((total(0) - mean).max(0.0), p)
     }
 
-    /// Excess over the floor as a share of it, and p, by trial.
+    /// Excess over the floor as a share of it, and the one-sided p, by trial, of the hypothesis that there is none.
     fn misfit(&self, squares: &[f64]) -> (f64, f64) {
         let excess: Vec<f64> = squares.iter().zip(&self.mean).map(|(s, m)| s - m).collect();
         let g = excess.len() as f64;
@@ -351,7 +352,7 @@ fn expected(windows: &[Window], sd: &[f64], trials: usize, noise: &Noise) -> Exp
                 out.coordinates[w.trial] += 2.0 * n;
                 continue;
             }
-            Kind::Run | Kind::Shot => {
+            Kind::Run | Kind::Leap | Kind::Shot => {
                 let left = (2.0 * n - w.nuisances.len() as f64).max(1.0);
                 (left, 2.0 * left)
             }
@@ -365,6 +366,10 @@ fn expected(windows: &[Window], sd: &[f64], trials: usize, noise: &Noise) -> Exp
 
 /// Noise of runs from third differences, which smooth motion and rest leave at nothing; m.
 fn run_noise(windows: &[Window]) -> Option<f64> {
+    if windows.iter().any(|w| w.kind == Kind::Leap) {
+        // Whole states are seen where nothing errs; a contact that goes on at an observation restarts cold.
+        return Some(COLD);
+    }
     let mut thirds = Vec::new();
     for w in windows.iter().filter(|w| w.kind.simulated()) {
         for body in 0..w.scene.bodies.len() {
@@ -411,6 +416,8 @@ fn blur(
     Ok(usual(&helped).min(usual(base)).max(1.0).sqrt())
 }
 
+/// What a contact that restarts cold errs by, m.
+const COLD: f64 = 1e-3;
 /// Square of a shot's residual, over what noise leaves, beyond which its collisions went another way than simulated.
 const ASTRAY: f64 = 30.0;
 
@@ -421,6 +428,7 @@ fn begin(
     kept: &[usize],
     layout: &Layout,
     start: State,
+    seed: u64,
 ) -> Result<(State, model::Pass)> {
     let mut state = start;
     if data.windows.iter().any(|w| w.kind == Kind::Shot) {
@@ -444,6 +452,9 @@ fn begin(
             }
         }
         state.nuisances = chosen.nuisances;
+    }
+    if survey::possible(data, layout) {
+        state = survey::survey(data, layout, &state, seed)?;
     }
     let (state, pass) = model::fit(data, layout, state, 8)?;
     if data.windows.iter().any(|w| w.kind == Kind::Shot) {
@@ -620,7 +631,6 @@ fn conclude(
 ) -> Result<Finding> {
     let search::Found { base, base_lack, fits, lacks, champion, rivals, considered, data } = found;
     let (names, settings, noise, expected) = (judged.names, judged.settings, judged.noise, judged.expected);
-    let squares = |f: &Fitted| f.pass.trials.iter().map(|t| t.square).collect::<Vec<_>>();
     let (base_excess, base_p) = expected.misfit_of(&base, windows);
     let best = champion.map(|c| &fits[c]);
     let model = best.unwrap_or(&base);
@@ -647,10 +657,15 @@ fn conclude(
 
     let (slow, slow_p) = expected.slow_misfit(model, windows, noise.unit());
     let (base_slow, base_slow_p) = expected.slow_misfit(&base, windows, noise.unit());
-    let misfit =
-        base_lack_p < UNKNOWN || far(&base) || much(&base_lack) || (!shots && base_slow_p < search::PLAIN);
+    let (astray, base_astray) = (model::astray(windows, &model.pass), model::astray(windows, &base.pass));
+    let misfit = base_astray >= search::SEVERAL
+        || base_lack_p < UNKNOWN
+        || far(&base)
+        || much(&base_lack)
+        || (!shots && base_slow_p < search::PLAIN);
     let by_slow = slow / base_slow.max(sure_of_base).max(1e-9);
     let remains = ((lack.tested.p < MISFIT || far(model) || much(lack)) && by_floor.max(by_signs) > REMAINS)
+        || (astray >= search::SEVERAL && astray as f64 > REMAINS * base_astray as f64)
         || (!shots && slow_p < SLOW && by_slow > REMAINS)
         || (!shots && slow_p < search::PLAIN && by_slow > REMAINS_SURELY);
     let (verdict, reason) = match best {
@@ -685,7 +700,6 @@ fn conclude(
     };
     let coordinates: f64 = expected.coordinates.iter().sum();
     let rmse = |squares: f64| noise.sd * (squares.max(0.0) / coordinates.max(1.0)).sqrt();
-    let base_total: f64 = squares(&base).iter().sum();
     let (autocorrelation, whiteness_p) = whiteness(windows, &base);
     let law = (verdict == Verdict::Unknown).then(|| law::law(windows, model, noise, kept.len())).flatten();
     let evidence = evidence(windows, &data, &base, model, names)?;
@@ -745,7 +759,7 @@ fn conclude(
         rivals: rivals.iter().map(rival_names).collect(),
         calibrated,
         residual: Residual {
-            base_rmse: rmse(base_total),
+            base_rmse: root_mean_square(&base.pass.residuals),
             floor_rmse: rmse(expected.total()),
             lack_of_fit_p: base_p,
             whiteness_p,
@@ -763,6 +777,12 @@ fn conclude(
         seed: config.seed,
     };
     Ok(Finding { diagnosis, extended, evidence })
+}
+
+/// Root of the mean square of all coordinates that count, m.
+fn root_mean_square(residuals: &[Vec<f64>]) -> f64 {
+    let known = || residuals.iter().flatten().filter(|r| r.is_finite());
+    (known().map(|r| r * r).sum::<f64>() / known().count().max(1) as f64).sqrt()
 }
 
 fn effects(f: &Fitted, names: &[String], settings: &[usize], unit: f64) -> Vec<FoundEffect> {

@@ -200,7 +200,7 @@ impl Layout {
     }
 
     /// Whether a slot moves an edge in space, which a path feels only where it crosses it.
-    fn edged(&self, slot: usize) -> bool {
+    pub fn edged(&self, slot: usize) -> bool {
         match self.slots[slot].what {
             What::Parameter(t, p) => {
                 let effect = self.terms[t].effect;
@@ -228,8 +228,10 @@ pub struct Look {
     /// Columns of the nuisances and what maps a column to its coefficients on them.
     pub start: DMatrix<f64>,
     pub project: DMatrix<f64>,
-    /// Square of the residual; of a shot that went astray, only what grows with its logarithm.
+    /// Square of the residual; of what went astray, only what grows with its logarithm.
     pub square: f64,
+    /// What residual and columns were made smaller by for going astray.
+    share: f64,
     correction: (DVector<f64>, DMatrix<f64>),
 }
 
@@ -248,13 +250,14 @@ pub fn pass(data: &Data, layout: &Layout, state: &State) -> Result<Pass> {
         corrections: Vec::new(),
     };
     for (window, look) in data.windows.iter().zip(looks(data, layout, state, &[])?) {
-        let Look { weights, residual, columns, correction, square, .. } = look;
+        let Look { weights, residual, columns, correction, square, share, .. } = look;
         let sums = &mut out.trials[window.trial];
         sums.gram += columns.tr_mul(&columns);
         sums.score += columns.tr_mul(&residual);
         sums.square += square;
         out.squares.push(square);
-        let metres = |i: usize| if weights[i / 2] > 0.0 { residual[i] / weights[i / 2] } else { f64::NAN };
+        let metres =
+            |i: usize| if weights[i / 2] > 0.0 { residual[i] / (share * weights[i / 2]) } else { f64::NAN };
         out.residuals.push((0..2 * window.points.len()).map(metres).collect());
         out.corrections.push(correction);
     }
@@ -371,6 +374,51 @@ fn integrated(
     }
 }
 
+/// Losses of many values over some of the windows that start from what was seen.
+pub fn losses(data: &Data, layout: &Layout, all: &[Vec<f64>], windows: &[usize]) -> Result<Vec<f64>> {
+    let mut physics = Vec::with_capacity(all.len() * windows.len());
+    for w in windows {
+        for values in all {
+            let window = &data.windows[*w];
+            physics.push((*w, layout.physics(values, window.setting, window.start)));
+        }
+    }
+    let rollouts: Vec<Rollout> = physics
+        .iter()
+        .map(|(w, (effects, latents))| Rollout {
+            scene: &data.windows[*w].scene,
+            latents: *latents,
+            effects,
+            stop: false,
+        })
+        .collect();
+    let squares = simulate_map(&rollouts, data.engine, |i, path| {
+        let w = physics[i].0;
+        let window = &data.windows[w];
+        let off = |(i, v): (usize, &f64)| (window.points[i / 2].seen[i % 2] - v) / data.sd[w];
+        let square: f64 = predicted(window, &path).iter().enumerate().map(|v| off(v).powi(2)).sum();
+        tamed(if square.is_finite() { square } else { 1e12 }, 2.0 * window.points.len() as f64)
+    })?;
+    let of = |k: usize| squares.iter().skip(k).step_by(all.len()).sum();
+    Ok((0..all.len()).map(of).collect())
+}
+
+/// Number of trials in which a leap goes another way than simulated.
+pub fn astray(windows: &[Window], pass: &Pass) -> usize {
+    let off = |(w, window): (usize, &Window)| {
+        let left = 2.0 * window.points.len() as f64;
+        (window.kind == Kind::Leap && pass.squares[w] > TAME * left).then_some(window.trial)
+    };
+    let mut trials: Vec<usize> = windows.iter().enumerate().filter_map(off).collect();
+    trials.dedup();
+    trials.len()
+}
+
+/// A square as it counts for a window that can go astray, of which noise would leave `left`.
+fn tamed(square: f64, left: f64) -> f64 {
+    if square > TAME * left { TAME * left * (1.0 + (square / (TAME * left)).ln()) } else { square }
+}
+
 /// Paths of the runs and shots, simulated in one batch.
 fn simulated(data: &Data, layout: &Layout, state: &State, extras: &[Extra]) -> Result<Vec<Moved>> {
     let chosen: Vec<usize> = (0..data.windows.len()).filter(|w| data.windows[*w].kind.simulated()).collect();
@@ -476,7 +524,7 @@ pub fn freeze(data: &mut Data, layout: &Layout, state: &State) -> Result<()> {
     data.frozen.clear();
     let mut found = simulated(data, layout, state, &[])?.into_iter();
     let known = |w: &Window| match w.kind {
-        Kind::Run | Kind::Shot => {
+        Kind::Run | Kind::Leap | Kind::Shot => {
             let moved = found.next().unwrap_or_default();
             Frozen { nuisances: moved.nuisances, latents: moved.slots }
         }
@@ -494,7 +542,7 @@ fn held(window: &Window) -> Vec<(usize, f64)> {
         Kind::Contact => &[(4, spin), (5, 0.01)],
         Kind::Roll => &[(2, 0.01), (3, 0.005)],
         Kind::Shot => &[(4, 3.0), (9, 3.0), (14, 3.0), (19, 3.0)],
-        Kind::Flight | Kind::Run => &[],
+        Kind::Flight | Kind::Run | Kind::Leap => &[],
     };
     all.iter().copied().filter(|(k, _)| *k < window.nuisances.len()).collect()
 }
@@ -557,14 +605,15 @@ fn look(data: &Data, w: usize, slots: usize, shared: &[Shared], nuisances: &[f64
     }
     let mut square = residual.norm_squared();
     let left = seen as f64 - count as f64;
-    if window.kind == Kind::Shot && square > TAME * left {
-        let share = TAME * left / square;
-        residual *= share.sqrt();
-        columns *= share.sqrt();
-        start *= share.sqrt();
-        square = TAME * left * (1.0 - share.ln());
+    let mut share = 1.0;
+    if window.kind.strays() && square > TAME * left {
+        share = (TAME * left / square).sqrt();
+        residual *= share;
+        columns *= share;
+        start *= share;
+        square = tamed(square, left);
     }
-    Look { weights, residual, columns, start, project, square, correction }
+    Look { weights, residual, columns, start, project, square, share, correction }
 }
 
 /// Steps at the beginning of a fit that leave the shapes of effects alone: while an effect is weak its shape is told by
@@ -713,7 +762,7 @@ pub fn paths(data: &Data, layout: &Layout, state: &State) -> Result<Vec<Vec<[f64
     let mut out = Vec::new();
     for (w, window) in data.windows.iter().enumerate() {
         out.push(match window.kind {
-            Kind::Run | Kind::Shot => simulated.next().unwrap_or_default(),
+            Kind::Run | Kind::Leap | Kind::Shot => simulated.next().unwrap_or_default(),
             _ => {
                 let mut states = vec![[f64::NAN; 4]; window.points.len()];
                 with_physics(window, layout, state, |p| {

@@ -20,6 +20,8 @@ use super::noise::Noise;
 use super::report::Considered;
 use super::signs::{self, Group, Tested};
 use super::stats::t_quantile;
+use super::survey;
+use super::window::Kind;
 use super::{Config, Expected};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
@@ -85,6 +87,8 @@ const NEGLIGIBLE: f64 = 0.01;
 const HAIR: f64 = 2.0;
 /// Difference that decides: likelihoods a thousand to one.
 const LIKELY: f64 = 14.0;
+/// Trials in which leaps must say something for it to count: nothing errs in them but what restarts cold.
+pub const SEVERAL: usize = 4;
 /// Excess of the middle trial (share of the floor) from which the best set is known to be wrong itself, where the trials'
 /// signs say so too and where they do not; and how many
 /// times as much another set may leave then: twice the error is four times the square.
@@ -297,7 +301,8 @@ impl Hunt<'_, '_> {
         let shots = !self.data.frozen.is_empty();
         let (excess, ..) = self.expected.above(fit, self.data.windows);
         let visible = excess > VISIBLE[0] || lack.sure() > VISIBLE[1] * self.expected.total();
-        lack.tested.p < if visible || shots { ANYTHING } else { INVISIBLE }
+        model::astray(self.data.windows, &fit.pass) >= SEVERAL
+            || lack.tested.p < if visible || shots { ANYTHING } else { INVISIBLE }
             || lack.is_much(self.expected.total())
             || (!shots && far(self.expected.above(fit, self.data.windows)))
             || (!shots && self.expected.slow_misfit(fit, self.data.windows, self.unit).1 < PLAIN)
@@ -367,7 +372,10 @@ impl Hunt<'_, '_> {
                 }
                 names.push(effect.name);
                 names.sort_unstable();
-                let starts = lack.best.iter().filter(|b| b.0 == c).take(STARTS.min(terms.len()));
+                // A survey frames regions by itself.
+                let framed = effect.acts_on == "region" && self.leaps();
+                let most = if framed { 1 } else { STARTS.min(terms.len()) };
+                let starts = lack.best.iter().filter(|b| b.0 == c).take(most);
                 let starts: Vec<_> = starts.collect();
                 let Some(drop) = starts.first().map(|b| b.2) else { continue };
                 let left = model::total(&fit.pass) - drop;
@@ -409,7 +417,16 @@ impl Hunt<'_, '_> {
 
     fn fit(&self, union: Union) -> Result<Option<Fitted>> {
         let mut best: Option<(Layout, State, Pass)> = None;
+        // What is joined to a set that was surveyed starts from what was found there.
+        let few = |layout: &Layout| layout.terms.len() < 2 && survey::possible(self.data, layout);
         for (layout, start) in union.starts {
+            let start = match few(&layout) {
+                true => match simulated(survey::survey(self.data, &layout, &start, self.seed))? {
+                    Some(found) => found,
+                    None => continue,
+                },
+                false => start,
+            };
             let Some((state, pass)) = simulated(model::fit(
                 self.data,
                 &layout,
@@ -512,8 +529,22 @@ impl Hunt<'_, '_> {
             let left = (held(other) - expected.total()).max(0.0);
             let hundredth = if clean && self.speaks(other) { 0.0 } else { HUNDREDTH };
             let helps = t_value > 1.0 && gain >= (TENTH * left).max(hundredth * excess);
-            helps && self.adds(other, f, ACCEPT).unwrap_or(false)
+            helps && (self.shown(other, f) || self.adds(other, f, ACCEPT).unwrap_or(false))
         })
+    }
+
+    /// Whether stretches start from what was seen whole.
+    fn leaps(&self) -> bool {
+        self.data.windows.iter().any(|w| w.kind == Kind::Leap)
+    }
+
+    /// Whether leaps say by themselves that `better` is: where nothing errs every trial's loss is a likelihood, and the way
+    /// downhill, which [`Hunt::adds`] looks at, ends where a collision goes another way.
+    fn shown(&self, fit: &Fitted, better: &Fitted) -> bool {
+        let gains = fit.held.iter().zip(&better.held).map(|(a, b)| a - b);
+        let helped = gains.clone().filter(|g| *g > HAIR).count();
+        let more = better.parameters().saturating_sub(fit.parameters()) as f64;
+        self.leaps() && helped >= SEVERAL && gains.sum::<f64>() > LIKELY + HAIR * more
     }
 
     /// Whether what `better` has and `fit` has not would help `fit` in trial after trial.
@@ -717,7 +748,7 @@ fn extended(base: &Fitted, layout: &Layout) -> State {
 }
 
 /// A candidate that a world refuses to simulate is no candidate; any other error ends the search.
-fn simulated(fitted: Result<(State, Pass)>) -> Result<Option<(State, Pass)>> {
+fn simulated<T>(fitted: Result<T>) -> Result<Option<T>> {
     match fitted {
         Ok(found) => Ok(Some(found)),
         Err(Error::Input(_) | Error::Failed(_)) => Ok(None),

@@ -7,6 +7,7 @@
 //! - *Roll*: a disc on a straight static. Nuisances: position and speed along it, its real height and slope.
 //! - *Run*: the beginning of a trial whose start is known exactly; no nuisance, up to the time at which the start's
 //!   smallest error would show.
+//! - *Leap*: from one observation of everything, velocities and spins too, to the next; no nuisance.
 //! - *Shot*: a few observations of all bodies of such a trial, simulated with everything that can touch; each body's
 //!   position, velocity and spin are nuisances. Short enough that one collision does not hide what came before it.
 //!
@@ -28,13 +29,19 @@ pub enum Kind {
     Contact,
     Roll,
     Run,
+    Leap,
     Shot,
 }
 
 impl Kind {
     /// Whether a world's engine simulates it, with all that can touch.
     pub fn simulated(self) -> bool {
-        matches!(self, Kind::Run | Kind::Shot)
+        matches!(self, Kind::Run | Kind::Leap | Kind::Shot)
+    }
+
+    /// Whether chance in a collision can take it another way than simulated, whatever the model.
+    pub fn strays(self) -> bool {
+        matches!(self, Kind::Leap | Kind::Shot)
     }
 }
 
@@ -101,6 +108,10 @@ pub const FLIGHT: usize = 7;
 pub const SHOT: usize = 3;
 /// Most shots of a trial.
 const SHOTS: usize = 6;
+/// Leaps of all trials together, more or less, and the fewest that a trial is given: without nuisances and noise a few
+/// tell a lot.
+const LEAPS: usize = 160;
+const FEWEST: usize = 3;
 /// m in a shot; less is rest.
 const MOVES: f64 = 0.1;
 /// rad/s: what a ball may spin at that nobody watched, and the error of a spin that was seen.
@@ -117,6 +128,12 @@ pub fn cut(base: &Scene, trials: &[Trial], settings: &[usize]) -> Vec<Window> {
     for (i, trial) in trials.iter().enumerate() {
         let known = start_is_known(base, trial);
         let before = windows.len();
+        if known {
+            leaps(trial, i, settings[i], LEAPS.div_ceil(trials.len()).max(FEWEST), &mut windows);
+            if windows.len() > before {
+                continue;
+            }
+        }
         if !known || trial.scene.bodies.len() == 1 {
             for body in 0..trial.scene.bodies.len() {
                 flights(trial, i, settings[i], body, &mut windows);
@@ -178,6 +195,61 @@ fn run(trial: &Trial, index: usize, setting: usize) -> Option<Window> {
         own,
         smooth: None,
     })
+}
+
+/// At most so many intervals of a trial in which something moves, evenly spread, if everything is seen of what moves.
+fn leaps(trial: &Trial, index: usize, setting: usize, most: usize, out: &mut Vec<Window>) {
+    let observed = &trial.observed;
+    let whole = |i: usize| {
+        let known = |b: &Track| [b.vx[i], b.vy[i], b.omega[i], b.angle[i]].iter().all(|v| v.is_finite());
+        observed.bodies.iter().all(|b| seen(b, i).is_some() && known(b))
+    };
+    let last = observed.times.len().saturating_sub(1);
+    if !(0..=last).all(whole) {
+        return;
+    }
+    let moves = |from: &usize| {
+        let moved = |b: &Track| (b.x[from + 1] - b.x[*from]).hypot(b.y[from + 1] - b.y[*from]) > MOVES;
+        observed.bodies.iter().any(moved)
+    };
+    let froms: Vec<usize> = (0..last).filter(moves).collect();
+    let stride = froms.len().div_ceil(most).max(1);
+    for from in froms.into_iter().step_by(stride) {
+        let (start, time) = (observed.times[from], observed.times[from + 1] - observed.times[from]);
+        let mut scene = trial.scene.clone();
+        scene.stop = Some(false);
+        (scene.goal, scene.action) = (None, None);
+        for (body, track) in scene.bodies.iter_mut().zip(&observed.bodies) {
+            body.position = Some([track.x[from], track.y[from]]);
+            body.angle = track.angle[from];
+            body.velocity = [track.vx[from], track.vy[from]];
+            body.angular_velocity = track.omega[from];
+        }
+        let steps = time / scene.time_step;
+        scene.steps = (steps - 1e-6).ceil().max(1.0) as u32;
+        scene.observe_every = if (steps - steps.round()).abs() < 1e-6 { scene.steps } else { 1 };
+        let point = |(body, track): (usize, &Track)| Point {
+            body,
+            time,
+            seen: [track.x[from + 1], track.y[from + 1]],
+            weight: 1.0,
+        };
+        let points = observed.bodies.iter().enumerate().map(point).collect();
+        let (own, nuisances) = (own(&scene), Vec::new());
+        let (kind, surface, smooth) = (Kind::Leap, None, None);
+        out.push(Window {
+            trial: index,
+            setting,
+            kind,
+            scene,
+            start,
+            points,
+            nuisances,
+            surface,
+            own,
+            smooth,
+        });
+    }
 }
 
 /// Stretches of a trial of [`SHOT`] intervals in which something moves, evenly spread.

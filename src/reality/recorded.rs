@@ -78,11 +78,14 @@ pub fn trials_from_csv(text: &str, scene: &Scene) -> Result<Vec<Trial>> {
     Ok(trials)
 }
 
-/// Trials as CSV, with `setting` only if a trial has one; values keep all their digits.
+/// Trials as CSV, with `setting` only if a trial has one and velocities and spins only if any was seen; values keep all
+/// their digits.
 pub fn trials_to_csv(trials: &[Trial]) -> String {
     let settings = trials.iter().any(|t| t.setting.is_some());
-    let mut out =
-        String::from(if settings { "trial,setting,t,body,x,y,angle\n" } else { "trial,t,body,x,y,angle\n" });
+    let mut tracks = trials.iter().flat_map(|t| &t.observed.bodies);
+    let moving = tracks.any(|b| b.vx.iter().chain(&b.vy).chain(&b.omega).any(|v| v.is_finite()));
+    let header = ["trial", if settings { ",setting" } else { "" }, ",t,body,x,y,angle"];
+    let mut out = header.concat() + if moving { ",vx,vy,omega\n" } else { "\n" };
     let cell = |v: f64| if v.is_finite() { v.to_string() } else { String::new() };
     for trial in trials {
         for (i, t) in trial.observed.times.iter().enumerate() {
@@ -92,7 +95,12 @@ pub fn trials_to_csv(trials: &[Trial]) -> String {
                     let _ = write!(out, "{},", quoted(trial.setting.as_deref().unwrap_or_default()));
                 }
                 let (x, y, angle) = (cell(track.x[i]), cell(track.y[i]), cell(track.angle[i]));
-                let _ = writeln!(out, "{t},{},{x},{y},{angle}", quoted(&track.name));
+                let _ = write!(out, "{t},{},{x},{y},{angle}", quoted(&track.name));
+                if moving {
+                    let of = |v: &[f64]| cell(v.get(i).copied().unwrap_or(f64::NAN));
+                    let _ = write!(out, ",{},{},{}", of(&track.vx), of(&track.vy), of(&track.omega));
+                }
+                out.push('\n');
             }
         }
     }

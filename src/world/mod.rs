@@ -183,14 +183,21 @@ const FEW: usize = effect::LANES;
 /// divided changes no result. Nothing prepared is kept: memory stays flat however many rollouts there are.
 fn divide(rollouts: &[Rollout], engine: Engine) -> Result<Vec<Part>> {
     let look = |(chunk, rollouts): (usize, &[Rollout])| -> Result<Vec<Group>> {
-        let mut groups = Vec::new();
+        let mut groups: Vec<Group> = Vec::new();
+        // The group that the rollout before went to.
+        let mut last = 0;
         for (i, rollout) in rollouts.iter().enumerate() {
+            if i > 0 && prepare::is_like(rollout, &rollouts[i - 1]) {
+                groups[last].1.push(chunk * PART[1] + i);
+                continue;
+            }
             let prepared = prepare(rollout)?;
             let topology = match engine_for(engine, &prepared)? {
                 Engine::Lanes => Some(Topology::of(&prepared)),
                 Engine::Rapier | Engine::Auto => None,
             };
-            group(&mut groups, topology).push(chunk * PART[1] + i);
+            last = group(&mut groups, topology);
+            groups[last].1.push(chunk * PART[1] + i);
         }
         Ok(groups)
     };
@@ -201,7 +208,8 @@ fn divide(rollouts: &[Rollout], engine: Engine) -> Result<Vec<Part>> {
     let mut groups = Vec::new();
     for chunk in looked_at {
         for (topology, indices) in chunk? {
-            group(&mut groups, topology).extend(indices);
+            let at = group(&mut groups, topology);
+            groups[at].1.extend(indices);
         }
     }
     let share = rollouts.len().div_ceil(4 * rayon::current_num_threads());
@@ -213,13 +221,12 @@ fn divide(rollouts: &[Rollout], engine: Engine) -> Result<Vec<Part>> {
     Ok(parts.collect())
 }
 
-/// The group with the topology, made if there is none.
-fn group(groups: &mut Vec<Group>, topology: Option<Topology>) -> &mut Vec<usize> {
-    let place = groups.iter().rposition(|(t, _)| *t == topology).unwrap_or_else(|| {
+/// The place of the group with the topology, made if there is none.
+fn group(groups: &mut Vec<Group>, topology: Option<Topology>) -> usize {
+    groups.iter().rposition(|(t, _)| *t == topology).unwrap_or_else(|| {
         groups.push((topology, Vec::new()));
         groups.len() - 1
-    });
-    &mut groups[place].1
+    })
 }
 
 /// Feeds a part of the rollouts to the batched engine.

@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 use crate::task::Scene;
 use crate::task::action::Quantity;
 use crate::task::geometry::Convex;
-use crate::task::scene::Shape;
+use crate::task::scene::{EffectTerm, Shape};
 
 /// Numbers only; no names to look up, no options left open.
 #[derive(Clone)]
@@ -181,6 +181,18 @@ pub fn prepare(rollout: &Rollout) -> Result<Prepared> {
         bodies,
         statics,
     })
+}
+
+/// Whether a rollout is sure to be prepared without error, and for the same engine and topology, because `other` was: the
+/// same scene with other numbers. Cheaper than preparing it.
+pub fn is_like(rollout: &Rollout, other: &Rollout) -> bool {
+    let same = |(a, b): (&EffectTerm, &EffectTerm)| a.name == b.name;
+    let simulated = |a: &Active| matches!(a.effect.act, Act::Motion(_) | Act::Contact(_));
+    std::ptr::eq(rollout.scene, other.scene)
+        && rollout.effects.len() == other.effects.len()
+        && rollout.effects.iter().zip(other.effects).all(same)
+        && rollout.latents.validate().is_ok()
+        && active(rollout).is_ok_and(|all| all.iter().all(simulated))
 }
 
 /// Where the thing named `name` ends up that was to stand at `asked`, if an action placed it.

@@ -1,0 +1,245 @@
+//! A search of the whole range of values, for trials whose starts are known.
+//!
+//! Where things collide the way downhill from the nominal latents ends in the first hollow: the right friction and a
+//! rough floor are far apart, and in between every collision goes another way. Stretches that start from what was seen
+//! have no nuisances, so many values can simply be tried: the cross-entropy method over latents and parameters at once,
+//! each stretch counting by the logarithm of how far off it is, so that those that fit say more than those that went
+//! astray.
+//!
+//! Sources: the cross-entropy method (Rubinstein and Kroese 2004); Cauchy's likelihood as a redescending loss (Huber and
+//! Ronchetti, Robust Statistics, chapter 4).
+
+use nalgebra::{DMatrix, DVector};
+use rand_distr::{Distribution, StandardNormal};
+
+use super::library;
+use super::model::{self, Data, Layout, Look, Slot, State, What};
+use super::window::Kind;
+use crate::error::Result;
+use crate::rng;
+
+/// Values tried in a round for each number searched for, and the fewest; the share of the best that the next round is
+/// drawn about; rounds, and how many more for each number that only shapes an effect.
+const SAMPLES: [usize; 2] = [14, 48];
+const ELITES: f64 = 0.2;
+const ROUNDS: [usize; 2] = [14, 2];
+/// Share of the old mean and covariance that is kept.
+const KEPT: f64 = 0.2;
+/// How many times as many values are tried where there are edges, of which as many as elsewhere are the best.
+const EDGES: usize = 3;
+/// Stretches that take part: so many of those that fit at the start, and of those that do not.
+const STRETCHES: usize = 24;
+/// Places that frame something.
+const FEWEST: usize = 4;
+/// Square, over what noise leaves, up to which a stretch fits.
+const FITS: f64 = 6.0;
+/// Deviation of latents about where they stand, as a share of the range that is usual.
+const WIDE: f64 = 0.35;
+/// The same share for half of the first round's values.
+const NARROW: f64 = 0.02;
+/// Shares of the first deviations from which edges are searched for again.
+const CLOSER: [f64; 3] = [0.2, 0.05, 0.02];
+/// Shares of the places where things go wrong that a frame may leave out on each side.
+const MARGINS: [f64; 3] = [0.0, 0.1, 0.3];
+/// Values that a latent usually has at most.
+const USUAL: f64 = 2.0;
+
+/// Whether there is anything to survey: stretches without nuisances, and values that all trials share.
+pub fn possible(data: &Data, layout: &Layout) -> bool {
+    !layout.slots.is_empty()
+        && layout.slots.iter().all(|s| s.setting.is_none())
+        && data.windows.iter().any(|w| w.kind == Kind::Leap)
+}
+
+/// The state of the best values found about `start`. Edges in space, which paths feel by leaps and bounds as they cross
+/// them a step sooner or later, are searched for again, closer and closer: the way downhill does not lead to them.
+pub fn survey(data: &Data, layout: &Layout, start: &State, seed: u64) -> Result<State> {
+    let looks = model::looks(data, layout, start, &[])?;
+    let spread = reach(data, layout, start, &looks);
+    let leaps = telling(data, &looks);
+    let mut best = search(data, layout, start, &spread, &leaps, seed)?;
+    if (0..layout.slots.len()).any(|i| layout.edged(i)) {
+        for margin in MARGINS {
+            let Some((start, spread)) = framed(data, layout, start, &spread, margin)? else { break };
+            let other = search(data, layout, &start, &spread, &leaps, seed)?;
+            let losses = model::losses(data, layout, &[best.values.clone(), other.values.clone()], &leaps)?;
+            best = if losses[1] < losses[0] { other } else { best };
+        }
+        // What is right by now of the latents need not be searched for again.
+        let latent = |i: usize| matches!(layout.slots[i].what, What::Latent(_));
+        let own = |(i, s): (usize, &f64)| if latent(i) { NARROW * s } else { *s };
+        let spread: Vec<f64> = spread.iter().enumerate().map(own).collect();
+        for share in CLOSER {
+            let looks = model::looks(data, layout, &best, &[])?;
+            let spread: Vec<f64> = spread.iter().map(|s| share * s).collect();
+            best = search(data, layout, &best, &spread, &telling(data, &looks), seed)?;
+        }
+    }
+    Ok(best)
+}
+
+/// A start with edges about the places where the model without the effect goes wrong, all but the outermost share
+/// `margin`, and deviations from it; latents are taken for nearly right.
+fn framed(
+    data: &Data,
+    layout: &Layout,
+    start: &State,
+    spread: &[f64],
+    margin: f64,
+) -> Result<Option<(State, Vec<f64>)>> {
+    let parameter = |i: usize| match layout.slots[i].what {
+        What::Parameter(t, p) => Some(&layout.terms[t].effect.parameters[p]),
+        What::Latent(_) => None,
+    };
+    let mut without = start.clone();
+    for (i, value) in without.values.iter_mut().enumerate() {
+        if let Some(amplitude) = parameter(i).filter(|p| !library::shapes(p)) {
+            *value = amplitude.neutral;
+        }
+    }
+    let mut places: [Vec<f64>; 2] = Default::default();
+    for (w, look) in model::looks(data, layout, &without, &[])?.iter().enumerate() {
+        let window = &data.windows[w];
+        let off = |i: usize| look.residual[2 * i].hypot(look.residual[2 * i + 1]);
+        for (i, point) in window.points.iter().enumerate().filter(|_| window.kind == Kind::Leap) {
+            if off(i).powi(2) > FITS {
+                let from = window.scene.bodies[point.body].position.unwrap_or(point.seen);
+                (0..2).for_each(|k| places[k].push(0.5 * (from[k] + point.seen[k])));
+            }
+        }
+    }
+    if places[0].len() < FEWEST {
+        return Ok(None);
+    }
+    places.iter_mut().for_each(|p| p.sort_by(f64::total_cmp));
+    let at = |k: usize, share: f64| places[k][(share * (places[k].len() - 1) as f64) as usize];
+    let (mut framed, mut near) = (start.clone(), spread.to_vec());
+    for i in 0..layout.slots.len() {
+        let Some(parameter) = parameter(i) else {
+            near[i] *= NARROW;
+            continue;
+        };
+        let place = match parameter.name {
+            "x_min" => (0, margin),
+            "x_max" => (0, 1.0 - margin),
+            "y_min" => (1, margin),
+            "y_max" => (1, 1.0 - margin),
+            _ => {
+                framed.values[i] = parameter.neutral + library::usual(parameter.unit);
+                continue;
+            }
+        };
+        framed.values[i] = at(place.0, place.1);
+        near[i] = 0.25 * (at(place.0, 1.0) - at(place.0, 0.0)) + 0.2;
+    }
+    Ok(Some((framed, near)))
+}
+
+/// The cross-entropy method over some leaps, from deviations `spread`.
+fn search(
+    data: &Data,
+    layout: &Layout,
+    start: &State,
+    spread: &[f64],
+    leaps: &[usize],
+    seed: u64,
+) -> Result<State> {
+    let shapes = (0..layout.slots.len()).filter(|i| layout.shapes(*i)).count();
+    let edges = if (0..layout.slots.len()).any(|i| layout.edged(i)) { EDGES } else { 1 };
+    let samples = (SAMPLES[0] * layout.slots.len()).max(SAMPLES[1]) * edges;
+    let elite = (ELITES * samples as f64).ceil() as usize / edges;
+    let q = layout.slots.len();
+    let mut mean = DVector::from_column_slice(&start.values);
+    let mut covariance = DMatrix::from_fn(q, q, |i, j| if i == j { spread[i].powi(2) } else { 0.0 });
+    let mut stream = rng::stream(seed, "survey");
+    let latent = |i: usize| matches!(layout.slots[i].what, What::Latent(_));
+    let mut best = (f64::INFINITY, start.values.clone());
+    for round in 0..ROUNDS[0] + ROUNDS[1] * shapes {
+        let factor = root(&covariance);
+        let mut tried: Vec<Vec<f64>> = (0..samples)
+            .map(|k| {
+                let mut draw: DVector<f64> = DVector::from_fn(q, |_, _| StandardNormal.sample(&mut stream));
+                if round == 0 && k % 2 == 0 {
+                    // The latents may be right already, and it is only the effect that is missing.
+                    (0..q).filter(|i| latent(*i)).for_each(|i| draw[i] *= NARROW);
+                }
+                let value = &mean + &factor * draw;
+                let within =
+                    |(i, v): (usize, &f64)| v.clamp(layout.slots[i].bounds[0], layout.slots[i].bounds[1]);
+                value.iter().enumerate().map(within).collect()
+            })
+            .collect();
+        if round == 0 {
+            tried[0].clone_from(&start.values);
+        } else {
+            tried[0].clone_from(&best.1);
+        }
+        let losses = model::losses(data, layout, &tried, leaps)?;
+        let mut order: Vec<usize> = (0..samples).collect();
+        order.sort_by(|a, b| losses[*a].total_cmp(&losses[*b]).then(a.cmp(b)));
+        if losses[order[0]] < best.0 {
+            best = (losses[order[0]], tried[order[0]].clone());
+        }
+        let elites: Vec<DVector<f64>> =
+            order.iter().take(elite).map(|i| DVector::from_column_slice(&tried[*i])).collect();
+        let centre = elites.iter().fold(DVector::zeros(q), |a, e| a + e) / elite as f64;
+        let mut own = DMatrix::zeros(q, q);
+        for e in &elites {
+            let off = e - &centre;
+            own += &off * off.transpose() / elite as f64;
+        }
+        mean = mean * KEPT + centre * (1.0 - KEPT);
+        covariance = covariance * KEPT + own * (1.0 - KEPT);
+    }
+    Ok(State { values: best.1, nuisances: start.nuisances.clone() })
+}
+
+/// Leaps that take part, in order: evenly spread over those that fit and over those that do not.
+fn telling(data: &Data, looks: &[Look]) -> Vec<usize> {
+    let leap = |w: &usize| data.windows[*w].kind == Kind::Leap && data.sd[*w].is_finite();
+    let fits = |w: &usize| looks[*w].square < FITS * 2.0 * data.windows[*w].points.len() as f64;
+    let (well, ill): (Vec<usize>, Vec<usize>) = (0..data.windows.len()).filter(leap).partition(fits);
+    // What one kind lacks the other may have.
+    let most = |other: &[usize]| 2 * STRETCHES - other.len().min(STRETCHES);
+    let some = |of: &[usize], most: usize| -> Vec<usize> {
+        of.iter().copied().step_by(of.len().div_ceil(most).max(1)).collect()
+    };
+    let mut out = [some(&well, most(&ill)), some(&ill, most(&well))].concat();
+    out.sort_unstable();
+    out
+}
+
+/// How far each value may plausibly be from where it stands: latents over their usual range, shapes over what the data
+/// span, amplitudes as far as would move paths by what is left, within what is usual.
+fn reach(data: &Data, layout: &Layout, state: &State, looks: &[Look]) -> Vec<f64> {
+    let span = library::span(data.windows);
+    let [x0, y0, x1, y1] = span.area;
+    let left: f64 = looks.iter().map(|l| l.residual.norm_squared()).sum();
+    let of = |(i, slot): (usize, &Slot)| {
+        let [low, high] = slot.bounds;
+        let What::Parameter(t, p) = slot.what else { return WIDE * (high - low).min(USUAL) };
+        let parameter = &layout.terms[t].effect.parameters[p];
+        let told: f64 = looks.iter().map(|l| l.columns.column(i).norm_squared()).sum();
+        match (library::shapes(parameter), parameter.unit) {
+            (true, "m") => 0.25 * (x1 - x0).max(y1 - y0),
+            (true, "s") => 0.5 * state.values[i].abs(),
+            (true, "rad") => 1.5,
+            (true, _) => span.speed,
+            (false, unit) => {
+                let usual = library::usual(unit);
+                (left / told.max(1e-12)).sqrt().clamp(0.3 * usual, 3.0 * usual)
+            }
+        }
+    };
+    layout.slots.iter().enumerate().map(of).collect()
+}
+
+/// A square root of a covariance.
+fn root(covariance: &DMatrix<f64>) -> DMatrix<f64> {
+    let eigen = covariance.clone().symmetric_eigen();
+    let mut root = eigen.eigenvectors;
+    for (k, value) in eigen.eigenvalues.iter().enumerate() {
+        root.column_mut(k).scale_mut(value.max(0.0).sqrt());
+    }
+    root
+}
