@@ -114,12 +114,12 @@ fn framed(
     places.iter_mut().for_each(|p| p.sort_by(f64::total_cmp));
     let at = |k: usize, share: f64| places[k][(share * (places[k].len() - 1) as f64) as usize];
     let (mut framed, mut near) = (start.clone(), spread.to_vec());
-    for i in 0..layout.slots.len() {
+    for (i, near) in near.iter_mut().enumerate() {
         let Some(parameter) = parameter(i) else {
-            near[i] *= NARROW;
+            *near *= NARROW;
             continue;
         };
-        let place = match parameter.name {
+        let (axis, share) = match parameter.name {
             "x_min" => (0, margin),
             "x_max" => (0, 1.0 - margin),
             "y_min" => (1, margin),
@@ -129,8 +129,8 @@ fn framed(
                 continue;
             }
         };
-        framed.values[i] = at(place.0, place.1);
-        near[i] = 0.25 * (at(place.0, 1.0) - at(place.0, 0.0)) + 0.2;
+        framed.values[i] = at(axis, share);
+        *near = 0.25 * (at(axis, 1.0) - at(axis, 0.0)) + 0.2;
     }
     Ok(Some((framed, near)))
 }
