@@ -78,12 +78,13 @@ pub fn trials_from_csv(text: &str, scene: &Scene) -> Result<Vec<Trial>> {
     Ok(trials)
 }
 
-/// Trials as CSV, with `setting` only if a trial has one and velocities and spins only if any was seen; values keep all
-/// their digits.
+/// Trials as CSV, with `setting` only if a trial has one and velocities and spins only if any was seen after the
+/// start; values keep all their digits.
 pub fn trials_to_csv(trials: &[Trial]) -> String {
     let settings = trials.iter().any(|t| t.setting.is_some());
     let mut tracks = trials.iter().flat_map(|t| &t.observed.bodies);
-    let moving = tracks.any(|b| b.vx.iter().chain(&b.vy).chain(&b.omega).any(|v| v.is_finite()));
+    let later = |v: &[f64]| v.iter().skip(1).any(|v| v.is_finite());
+    let moving = tracks.any(|b| later(&b.vx) || later(&b.vy) || later(&b.omega));
     let header = ["trial", if settings { ",setting" } else { "" }, ",t,body,x,y,angle"];
     let mut out = header.concat() + if moving { ",vx,vy,omega\n" } else { "\n" };
     let cell = |v: f64| if v.is_finite() { v.to_string() } else { String::new() };
