@@ -58,7 +58,7 @@ const ROWS: usize = 40;
 const MEDIUM: f64 = 5.0;
 const LARGE: f64 = 15.0;
 /// Kinds of worlds with something hidden.
-const KINDS: usize = worlds::SINGLES + 2 * worlds::DOUBLES + 4 + 4 + worlds::CONTACTS;
+const KINDS: usize = worlds::SINGLES + 2 * worlds::DOUBLES + 2 * worlds::OUTSIDE.len() + worlds::CONTACTS;
 
 fn main() -> std::io::Result<()> {
     let arguments: Vec<String> = std::env::args().collect();
@@ -205,11 +205,11 @@ fn world(i: u64, seed: u64) -> World {
     if let Some(k) = among(worlds::DOUBLES) {
         return fly("uneven double".into(), worlds::uneven(k, own), noise, MEDIUM);
     }
-    if let Some(k) = among(4) {
-        return fly("outside, medium".into(), worlds::outside(k, own), noise, MEDIUM);
-    }
-    if let Some(k) = among(4) {
-        return fly("outside, large".into(), worlds::outside(k, own), noise, LARGE);
+    for (size, shift) in [("medium", MEDIUM), ("large", LARGE)] {
+        if let Some(k) = among(worlds::OUTSIDE.len()) {
+            let kind = format!("outside, {size}, {}", worlds::OUTSIDE[k]);
+            return fly(kind, worlds::outside(k, own), noise, shift);
+        }
     }
     let (names, trials) = worlds::contact(kind, noise, TRIALS, 60, own);
     let kind = if names.is_empty() { "nothing, bouncing or rolling" } else { "contact" };
@@ -277,8 +277,11 @@ fn table(log: &Path) -> std::io::Result<String> {
                 continue;
             }
             k if k.starts_with("outside") => {
-                count(format!("{k}: unknown"), verdict == "Unknown");
-                count(format!("{k}: confidently named"), named);
+                let all = k.rsplit_once(" / ").map_or(k, |(all, _)| all);
+                for k in [all, k] {
+                    count(format!("{k}: unknown"), verdict == "Unknown");
+                    count(format!("{k}: confidently named"), named);
+                }
             }
             k => {
                 count(format!("{k}: detected"), verdict != "None" && verdict != "InsufficientData");

@@ -8,6 +8,7 @@ use iplw::discover::report::{Diagnosis, Verdict};
 use iplw::discover::{Config, Finding, diagnose};
 use iplw::progress::Silent;
 use iplw::reality::{HiddenConfig, HiddenWorld, settled, standard};
+use iplw::task::Scene;
 use iplw::task::scene::EffectTerm;
 use iplw::task::{Split, split};
 use iplw::world::{Engine, Latents, Rollout, simulate};
@@ -54,9 +55,26 @@ fn hidden_laws_of_contact_are_named() {
 #[test]
 fn what_no_library_holds_is_unknown() {
     let trials = worlds::trials(&worlds::outside(2, 5), Noise::White, 14, 40, 15.0, 5);
-    let d = diagnose(&worlds::scene(), &trials, &Config::standard(5), &Silent).unwrap().diagnosis;
+    let found = diagnose(&worlds::scene(), &trials, &Config::standard(5), &Silent).unwrap();
+    let d = found.diagnosis;
     assert_eq!(d.verdict, Verdict::Unknown, "{:?}: {}", d.rivals, d.reason);
-    assert!(d.residual_law.is_some_and(|law| law.contains('=')));
+    let law = d.residual_law.expect("a law for what is left");
+    assert!(law.formula.contains("ax =") || law.formula.contains("ay ="), "{}", law.formula);
+    assert_eq!(law.terms.len(), law.formula.matches(['+', '-']).count(), "{}", law.formula);
+    // Without a name, and all the same worth having: on other trials, and as a world that rolls out.
+    let without = d.gain.held_out.map_or(law.held_out.base_rmse, |g| g.extended_rmse);
+    assert!(law.offered && law.held_out.extended_rmse < without, "{law:?}");
+    let mut scene = found.extended;
+    for term in &law.terms {
+        assert!(scene.effects.contains(&term.effect), "{:?}", scene.effects);
+    }
+    let rolled = |scene: &Scene| {
+        let rollout = Rollout { scene, latents: Default::default(), effects: &[], stop: false };
+        simulate(&[rollout], Engine::Auto).unwrap().remove(0)
+    };
+    let with = rolled(&scene);
+    scene.effects.clear();
+    assert_ne!(with.bodies[0].x, rolled(&scene).bodies[0].x);
 }
 
 /// A diagnosis of random actions in a task's hidden world, seen whole at the paper's rate.

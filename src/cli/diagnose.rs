@@ -3,14 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use iplw::discover::report::{Diagnosis, FoundParameter, HeldOut};
-use iplw::discover::{Config, Evidence, EvidencePoint, Finding, diagnose};
+use iplw::discover::{Config, Finding, diagnose};
 use iplw::error::{Error, Result};
-use iplw::picture::plot::{Series, lines, scatter};
 use iplw::picture::report::{Block, Report, Section};
 use iplw::progress::Progress;
 use iplw::reality::read_trials;
 use iplw::task::Scene;
 
+use super::evidence::{Plot, plots};
 use super::output;
 
 /// Compares measured trials with the scene's simulation and says what the simulation lacks: the effect by name with
@@ -54,7 +54,7 @@ pub fn write_report(out: &Path, scene: &Scene, found: &Finding) -> Result<()> {
     let json = serde_json::to_string_pretty(&found.diagnosis).map_err(|e| Error::Failed(e.to_string()))?;
     output::write_whole(&out.join("report.json"), (json + "\n").as_bytes())?;
     output::write_whole(&out.join("extended_scene.json"), (found.extended.to_json() + "\n").as_bytes())?;
-    let plots = plots(found);
+    let plots = plots(&found.evidence);
     for (name, _, svg) in &plots {
         output::write_whole(&out.join(format!("{name}.svg")), svg.as_bytes())?;
     }
@@ -99,7 +99,9 @@ fn summary(d: &Diagnosis, out: &Path) -> String {
         text += &format!("unexplained share of the excess error: {share:.3}\n");
     }
     if let Some(law) = &d.residual_law {
-        text += &format!("what is left looks like: {law}\n");
+        text += &format!("what is left looks like: {}\n", law.formula);
+        text += &format!("  with it, on held-out trials: {}\n", gained(&law.held_out));
+        text += if law.offered { "  it is in the extended scene\n" } else { "  it does not help there\n" };
     }
     if let Some(next) = &d.next_experiment {
         text += &format!("next: {} ({})\n", next.action, next.why);
@@ -126,135 +128,6 @@ fn gained(g: &HeldOut) -> String {
     format!("error {:.5} m -> {:.5} m, floor {:.5} m: {removed}", g.base_rmse, g.extended_rmse, g.floor_rmse)
 }
 
-/// File name, caption and picture.
-type Plot = (String, String, String);
-
-/// Most points in a plot; more only make it heavy.
-const MOST_POINTS: usize = 1500;
-
-fn plots(found: &Finding) -> Vec<Plot> {
-    let evidence = &found.evidence;
-    if evidence.points.is_empty() {
-        return Vec::new();
-    }
-    let stride = evidence.points.len().div_ceil(MOST_POINTS);
-    let thin: Vec<&EvidencePoint> = evidence.points.iter().step_by(stride).collect();
-    type Of = fn(&EvidencePoint) -> f64;
-    let over: [(&str, &str, Of); 6] = [
-        ("time", "t, s", |p| p.time),
-        ("x", "x, m", |p| p.position[0]),
-        ("y", "y, m", |p| p.position[1]),
-        ("speed", "speed, m/s", |p| p.velocity[0].hypot(p.velocity[1])),
-        ("vx", "vx, m/s", |p| p.velocity[0]),
-        ("vy", "vy, m/s", |p| p.velocity[1]),
-    ];
-    let mut out = Vec::new();
-    for (name, label, of) in over {
-        for (axis, letter) in ["x", "y"].iter().enumerate() {
-            let series = |name: &str, pick: fn(&EvidencePoint) -> [f64; 2]| Series {
-                name: name.into(),
-                points: thin.iter().map(|p| (of(p), pick(p)[axis])).collect(),
-                band: None,
-            };
-            let both = [series("base model", |p| p.before), series("extended model", |p| p.after)];
-            let title = format!("Residual in {letter} over {name}");
-            let svg = scatter(&title, label, &format!("seen - simulated {letter}, m"), &both);
-            out.push((format!("residual_{letter}_over_{name}"), title, svg));
-        }
-    }
-    let series = [
-        Series { name: "base model".into(), points: autocorrelation(evidence, |p| p.before), band: None },
-        Series { name: "extended model".into(), points: autocorrelation(evidence, |p| p.after), band: None },
-    ];
-    let title = "Autocorrelation of residuals";
-    out.push((
-        "autocorrelation".into(),
-        format!("{title}: white noise has none beyond lag 0"),
-        lines(title, "lag, observations", "correlation", &series),
-    ));
-    let by_setting: Vec<Series> = evidence
-        .settings
-        .iter()
-        .enumerate()
-        .take(8)
-        .map(|(k, name)| Series {
-            name: if name.is_empty() { "all".into() } else { name.clone() },
-            points: thin
-                .iter()
-                .filter(|p| p.setting == k)
-                .map(|p| (p.velocity[0].hypot(p.velocity[1]), p.before[0].hypot(p.before[1])))
-                .collect(),
-            band: None,
-        })
-        .collect();
-    let title = "Size of the base model's residual over speed, by setting";
-    out.push(("by_setting".into(), title.into(), scatter(title, "speed, m/s", "residual, m", &by_setting)));
-    let force = [0, 1].map(|axis| {
-        let points = accelerations(evidence, axis);
-        Series { name: format!("a{}", ["x", "y"][axis]), points, band: None }
-    });
-    let title = "Residual acceleration of each flight over its mean speed";
-    out.push((
-        "acceleration".into(),
-        title.into(),
-        scatter(title, "speed, m/s", "acceleration, m/s^2", &force),
-    ));
-    if !evidence.bounces.is_empty() {
-        let points: Vec<(f64, f64)> =
-            evidence.bounces.iter().map(|b| (b.impact, b.rebound / b.impact.max(1e-9))).collect();
-        let series = [Series { name: "bounces".into(), points, band: None }];
-        let title = "Restitution over impact speed";
-        out.push((
-            "restitution".into(),
-            format!("{title}, fitted to the observations around each bounce"),
-            scatter(title, "impact speed, m/s", "rebound over impact speed", &series),
-        ));
-    }
-    out
-}
-
-/// Mean correlation within windows at lags 0 to 12.
-fn autocorrelation(evidence: &Evidence, pick: fn(&EvidencePoint) -> [f64; 2]) -> Vec<(f64, f64)> {
-    let points = &evidence.points;
-    let at_lag = |lag: usize| {
-        let (mut products, mut squares) = (0.0, 0.0);
-        for i in 0..points.len() {
-            let r = pick(&points[i]);
-            squares += r[0] * r[0] + r[1] * r[1];
-            if let Some(other) = points.get(i + lag).filter(|o| o.window == points[i].window) {
-                let o = pick(other);
-                products += r[0] * o[0] + r[1] * o[1];
-            }
-        }
-        if squares > 0.0 { products / squares } else { 0.0 }
-    };
-    (0..13).map(|lag| (lag as f64, at_lag(lag))).collect()
-}
-
-/// For each window its mean speed and the constant acceleration that its base residual is nearest to.
-fn accelerations(evidence: &Evidence, axis: usize) -> Vec<(f64, f64)> {
-    evidence
-        .points
-        .chunk_by(|a, b| a.window == b.window)
-        .filter(|w| w.len() >= 7)
-        .map(|w| {
-            let n = w.len() as f64;
-            let speed = w.iter().map(|p| p.velocity[0].hypot(p.velocity[1])).sum::<f64>() / n;
-            // Legendre's second polynomial is what a constant acceleration leaves of a path with a free start.
-            let (first, last) = (w[0].time, w[w.len() - 1].time);
-            let half = 0.5 * (last - first).max(1e-9);
-            let (mut up, mut down) = (0.0, 0.0);
-            for p in w {
-                let u = (p.time - first) / half - 1.0;
-                let l = 1.5 * u * u - 0.5;
-                up += l * p.before[axis];
-                down += l * l;
-            }
-            (speed, 3.0 * up / down.max(1e-12) / (half * half))
-        })
-        .collect()
-}
-
 fn page(scene: &Scene, d: &Diagnosis, plots: &[Plot]) -> Report {
     let number = |v: f64| format!("{v:.6}");
     let mut found = vec![Block::KeyValues(vec![
@@ -271,8 +144,12 @@ fn page(scene: &Scene, d: &Diagnosis, plots: &[Plot]) -> Report {
         ),
     ])];
     if let Some(law) = &d.residual_law {
-        found.push(Block::Text("What is left, as an acceleration:".into()));
-        found.push(Block::Code(law.clone()));
+        let text = match law.offered {
+            true => "What is left, as an acceleration without a name; it is part of the extended scene:",
+            false => "What is left, as an acceleration without a name; on held-out trials it does not help:",
+        };
+        found.push(Block::Text(text.into()));
+        found.push(Block::Code(law.formula.clone()));
     }
     let rows: Vec<Vec<String>> = d
         .effects
@@ -321,21 +198,25 @@ fn page(scene: &Scene, d: &Diagnosis, plots: &[Plot]) -> Report {
         sections
             .push(Section { heading: "Latents".into(), blocks: vec![Block::Table { columns, rows, note }] });
     }
-    let gains: Vec<Vec<String>> =
-        [("held-out trials", &d.gain.held_out), ("a setting never fitted", &d.gain.extrapolation)]
-            .iter()
-            .filter_map(|(what, g)| {
-                let g = g.as_ref()?;
-                Some(vec![
-                    what.to_string(),
-                    g.trials.to_string(),
-                    number(g.base_rmse),
-                    number(g.extended_rmse),
-                    number(g.floor_rmse),
-                    g.excess_removed.map_or("-".into(), |e| format!("{e:.4}")),
-                ])
-            })
-            .collect();
+    let law = d.residual_law.as_ref().map(|l| &l.held_out);
+    let gains: Vec<Vec<String>> = [
+        ("held-out trials", d.gain.held_out.as_ref()),
+        ("held-out trials, with the law without a name", law),
+        ("a setting never fitted", d.gain.extrapolation.as_ref()),
+    ]
+    .iter()
+    .filter_map(|(what, g)| {
+        let g = (*g)?;
+        Some(vec![
+            what.to_string(),
+            g.trials.to_string(),
+            number(g.base_rmse),
+            number(g.extended_rmse),
+            number(g.floor_rmse),
+            g.excess_removed.map_or("-".into(), |e| format!("{e:.4}")),
+        ])
+    })
+    .collect();
     if !gains.is_empty() {
         let columns = columns(&["on", "trials", "base, m", "extended, m", "floor, m", "excess removed"]);
         let note = "Starts are fitted for every trial; everything else comes from other trials.".to_string();

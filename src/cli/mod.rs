@@ -3,6 +3,7 @@
 mod diagnose;
 mod effects;
 mod estimate;
+mod evidence;
 mod experiment;
 mod measure;
 mod output;

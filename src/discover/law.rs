@@ -1,100 +1,154 @@
-//! A law for what no effect explains: the residual acceleration as a sparse sum of simple functions.
+//! A law for what no effect explains: the residual acceleration as a sparse sum of simple functions, as terms that any
+//! world can simulate.
 //!
 //! Each function of position, velocity and time is taken along the fitted path, integrated twice, and the window's
 //! start projected out; position residuals are regressed on the responses, one function at a time joining while it
 //! takes a twentieth of what is left (Schaeffer and McCalla 2017, whose integral form spares differentiating noise).
+//! What is found this way is only where a fit starts from: the terms are then fitted and held out as effects are.
+
+use std::f64::consts::PI;
 
 use nalgebra::{DMatrix, DVector};
 
 use super::judge::Fitted;
+use super::library::span;
+use super::model::{Layout, Term};
 use super::noise::Noise;
+use super::path::INSTANT;
 use super::stats::{inverse, solve};
 use super::window::{Kind, Window};
+use crate::world::effect::{Act, Effect, Moving, Surroundings, gust, monomial};
 
-/// A function of time, position and velocity.
-type Term = (&'static str, fn(&[f64; 5]) -> f64);
-
-/// t, x, y, vx, vy.
-const LIBRARY: [Term; 14] = [
-    ("1", |_| 1.0),
-    ("x", |s| s[1]),
-    ("y", |s| s[2]),
-    ("vx", |s| s[3]),
-    ("vy", |s| s[4]),
-    ("|v| vx", |s| s[3].hypot(s[4]) * s[3]),
-    ("|v| vy", |s| s[3].hypot(s[4]) * s[4]),
-    ("|v|^2 vx", |s| (s[3] * s[3] + s[4] * s[4]) * s[3]),
-    ("|v|^2 vy", |s| (s[3] * s[3] + s[4] * s[4]) * s[4]),
-    ("x^2", |s| s[1] * s[1]),
-    ("y^2", |s| s[2] * s[2]),
-    ("x y", |s| s[1] * s[2]),
-    ("sin t", |s| libm::sin(s[0])),
-    ("cos t", |s| libm::cos(s[0])),
+/// Powers of x, y, vx, vy and |v|.
+const POWERS: [[u8; 5]; 12] = [
+    [0, 0, 0, 0, 0],
+    [1, 0, 0, 0, 0],
+    [0, 1, 0, 0, 0],
+    [0, 0, 1, 0, 0],
+    [0, 0, 0, 1, 0],
+    [2, 0, 0, 0, 0],
+    [0, 2, 0, 0, 0],
+    [1, 1, 0, 0, 0],
+    [0, 0, 1, 0, 1],
+    [0, 0, 0, 1, 1],
+    [0, 0, 1, 0, 2],
+    [0, 0, 0, 1, 2],
 ];
-
+/// Periods of what swings with time, as shares of how long trials last.
+const PERIODS: [f64; 3] = [2.0, 1.0, 0.5];
 /// Most functions for each axis.
 const MOST: usize = 3;
 /// Share of what is left that a function must take to join.
 const WORTH: f64 = 0.05;
+/// How far above the noise floor a residual must be for another function to be looked for.
+const ABOVE: f64 = 1.2;
 
-/// The law in words, with the share of the residual it explains; `None` without flights.
-pub fn law(windows: &[Window], model: &Fitted, noise: &Noise, _trials: usize) -> Option<String> {
+/// Terms for what `model` leaves in flight, the amplitude along one axis free in each; none without flights, or where no
+/// function takes enough.
+pub fn law(windows: &[Window], model: &Fitted, noise: &Noise) -> Vec<Term> {
+    let functions = functions(span(windows).duration);
     let flights: Vec<usize> = (0..windows.len()).filter(|w| windows[*w].kind == Kind::Flight).collect();
-    if flights.is_empty() {
-        return None;
-    }
-    let mut parts = Vec::new();
+    let mut terms = Vec::new();
     for axis in 0..2 {
-        let mut rows: Vec<(DMatrix<f64>, DVector<f64>)> = Vec::new();
+        let (mut gram, mut score) =
+            (DMatrix::zeros(functions.len(), functions.len()), DVector::zeros(functions.len()));
+        let (mut total, mut count) = (0.0, 0);
         for w in &flights {
-            rows.push(responses(&windows[*w], &model.pass.residuals[*w], axis));
-        }
-        let q = LIBRARY.len();
-        let (mut gram, mut score, mut total) = (DMatrix::zeros(q, q), DVector::zeros(q), 0.0);
-        for (columns, r) in &rows {
-            gram += columns.transpose() * columns;
-            score += columns.transpose() * r;
+            let (columns, r) = responses(&windows[*w], &model.pass.residuals[*w], axis, &functions);
+            gram += columns.tr_mul(&columns);
+            score += columns.tr_mul(&r);
             total += r.norm_squared();
+            count += r.len();
         }
-        let floor = rows.iter().map(|(_, r)| r.len() as f64).sum::<f64>() * noise.sd * noise.sd;
-        let mut chosen: Vec<usize> = Vec::new();
-        let mut left = total;
-        while chosen.len() < MOST && left > 1.2 * floor {
-            let with = |k: usize| {
-                let mut set = chosen.clone();
-                set.push(k);
-                let a = DMatrix::from_fn(set.len(), set.len(), |i, j| gram[(set[i], set[j])]);
-                let b = DVector::from_fn(set.len(), |i, _| score[set[i]]);
-                total - b.dot(&(inverse(&a) * &b))
-            };
-            let best = (0..q).filter(|k| !chosen.contains(k)).min_by(|a, b| with(*a).total_cmp(&with(*b)))?;
-            let after = with(best);
-            if left - after < WORTH * left {
-                break;
-            }
-            chosen.push(best);
-            left = after;
+        let floor = count as f64 * noise.sd * noise.sd;
+        for (k, amplitude) in sparse(&gram, &score, total, floor) {
+            let (effect, mut start) = functions[k].clone();
+            start[axis] = amplitude;
+            let free = (0..start.len()).map(|p| p == axis).collect();
+            terms.push(Term { effect, per_setting: false, start, free });
         }
-        if chosen.is_empty() {
-            continue;
-        }
-        let a = DMatrix::from_fn(chosen.len(), chosen.len(), |i, j| gram[(chosen[i], chosen[j])]);
-        let b = DVector::from_fn(chosen.len(), |i, _| score[chosen[i]]);
-        let values = solve(&a, &b);
-        let sum = chosen
-            .iter()
-            .zip(values.iter())
-            .map(|(k, v)| format!("{v:+.3} {}", LIBRARY[*k].0))
-            .collect::<Vec<_>>()
-            .join(" ");
-        let share = 100.0 * (total - left) / (total - floor).max(1e-300);
-        parts.push(format!("a{} = {sum} (explains {:.0} %)", ["x", "y"][axis], share.clamp(0.0, 100.0)));
     }
-    (!parts.is_empty()).then(|| parts.join("; "))
+    terms
+}
+
+/// A law in words: the terms of a layout from `first` on, with their fitted amplitudes.
+pub fn formula(layout: &Layout, values: &[f64], first: usize) -> String {
+    let mut axes = [String::new(), String::new()];
+    for (t, term) in layout.terms.iter().enumerate().skip(first) {
+        for slot in layout.of_term(t) {
+            let axis = usize::from(term.free[1]);
+            axes[axis] += &format!(" {:+.4} {}", values[slot], text(term.effect, &term.start));
+        }
+    }
+    let line = |(name, sum): (&str, &String)| (!sum.is_empty()).then(|| format!("{name} ={sum}"));
+    ["ax", "ay"].into_iter().zip(&axes).filter_map(line).collect::<Vec<_>>().join("; ")
+}
+
+/// What functions there are: effects with everything but their amplitudes given.
+fn functions(duration: f64) -> Vec<(&'static Effect, Vec<f64>)> {
+    let power = |powers: &[u8; 5]| {
+        let values = [0.0; 2].into_iter().chain(powers.iter().map(|p| f64::from(*p)));
+        (&monomial::EFFECT, values.collect())
+    };
+    let swings = PERIODS.iter().flat_map(|share| {
+        [0.0, 0.5 * PI].map(|phase| (&gust::EFFECT, vec![0.0, 0.0, share * duration.max(1e-3), phase]))
+    });
+    POWERS.iter().map(power).chain(swings).collect()
+}
+
+/// A function without its amplitude.
+fn text(effect: &Effect, values: &[f64]) -> String {
+    match *values {
+        [_, _, period, phase] if effect.name == gust::EFFECT.name => {
+            let function = if phase == 0.0 { "sin" } else { "cos" };
+            format!("{function}(2 pi t / {period:.3})")
+        }
+        [_, _, ref powers @ ..] => {
+            let factor = |(base, power): (&str, &f64)| match *power as u32 {
+                0 => None,
+                1 => Some(base.to_string()),
+                n => Some(format!("{base}^{n}")),
+            };
+            let factors: Vec<String> =
+                ["x", "y", "vx", "vy", "|v|"].into_iter().zip(powers).filter_map(factor).collect();
+            if factors.is_empty() { "m/s^2".into() } else { factors.join(" ") }
+        }
+        _ => String::new(),
+    }
+}
+
+/// (function, amplitude) of those that join, best first, from the sums of a regression.
+fn sparse(gram: &DMatrix<f64>, score: &DVector<f64>, total: f64, floor: f64) -> Vec<(usize, f64)> {
+    let within = |set: &[usize]| {
+        let a = DMatrix::from_fn(set.len(), set.len(), |i, j| gram[(set[i], set[j])]);
+        (a, DVector::from_fn(set.len(), |i, _| score[set[i]]))
+    };
+    let mut chosen: Vec<usize> = Vec::new();
+    let mut left = total;
+    while chosen.len() < MOST && left > ABOVE * floor {
+        let with = |k: usize| {
+            let (a, b) = within(&[chosen.as_slice(), &[k]].concat());
+            total - b.dot(&(inverse(&a) * &b))
+        };
+        let others = (0..score.len()).filter(|k| !chosen.contains(k)).map(|k| (k, with(k)));
+        let Some((best, after)) = others.min_by(|a, b| a.1.total_cmp(&b.1)) else { break };
+        if left - after < WORTH * left {
+            break;
+        }
+        chosen.push(best);
+        left = after;
+    }
+    let (a, b) = within(&chosen);
+    chosen.into_iter().zip(solve(&a, &b).iter().copied()).collect()
 }
 
 /// Doubly integrated functions along a window's path, and its residual, the start projected out of both.
-fn responses(window: &Window, residual: &[f64], axis: usize) -> (DMatrix<f64>, DVector<f64>) {
+fn responses(
+    window: &Window,
+    residual: &[f64],
+    axis: usize,
+    functions: &[(&'static Effect, Vec<f64>)],
+) -> (DMatrix<f64>, DVector<f64>) {
     let n = window.points.len();
     let t: Vec<f64> = window.points.iter().map(|p| p.time).collect();
     // The path itself, less its noise: what was seen minus the residual.
@@ -106,24 +160,78 @@ fn responses(window: &Window, residual: &[f64], axis: usize) -> (DMatrix<f64>, D
         let (j, k) = (i.saturating_sub(1), (i + 1).min(n - 1));
         (at(k, a) - at(j, a)) / (t[k] - t[j]).max(1e-12)
     };
-    let mut columns = DMatrix::zeros(n, LIBRARY.len());
-    for (k, (_, f)) in LIBRARY.iter().enumerate() {
+    let path: Vec<Moving> = (0..n)
+        .map(|i| Moving {
+            time: window.start + t[i],
+            x: at(i, 0),
+            y: at(i, 1),
+            vx: velocity(i, 0),
+            vy: velocity(i, 1),
+            omega: 0.0,
+        })
+        .collect();
+    let mut columns = DMatrix::zeros(n, functions.len());
+    for (k, (effect, values)) in functions.iter().enumerate() {
         let (mut speed, mut place) = (0.0, 0.0);
-        let value = |i: usize| f(&[window.start + t[i], at(i, 0), at(i, 1), velocity(i, 0), velocity(i, 1)]);
+        let pushes: Vec<f64> = path.iter().map(|m| unit_push(effect, values, window, *m)).collect();
         for i in 1..n {
             let dt = t[i] - t[i - 1];
-            let a = 0.5 * (value(i - 1) + value(i));
+            let a = 0.5 * (pushes[i - 1] + pushes[i]);
             place += speed * dt + 0.5 * a * dt * dt;
             speed += a * dt;
             columns[(i, k)] = place;
         }
     }
     let kept: Vec<usize> = (0..n).filter(|i| residual[2 * i + axis].is_finite()).collect();
-    let mut columns = DMatrix::from_fn(kept.len(), LIBRARY.len(), |i, k| columns[(kept[i], k)]);
+    let mut columns = DMatrix::from_fn(kept.len(), functions.len(), |i, k| columns[(kept[i], k)]);
     let mut r = DVector::from_fn(kept.len(), |i, _| residual[2 * kept[i] + axis]);
     let start = DMatrix::from_fn(kept.len(), 2, |i, k| if k == 0 { 1.0 } else { t[kept[i]] });
-    let project = inverse(&(start.transpose() * &start)) * start.transpose();
+    let project = inverse(&start.tr_mul(&start)) * start.transpose();
     columns -= &start * (&project * &columns);
     r -= &start * (&project * &r);
     (columns, r)
+}
+
+/// The push of a function whose first amplitude is 1, m/s^2.
+fn unit_push(effect: &Effect, values: &[f64], window: &Window, body: Moving) -> f64 {
+    let Act::Motion(law) = effect.act else { return 0.0 };
+    let around = Surroundings { time_step: INSTANT, gravity: window.scene.gravity };
+    let mut values = values.to_vec();
+    values[0] = 1.0;
+    (law.kick(&law.constants(&values, &around), body, INSTANT)[0] - body.vx) / INSTANT
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn functions_read_as_what_they_are() {
+        let all = functions(2.0);
+        let texts: Vec<String> = all.iter().map(|(e, v)| text(e, v)).collect();
+        assert_eq!(texts[0], "m/s^2");
+        assert_eq!(texts[7], "x y");
+        assert_eq!(texts[11], "vy |v|^2");
+        assert_eq!(texts[13], "cos(2 pi t / 4.000)");
+        let mut unlike = texts.clone();
+        unlike.sort_unstable();
+        unlike.dedup();
+        assert_eq!(unlike.len(), all.len());
+    }
+
+    /// Of three columns the two that make the sum up are found with their amplitudes, whatever the third correlates with.
+    #[test]
+    fn what_takes_little_does_not_join() {
+        let rows: Vec<[f64; 3]> =
+            (0..50).map(|i| f64::from(i) / 50.0).map(|t| [t, t * t, libm::sin(9.0 * t)]).collect();
+        let y: Vec<f64> = rows.iter().map(|r| 2.0 * r[0] - 3.0 * r[2]).collect();
+        let gram = DMatrix::from_fn(3, 3, |i, j| rows.iter().map(|r| r[i] * r[j]).sum());
+        let score = DVector::from_fn(3, |i, _| rows.iter().zip(&y).map(|(r, y)| r[i] * y).sum());
+        let total = y.iter().map(|y| y * y).sum();
+        let mut found = sparse(&gram, &score, total, 1e-6);
+        found.sort_by_key(|f| f.0);
+        assert_eq!(found.iter().map(|f| f.0).collect::<Vec<_>>(), [0, 2], "{found:?}");
+        assert!((found[0].1 - 2.0).abs() < 1e-6 && (found[1].1 + 3.0).abs() < 1e-6, "{found:?}");
+        assert!(sparse(&gram, &score, total, total).is_empty());
+    }
 }

@@ -1,6 +1,6 @@
 //! The library of candidates: every row of the effect registry, with places to start its search from.
 //!
-//! Effects join as candidates by standing in the registry. What is said here by name are better starts for those
+//! Effects join as candidates by standing in the registry, all but the one that laws without a name are written in. What is said here by name are better starts for those
 //! whose parameters cannot be found by going downhill from nothing (where a patch lies, how long a gust's period is);
 //! an effect without such advice starts from its neutral values and from small steps off them.
 
@@ -10,7 +10,7 @@ use super::model::Term;
 use super::window::{Kind, Window};
 use crate::task::Scene;
 use crate::task::scene::EffectTerm;
-use crate::world::effect::{Effect, Parameter, REGISTRY};
+use crate::world::effect::{Effect, Parameter, REGISTRY, monomial};
 
 /// What the data span: for starts.
 #[derive(Clone, Copy, Debug)]
@@ -34,6 +34,7 @@ pub fn candidates(scene: &Scene, span: &Span) -> Vec<(&'static Effect, Vec<Term>
     REGISTRY
         .iter()
         .copied()
+        .filter(|e| e.name != monomial::EFFECT.name)
         .filter(|e| match e.acts_on {
             "contact" => span.contacts,
             // A free start takes up whatever a placement does.
@@ -81,8 +82,7 @@ pub fn difference(effect: &Effect, parameter: &Parameter) -> f64 {
 /// What an amplitude of a unit usually is in scenes of some metres, where one says nothing about it.
 pub fn usual(unit: &str) -> f64 {
     match unit {
-        "m/s^2" => 1.0,
-        "m/s" => 1.0,
+        "m/s^2" | "m/s" => 1.0,
         "1/s" => 0.5,
         "1/m" | "s/m" => 0.03,
         _ => 0.1,

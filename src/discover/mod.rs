@@ -4,9 +4,10 @@
 //! 2. `path` and the engines simulate windows; `model`: residuals and their derivatives; latents are fitted with every
 //!    candidate.
 //! 3. `signs`: whether what is left acts in the same way in trial after trial; `library`: the effect registry as
-//!    candidates; `search`: sets of up to three of them, judged by trial (`judge`).
+//!    candidates; `search`: sets of up to three of them, judged by trial (`judge`); `survey`: where starts are known the
+//!    whole range of values is searched, since collisions leave no way downhill.
 //! 4. Sets that the data cannot tell apart are reported together (`advise`: what would separate them); what no set
-//!    explains is said to be unknown, with a law for it (`law`).
+//!    explains is said to be unknown, with a law for it that can be simulated (`law`). `evidence`: what pictures show.
 //!
 //! Sources: multiple shooting (Bock 1983), variable projection (Golub and Pereyra 1973), cluster-robust covariance by the
 //! jackknife (Bell and McCaffrey 2002), Holm's correction (1979), sparse regression of dynamics in integral form
@@ -16,6 +17,7 @@
 //! data on trials that it was not fitted to before it is named.
 
 mod advise;
+mod evidence;
 mod judge;
 mod law;
 mod library;
@@ -37,11 +39,15 @@ use crate::task::scene::EffectTerm;
 use crate::trajectory::Track;
 use crate::world::Engine;
 use crate::world::latent::{FACTORS, factor_index};
+pub use evidence::{Bounce, Evidence, EvidencePoint, Push};
 use judge::Fitted;
 use model::{Data, Layout, State};
 use noise::{Noise, Slow, expected_squares};
 pub use report::Diagnosis;
-use report::{Calibrated, FoundEffect, FoundParameter, Gain, HeldOut, NextExperiment, Residual, Verdict};
+use report::{
+    Calibrated, FoundEffect, FoundParameter, Gain, HeldOut, LawTerm, NextExperiment, Residual, ResidualLaw,
+    Verdict,
+};
 use stats::{f_above, mean_error, median, normal_above, t_above};
 use window::{Kind, Window};
 
@@ -62,44 +68,6 @@ pub struct Finding {
     /// The scene with the found effects and latents; it rolls out.
     pub extended: Scene,
     pub evidence: Evidence,
-}
-
-/// Residuals point by point, for pictures.
-#[derive(Clone, Debug, Default)]
-pub struct Evidence {
-    pub points: Vec<EvidencePoint>,
-    pub bounces: Vec<Bounce>,
-    /// Names of the settings, in the order of their indices.
-    pub settings: Vec<String>,
-}
-
-/// An observation with what the models leave of it.
-#[derive(Clone, Copy, Debug)]
-pub struct EvidencePoint {
-    /// Index of the trial.
-    pub trial: usize,
-    /// Index of the window.
-    pub window: usize,
-    /// Index into [`Evidence::settings`].
-    pub setting: usize,
-    /// s on the trial's clock
-    pub time: f64,
-    /// m
-    pub position: [f64; 2],
-    /// m/s, of the extended model
-    pub velocity: [f64; 2],
-    /// Seen - simulated, m, by the base model.
-    pub before: [f64; 2],
-    /// Seen - simulated, m, by the extended model.
-    pub after: [f64; 2],
-}
-
-/// A bounce on a static: speeds along the normal, m/s.
-#[derive(Clone, Copy, Debug)]
-pub struct Bounce {
-    pub setting: usize,
-    pub impact: f64,
-    pub rebound: f64,
 }
 
 /// Fewest trials that can be judged at all.
@@ -274,8 +242,8 @@ impl Expected {
         let all: f64 = self.mean.iter().sum();
         let deviation = (self.variance.iter().sum::<f64>() + (all * self.floor_error).powi(2)).sqrt();
         // One trial with a missed outlier must not speak for all, unless nothing can be an outlier.
-        let strict = windows.iter().any(|w| w.kind == Kind::Leap);
-        let usual = if strict || self.middle_excess(fit, windows) > USUAL { excess } else { 0.0 };
+        let usual =
+            if window::leaping(windows) || self.middle_excess(fit, windows) > USUAL { excess } else { 0.0 };
         (usual, usual * all / deviation.max(1e-9), p)
     }
 
@@ -366,7 +334,7 @@ fn expected(windows: &[Window], sd: &[f64], trials: usize, noise: &Noise) -> Exp
 
 /// Noise of runs from third differences, which smooth motion and rest leave at nothing; m.
 fn run_noise(windows: &[Window]) -> Option<f64> {
-    if windows.iter().any(|w| w.kind == Kind::Leap) {
+    if window::leaping(windows) {
         // Whole states are seen where nothing errs; a contact that goes on at an observation restarts cold.
         return Some(COLD);
     }
@@ -700,10 +668,14 @@ fn conclude(
     };
     let coordinates: f64 = expected.coordinates.iter().sum();
     let rmse = |squares: f64| noise.sd * (squares.max(0.0) / coordinates.max(1.0)).sqrt();
+    let held = |f: &Fitted| f.held.iter().sum::<f64>();
     let (autocorrelation, whiteness_p) = whiteness(windows, &base);
-    let law = (verdict == Verdict::Unknown).then(|| law::law(windows, model, noise, kept.len())).flatten();
-    let evidence = evidence(windows, &data, &base, model, names)?;
-    let extended = extend(scene, trials, windows, kept, model);
+    let law = if verdict == Verdict::Unknown { described(&data, model, noise, names.len())? } else { None };
+    // What goes without a name is an extension all the same, if it holds on other trials.
+    let helpful = law.as_ref().filter(|l| held(l) < held(model));
+    let shown = helpful.unwrap_or(model);
+    let evidence = evidence::evidence(windows, &data, &base, shown, names)?;
+    let extended = extend(scene, trials, windows, kept, shown);
     let rival_names = |i: &usize| fits[*i].names().iter().map(|n| n.to_string()).collect::<Vec<_>>();
     let next = advise::next(scene, windows, &fits, &rivals, verdict, noise, config)?;
     let latents = base.layout.latents();
@@ -728,7 +700,6 @@ fn conclude(
             }
         })
         .collect();
-    let held = |f: &Fitted| f.held.iter().sum::<f64>();
     let gain_of = |b: f64, e: f64, floor: f64, count: f64, trials: usize| HeldOut {
         trials,
         base_rmse: noise.sd * (b / count).sqrt(),
@@ -736,7 +707,14 @@ fn conclude(
         floor_rmse: noise.sd * (floor / count).sqrt(),
         excess_removed: (b - floor > SLIGHT * floor).then(|| 1.0 - (e - floor) / (b - floor)),
     };
-    let held_out = best.map(|f| gain_of(held(&base), held(f), expected.total(), coordinates, kept.len()));
+    let by_trial = |f: &Fitted| gain_of(held(&base), held(f), expected.total(), coordinates, kept.len());
+    let held_out = best.map(by_trial);
+    let residual_law = law.as_ref().map(|l| ResidualLaw {
+        formula: law::formula(&l.layout, &l.state.values, model.set.len()),
+        terms: law_terms(l, model.set.len(), settings, noise.unit()),
+        held_out: by_trial(l),
+        offered: helpful.is_some(),
+    });
     let extrapolation = best.and_then(|f| {
         let groups = settings.to_vec();
         let sizes: Vec<usize> =
@@ -771,12 +749,46 @@ fn conclude(
             Verdict::None => Some(0.0),
             _ => unexplained,
         },
-        residual_law: law,
+        residual_law,
         next_experiment: next,
         considered,
         seed: config.seed,
     };
     Ok(Finding { diagnosis, extended, evidence })
+}
+
+/// A model with a law for what it leaves (`law`), fitted; `None` where nothing simple describes that.
+fn described(data: &Data, model: &Fitted, noise: &Noise, settings: usize) -> Result<Option<Fitted>> {
+    let found = law::law(data.windows, model, noise);
+    if found.is_empty() {
+        return Ok(None);
+    }
+    let latents: Vec<usize> = model.layout.slots.iter().filter_map(model::Slot::latent).collect();
+    let terms = model.layout.terms.iter().cloned().chain(found).collect();
+    let layout = Layout::new(&latents, terms, settings);
+    let mut values = layout.start(&[0.0; 3]);
+    values[..model.state.values.len()].copy_from_slice(&model.state.values);
+    let start = State { values, nuisances: model.state.nuisances.clone() };
+    let (state, pass) = model::fit(data, &layout, start, 8)?;
+    Ok(Some(Fitted::new(layout, state, pass, data.settings)))
+}
+
+/// The terms of a law, those of a model from `first` on.
+fn law_terms(law: &Fitted, first: usize, settings: &[usize], unit: f64) -> Vec<LawTerm> {
+    let of = |(t, term): (usize, &model::Term)| {
+        let slot = *law.layout.of_term(t).first()?;
+        let (value, half) = (law.state.values[slot], law.half_width(slot, settings, unit));
+        let end = |v: f64| half.is_finite().then_some(v);
+        let mut values = term.start.clone();
+        let axis = term.free.iter().position(|f| *f)?;
+        values[axis] = value;
+        Some(LawTerm {
+            effect: library::at_clock(term.effect, &values, 0.0),
+            amplitude: term.effect.parameters[axis].name.into(),
+            ci95: [end(value - half), end(value + half)],
+        })
+    };
+    law.layout.terms.iter().enumerate().skip(first).filter_map(of).collect()
 }
 
 /// Root of the mean square of all coordinates that count, m.
@@ -838,39 +850,6 @@ fn whiteness(windows: &[Window], base: &Fitted) -> (f64, f64) {
     }
     let rho = if squares > 0.0 { products / squares } else { 0.0 };
     (rho, (2.0 * normal_above(rho.abs() * f64::sqrt(count))).min(1.0))
-}
-
-fn evidence(
-    windows: &[Window],
-    data: &Data,
-    base: &Fitted,
-    model: &Fitted,
-    names: &[String],
-) -> Result<Evidence> {
-    let paths = model::paths(data, &model.layout, &model.state)?;
-    let mut out = Evidence { settings: names.to_vec(), ..Evidence::default() };
-    for (w, window) in windows.iter().enumerate() {
-        if window.kind == Kind::Contact {
-            if let Some((impact, rebound)) = model::speeds(window, w, &model.layout, &model.state) {
-                out.bounces.push(Bounce { setting: window.setting, impact, rebound });
-            }
-            continue;
-        }
-        for (i, point) in window.points.iter().enumerate().filter(|(_, p)| p.weight > 0.0) {
-            let pair = |r: &[f64]| [r[2 * i], r[2 * i + 1]];
-            out.points.push(EvidencePoint {
-                trial: window.trial,
-                window: w,
-                setting: window.setting,
-                time: window.start + point.time,
-                position: point.seen,
-                velocity: [paths[w][i][2], paths[w][i][3]],
-                before: pair(&base.pass.residuals[w]),
-                after: pair(&model.pass.residuals[w]),
-            });
-        }
-    }
-    Ok(out)
 }
 
 /// The scene with the found effects, the calibrated latents and a start, so that it rolls out. Where settings differ,

@@ -10,7 +10,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::library;
-use super::path::Physics;
+use super::path::{Impact, Physics};
 use super::stats::{inverse, solve};
 use super::window::{Kind, Window};
 use crate::error::Result;
@@ -114,6 +114,14 @@ pub struct Frozen {
 const HUBER: f64 = 3.0;
 
 impl Slot {
+    /// The index of the latent factor that it is, if it is one.
+    pub fn latent(&self) -> Option<usize> {
+        match self.what {
+            What::Latent(l) => Some(l),
+            What::Parameter(..) => None,
+        }
+    }
+
     /// Information below which the data say nothing of the slot's value: one noise scale over all that is allowed.
     pub fn ridge(&self) -> f64 {
         let most = if matches!(self.what, What::Latent(_)) { 2.0 } else { 1e3 };
@@ -197,6 +205,11 @@ impl Layout {
         let (numbers, latents) = self.numbers(values, setting);
         let of = |(term, numbers): (&Term, &Vec<f64>)| library::at_clock(term.effect, numbers, clock);
         (self.terms.iter().zip(&numbers).map(of).collect(), latents)
+    }
+
+    /// Whether any slot moves an edge in space.
+    pub fn has_edges(&self) -> bool {
+        (0..self.slots.len()).any(|i| self.edged(i))
     }
 
     /// Whether a slot moves an edge in space, which a path feels only where it crosses it.
@@ -765,7 +778,7 @@ pub fn paths(data: &Data, layout: &Layout, state: &State) -> Result<Vec<Vec<[f64
             Kind::Run | Kind::Leap | Kind::Shot => simulated.next().unwrap_or_default(),
             _ => {
                 let mut states = vec![[f64::NAN; 4]; window.points.len()];
-                with_physics(window, layout, state, |p| {
+                with_physics(window, layout, &state.values, |p| {
                     p.seen(&state.nuisances[w], |i, s| states[i] = s);
                 });
                 states
@@ -775,13 +788,18 @@ pub fn paths(data: &Data, layout: &Layout, state: &State) -> Result<Vec<Vec<[f64
     Ok(out)
 }
 
-/// Impact and rebound speed of a contact window, m/s.
-pub fn speeds(window: &Window, w: usize, layout: &Layout, state: &State) -> Option<(f64, f64)> {
-    with_physics(window, layout, state, |p| p.speeds(&state.nuisances[w]))
+/// What happens in a contact window.
+pub fn impact(window: &Window, w: usize, layout: &Layout, state: &State) -> Option<Impact> {
+    with_physics(window, layout, &state.values, |p| p.impact(&state.nuisances[w]))
 }
 
-fn with_physics<T>(window: &Window, layout: &Layout, state: &State, f: impl FnOnce(&Physics) -> T) -> T {
-    let (numbers, latents) = layout.numbers(&state.values, window.setting);
+/// Acceleration at a time on the trial's clock and a state (x, y, vx, vy), m/s^2.
+pub fn push(window: &Window, layout: &Layout, values: &[f64], time: f64, state: [f64; 4]) -> [f64; 2] {
+    with_physics(window, layout, values, |p| p.push(time, state))
+}
+
+fn with_physics<T>(window: &Window, layout: &Layout, values: &[f64], f: impl FnOnce(&Physics) -> T) -> T {
+    let (numbers, latents) = layout.numbers(values, window.setting);
     let terms: Vec<_> = layout.terms.iter().zip(&numbers).map(|(t, n)| (t.effect, n.as_slice())).collect();
     f(&Physics::new(window, &terms, &latents))
 }

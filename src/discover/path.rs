@@ -16,7 +16,7 @@ use crate::world::effect::{
 };
 
 /// s; accelerations are speeds gained in it. Small against every motion, large against rounding.
-const INSTANT: f64 = 1e-6;
+pub const INSTANT: f64 = 1e-6;
 /// Longest step of integration, s, and the longest where a law has edges in space.
 const STEP: [f64; 2] = [0.03, 0.007];
 
@@ -31,6 +31,21 @@ pub struct Physics<'a> {
     step: f64,
     restitution: f64,
     friction: f64,
+}
+
+/// What a body does to a surface and gets back.
+#[derive(Clone, Copy, Debug)]
+pub struct Impact {
+    /// s on the trial's clock
+    pub time: f64,
+    /// Speed towards the surface, m/s.
+    pub approach: f64,
+    /// Speed of the rim along (-ny, nx), m/s.
+    pub slip: f64,
+    /// Impulse over mass along the normal (nx, ny), m/s.
+    pub normal: f64,
+    /// The same along (-ny, nx).
+    pub tangent: f64,
 }
 
 /// x, y, vx, vy, omega
@@ -76,10 +91,20 @@ impl<'a> Physics<'a> {
 
     /// Seen positions at the window's points, two numbers each; NaN where the path leaves all bounds. `visit` is given
     /// every true state: index of the point, (x, y, vx, vy).
-    pub fn seen(&self, nuisances: &[f64], mut visit: impl FnMut(usize, [f64; 4])) -> Vec<f64> {
+    pub fn seen(&self, nuisances: &[f64], visit: impl FnMut(usize, [f64; 4])) -> Vec<f64> {
+        self.run(nuisances, visit).0
+    }
+
+    /// What happens in a contact window; `None` if the surface is not met.
+    pub fn impact(&self, nuisances: &[f64]) -> Option<Impact> {
+        self.run(nuisances, |_, _| ()).1
+    }
+
+    fn run(&self, nuisances: &[f64], mut visit: impl FnMut(usize, [f64; 4])) -> (Vec<f64>, Option<Impact>) {
+        let mut impact = None;
         let points = &self.window.points;
         let mut out = Vec::with_capacity(2 * points.len());
-        let Some(first) = points.first() else { return out };
+        let Some(first) = points.first() else { return (out, impact) };
         let stamp = |t: f64| self.clock[0] * (self.window.start + t) + self.clock[1];
         let mut time = stamp(first.time);
         let mut rolling = self.rolling(nuisances);
@@ -106,7 +131,9 @@ impl<'a> Physics<'a> {
                     body = match surface {
                         Some(s) if s.below(&next, offset) && s.approaches(&next) => {
                             surface = None;
-                            self.bounce(now, &body, h, s, offset)
+                            let (after, met) = self.bounce(now, &body, h, s, offset);
+                            impact = Some(met);
+                            after
                         }
                         _ => next,
                     };
@@ -120,16 +147,13 @@ impl<'a> Physics<'a> {
             let fine = shown.x.abs() < 1e7 && shown.y.abs() < 1e7;
             out.extend(if fine { [shown.x, shown.y] } else { [f64::NAN; 2] });
         }
-        out
+        (out, impact)
     }
 
-    /// (impact, rebound) speed along the normal of a contact window, m/s.
-    pub fn speeds(&self, nuisances: &[f64]) -> Option<(f64, f64)> {
-        let normal = self.window.surface.as_ref()?.normal;
-        let mut along = Vec::new();
-        self.seen(nuisances, |_, s| along.push(s[2] * normal[0] + s[3] * normal[1]));
-        let turn = (1..along.len()).find(|i| along[*i] > 0.0 && along[*i - 1] < 0.0)?;
-        Some((-along[turn - 1], along[turn]))
+    /// Acceleration at a time and a state (x, y, vx, vy) without spin, m/s^2.
+    pub fn push(&self, time: f64, [x, y, vx, vy]: [f64; 4]) -> [f64; 2] {
+        let [ax, ay, _] = self.acceleration(time, &[x, y, vx, vy, 0.0]);
+        [ax, ay]
     }
 
     fn acceleration(&self, time: f64, s: &Body) -> [f64; 3] {
@@ -166,7 +190,7 @@ impl<'a> Physics<'a> {
     }
 
     /// A step in which the surface is met: up to it, off it, on.
-    fn bounce(&self, time: f64, s: &Body, h: f64, surface: &Surface, offset: f64) -> Body {
+    fn bounce(&self, time: f64, s: &Body, h: f64, surface: &Surface, offset: f64) -> (Body, Impact) {
         let height = |s: &Body| surface.height(s, offset);
         let (mut low, mut high) = (0.0, h);
         for _ in 0..40 {
@@ -188,7 +212,8 @@ impl<'a> Physics<'a> {
         at[2] += normal * n[0] - tangent * n[1];
         at[3] += normal * n[1] + tangent * n[0];
         at[4] -= tangent / (surface.inertia * surface.radius);
-        self.advance(time + low, &at, h - low)
+        let impact = Impact { time: time + low, approach: meeting.approach, slip, normal, tangent };
+        (self.advance(time + low, &at, h - low), impact)
     }
 
     fn rolling(&self, nuisances: &[f64]) -> Option<Rolling> {

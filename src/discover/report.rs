@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use crate::task::Scene;
+use crate::task::scene::EffectTerm;
 
 /// The value of a diagnosis's `format` field.
 pub const FORMAT: &str = "iplw.diagnosis/1";
@@ -53,7 +54,7 @@ pub struct Diagnosis {
     /// Share of the excess mean squared error that the effects leave.
     pub unexplained_share: Option<f64>,
     /// What acceleration the unexplained looks like; only for the verdict `unknown`.
-    pub residual_law: Option<String>,
+    pub residual_law: Option<ResidualLaw>,
     pub next_experiment: Option<NextExperiment>,
     /// Every set that was fitted, best held-out loss first.
     pub considered: Vec<Considered>,
@@ -79,6 +80,31 @@ pub struct FoundParameter {
     pub ci95: [Option<f64>; 2],
     pub unit: String,
     pub setting: Option<String>,
+}
+
+/// An acceleration without a name that describes what effects leave.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ResidualLaw {
+    /// In words and symbols: m, s.
+    pub formula: String,
+    /// As a scene takes it, term by term.
+    pub terms: Vec<LawTerm>,
+    /// The base model's error, and that of the effects found and the law, on trials whose numbers they were not fitted to.
+    /// (Which functions make the law up was chosen on all trials.)
+    pub held_out: HeldOut,
+    /// Whether it is part of the extended scene: it is if it helps on trials that it was not fitted to.
+    pub offered: bool,
+}
+
+/// A term of a law.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct LawTerm {
+    #[serde(flatten)]
+    pub effect: EffectTerm,
+    /// The parameter that was fitted; the others are the shape.
+    pub amplitude: String,
+    /// Its 95 % interval.
+    pub ci95: [Option<f64>; 2],
 }
 
 /// A calibrated latent.

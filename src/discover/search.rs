@@ -21,7 +21,7 @@ use super::report::Considered;
 use super::signs::{self, Group, Tested};
 use super::stats::t_quantile;
 use super::survey;
-use super::window::Kind;
+use super::window;
 use super::{Config, Expected};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
@@ -373,7 +373,7 @@ impl Hunt<'_, '_> {
                 names.push(effect.name);
                 names.sort_unstable();
                 // A survey frames regions by itself.
-                let framed = effect.acts_on == "region" && self.leaps();
+                let framed = effect.acts_on == "region" && window::leaping(self.data.windows);
                 let most = if framed { 1 } else { STARTS.min(terms.len()) };
                 let starts = lack.best.iter().filter(|b| b.0 == c).take(most);
                 let starts: Vec<_> = starts.collect();
@@ -418,9 +418,9 @@ impl Hunt<'_, '_> {
     fn fit(&self, union: Union) -> Result<Option<Fitted>> {
         let mut best: Option<(Layout, State, Pass)> = None;
         // What is joined to a set that was surveyed starts from what was found there.
-        let few = |layout: &Layout| layout.terms.len() < 2 && survey::possible(self.data, layout);
+        let surveyed = |layout: &Layout| layout.terms.len() < 2 && survey::possible(self.data, layout);
         for (layout, start) in union.starts {
-            let start = match few(&layout) {
+            let start = match surveyed(&layout) {
                 true => match simulated(survey::survey(self.data, &layout, &start, self.seed))? {
                     Some(found) => found,
                     None => continue,
@@ -533,18 +533,13 @@ impl Hunt<'_, '_> {
         })
     }
 
-    /// Whether stretches start from what was seen whole.
-    fn leaps(&self) -> bool {
-        self.data.windows.iter().any(|w| w.kind == Kind::Leap)
-    }
-
     /// Whether leaps say by themselves that `better` is: where nothing errs every trial's loss is a likelihood, and the way
     /// downhill, which [`Hunt::adds`] looks at, ends where a collision goes another way.
     fn shown(&self, fit: &Fitted, better: &Fitted) -> bool {
         let gains = fit.held.iter().zip(&better.held).map(|(a, b)| a - b);
         let helped = gains.clone().filter(|g| *g > HAIR).count();
         let more = better.parameters().saturating_sub(fit.parameters()) as f64;
-        self.leaps() && helped >= SEVERAL && gains.sum::<f64>() > LIKELY + HAIR * more
+        window::leaping(self.data.windows) && helped >= SEVERAL && gains.sum::<f64>() > LIKELY + HAIR * more
     }
 
     /// Whether what `better` has and `fit` has not would help `fit` in trial after trial.

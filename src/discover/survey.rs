@@ -14,9 +14,10 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::library;
 use super::model::{self, Data, Layout, Look, Slot, State, What};
-use super::window::Kind;
+use super::window::{self, Kind};
 use crate::error::Result;
 use crate::rng;
+use crate::world::effect::Parameter;
 
 /// Values tried in a round for each number searched for, and the fewest; the share of the best that the next round is
 /// drawn about; rounds, and how many more for each number that only shapes an effect.
@@ -48,7 +49,7 @@ const USUAL: f64 = 2.0;
 pub fn possible(data: &Data, layout: &Layout) -> bool {
     !layout.slots.is_empty()
         && layout.slots.iter().all(|s| s.setting.is_none())
-        && data.windows.iter().any(|w| w.kind == Kind::Leap)
+        && window::leaping(data.windows)
 }
 
 /// The state of the best values found about `start`. Edges in space, which paths feel by leaps and bounds as they cross
@@ -58,16 +59,16 @@ pub fn survey(data: &Data, layout: &Layout, start: &State, seed: u64) -> Result<
     let spread = reach(data, layout, start, &looks);
     let leaps = telling(data, &looks);
     let mut best = search(data, layout, start, &spread, &leaps, seed)?;
-    if (0..layout.slots.len()).any(|i| layout.edged(i)) {
-        for margin in MARGINS {
-            let Some((start, spread)) = framed(data, layout, start, &spread, margin)? else { break };
+    if layout.has_edges() {
+        let places = places(data, layout, start)?;
+        for margin in MARGINS.into_iter().filter(|_| places[0].len() >= FEWEST) {
+            let (start, spread) = framed(layout, start, &spread, &places, margin);
             let other = search(data, layout, &start, &spread, &leaps, seed)?;
             let losses = model::losses(data, layout, &[best.values.clone(), other.values.clone()], &leaps)?;
             best = if losses[1] < losses[0] { other } else { best };
         }
         // What is right by now of the latents need not be searched for again.
-        let latent = |i: usize| matches!(layout.slots[i].what, What::Latent(_));
-        let own = |(i, s): (usize, &f64)| if latent(i) { NARROW * s } else { *s };
+        let own = |(i, s): (usize, &f64)| if layout.slots[i].latent().is_some() { NARROW * s } else { *s };
         let spread: Vec<f64> = spread.iter().enumerate().map(own).collect();
         for share in CLOSER {
             let looks = model::looks(data, layout, &best, &[])?;
@@ -78,28 +79,16 @@ pub fn survey(data: &Data, layout: &Layout, start: &State, seed: u64) -> Result<
     Ok(best)
 }
 
-/// A start with edges about the places where the model without the effect goes wrong, all but the outermost share
-/// `margin`, and deviations from it; latents are taken for nearly right.
-fn framed(
-    data: &Data,
-    layout: &Layout,
-    start: &State,
-    spread: &[f64],
-    margin: f64,
-) -> Result<Option<(State, Vec<f64>)>> {
-    let parameter = |i: usize| match layout.slots[i].what {
-        What::Parameter(t, p) => Some(&layout.terms[t].effect.parameters[p]),
-        What::Latent(_) => None,
-    };
+/// x and y of the places where the model without the effect goes wrong, each in order, m.
+fn places(data: &Data, layout: &Layout, start: &State) -> Result<[Vec<f64>; 2]> {
     let mut without = start.clone();
     for (i, value) in without.values.iter_mut().enumerate() {
-        if let Some(amplitude) = parameter(i).filter(|p| !library::shapes(p)) {
+        if let Some(amplitude) = parameter(layout, i).filter(|p| !library::shapes(p)) {
             *value = amplitude.neutral;
         }
     }
     let mut places: [Vec<f64>; 2] = Default::default();
-    for (w, look) in model::looks(data, layout, &without, &[])?.iter().enumerate() {
-        let window = &data.windows[w];
+    for (look, window) in model::looks(data, layout, &without, &[])?.iter().zip(data.windows) {
         let off = |i: usize| look.residual[2 * i].hypot(look.residual[2 * i + 1]);
         for (i, point) in window.points.iter().enumerate().filter(|_| window.kind == Kind::Leap) {
             if off(i).powi(2) > FITS {
@@ -108,14 +97,23 @@ fn framed(
             }
         }
     }
-    if places[0].len() < FEWEST {
-        return Ok(None);
-    }
     places.iter_mut().for_each(|p| p.sort_by(f64::total_cmp));
+    Ok(places)
+}
+
+/// A start with edges about `places`, all but the outermost share `margin`, and deviations from it; latents are taken for
+/// nearly right.
+fn framed(
+    layout: &Layout,
+    start: &State,
+    spread: &[f64],
+    places: &[Vec<f64>; 2],
+    margin: f64,
+) -> (State, Vec<f64>) {
     let at = |k: usize, share: f64| places[k][(share * (places[k].len() - 1) as f64) as usize];
     let (mut framed, mut near) = (start.clone(), spread.to_vec());
     for (i, near) in near.iter_mut().enumerate() {
-        let Some(parameter) = parameter(i) else {
+        let Some(parameter) = parameter(layout, i) else {
             *near *= NARROW;
             continue;
         };
@@ -132,7 +130,15 @@ fn framed(
         framed.values[i] = at(axis, share);
         *near = 0.25 * (at(axis, 1.0) - at(axis, 0.0)) + 0.2;
     }
-    Ok(Some((framed, near)))
+    (framed, near)
+}
+
+/// The parameter that a slot stands for, unless it stands for a latent.
+fn parameter(layout: &Layout, slot: usize) -> Option<&'static Parameter> {
+    match layout.slots[slot].what {
+        What::Parameter(t, p) => Some(&layout.terms[t].effect.parameters[p]),
+        What::Latent(_) => None,
+    }
 }
 
 /// The cross-entropy method over some leaps, from deviations `spread`.
@@ -145,14 +151,14 @@ fn search(
     seed: u64,
 ) -> Result<State> {
     let shapes = (0..layout.slots.len()).filter(|i| layout.shapes(*i)).count();
-    let edges = if (0..layout.slots.len()).any(|i| layout.edged(i)) { EDGES } else { 1 };
+    let edges = if layout.has_edges() { EDGES } else { 1 };
     let samples = (SAMPLES[0] * layout.slots.len()).max(SAMPLES[1]) * edges;
     let elite = (ELITES * samples as f64).ceil() as usize / edges;
     let q = layout.slots.len();
     let mut mean = DVector::from_column_slice(&start.values);
     let mut covariance = DMatrix::from_fn(q, q, |i, j| if i == j { spread[i].powi(2) } else { 0.0 });
     let mut stream = rng::stream(seed, "survey");
-    let latent = |i: usize| matches!(layout.slots[i].what, What::Latent(_));
+    let latent = |i: usize| layout.slots[i].latent().is_some();
     let mut best = (f64::INFINITY, start.values.clone());
     for round in 0..ROUNDS[0] + ROUNDS[1] * shapes {
         let factor = root(&covariance);

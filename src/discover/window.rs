@@ -45,6 +45,11 @@ impl Kind {
     }
 }
 
+/// Whether there are stretches that start from what was seen whole.
+pub fn leaping(windows: &[Window]) -> bool {
+    windows.iter().any(|w| w.kind == Kind::Leap)
+}
+
 /// The straight piece of a static that a disc bounces off or rolls along.
 #[derive(Clone, Debug)]
 pub struct Surface {

@@ -11,6 +11,10 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::svg::{PALETTE, channels, cleaned, decimals, escape};
 
+mod field;
+
+pub use field::{Arrows, field};
+
 /// One line or cloud of points.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Series {
@@ -69,12 +73,23 @@ pub struct Heatmap {
 
 /// Lines through points, each with its band.
 pub fn lines(title: &str, x_label: &str, y_label: &str, series: &[Series]) -> String {
-    xy_plot(title, x_label, y_label, series, true)
+    xy_plot(title, x_label, y_label, &[], series)
 }
 
 /// Points; a band is drawn as an error bar on each.
 pub fn scatter(title: &str, x_label: &str, y_label: &str, series: &[Series]) -> String {
-    xy_plot(title, x_label, y_label, series, false)
+    xy_plot(title, x_label, y_label, series, &[])
+}
+
+/// Points with lines through them or over them; bands as in [`scatter`] and [`lines`].
+pub fn scatter_with(
+    title: &str,
+    x_label: &str,
+    y_label: &str,
+    series: &[Series],
+    curves: &[Series],
+) -> String {
+    xy_plot(title, x_label, y_label, series, curves)
 }
 
 /// Groups of bars from zero, with error bars.
@@ -339,8 +354,9 @@ type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 type Drawn = Result<(), Box<dyn std::error::Error>>;
 
-fn xy_plot(title: &str, x_label: &str, y_label: &str, series: &[Series], joined: bool) -> String {
-    let clean: Vec<Series> = series.iter().map(finite_only).collect();
+fn xy_plot(title: &str, x_label: &str, y_label: &str, clouds: &[Series], curves: &[Series]) -> String {
+    let clean: Vec<Series> = clouds.iter().chain(curves).map(finite_only).collect();
+    let joined = |i: usize| i >= clouds.len();
     let xs = clean.iter().flat_map(|s| s.points.iter().map(|p| p.0));
     let ys = clean.iter().flat_map(|s| {
         let bands = s.band.iter().flatten().flat_map(|b| [b.0, b.1]);
@@ -349,7 +365,7 @@ fn xy_plot(title: &str, x_label: &str, y_label: &str, series: &[Series], joined:
     let (Some(x), Some(y)) = (range(xs), range(ys)) else {
         return empty(title);
     };
-    let (x, y) = (widened(x, if joined { 0.0 } else { 0.04 }), widened(y, 0.05));
+    let (x, y) = (widened(x, if clouds.is_empty() { 0.0 } else { 0.04 }), widened(y, 0.05));
     let legend: Vec<(String, RGBColor)> =
         clean.iter().enumerate().map(|(i, s)| (s.name.clone(), paint(i))).collect();
     let shown = if clean.len() > 1 { legend } else { Vec::new() };
@@ -365,14 +381,14 @@ fn xy_plot(title: &str, x_label: &str, y_label: &str, series: &[Series], joined:
         mesh.bold_line_style(ShapeStyle::from(&GRID).stroke_width(units(1))).light_line_style(TRANSPARENT);
         finish_axes(&mut mesh, x_label, y_label)?;
         for (i, s) in clean.iter().enumerate() {
-            draw_band(&mut chart, s, paint(i), joined)?;
+            draw_band(&mut chart, s, paint(i), joined(i))?;
         }
         for (i, s) in clean.iter().enumerate() {
             let colour = paint(i);
-            if joined {
+            if joined(i) {
                 chart.draw_series([PathElement::new(s.points.clone(), colour.stroke_width(units(2)))])?;
             }
-            if !joined || s.points.len() <= 30 {
+            if !joined(i) || (clouds.is_empty() && s.points.len() <= 30) {
                 let size = units(3);
                 chart
                     .draw_series(s.points.iter().map(|p| Circle::new(*p, size, colour.mix(0.85).filled())))?;

@@ -181,11 +181,15 @@ fn moved(force: &Force, seed: u64) -> f64 {
     f64::sqrt(square / number)
 }
 
+/// What [`outside`] hides, kind by kind: gravity that depends on the place, a gust that chirps, a vortex, pushes in a
+/// chequered pattern, a patch that is a ring.
+pub const OUTSIDE: [&str; 5] = ["bumps", "chirp", "swirl", "chequer", "ring"];
+
 /// What the library does not have.
 pub fn outside(kind: usize, seed: u64) -> Hidden {
     let mut r = rng::stream(seed, "outside effect");
     let share: f64 = r.random_range(0.8..1.3);
-    let force: Force = match kind % 4 {
+    let force: Force = match kind % OUTSIDE.len() {
         // Bumps over the ground, 1.6 m apart.
         0 => Arc::new(move |_, s| [0.0, 3.0 * share * (4.0 * s[0]).sin()]),
         // A gust front that chirps.
@@ -195,6 +199,12 @@ pub fn outside(kind: usize, seed: u64) -> Hidden {
             let d = [s[0] - 1.5, s[1] - 1.5];
             let f = 6.0 * share / (0.15 + d[0] * d[0] + d[1] * d[1]);
             [-f * d[1], f * d[0]]
+        }),
+        // A sticky ring, which no rectangle resembles.
+        4 => Arc::new(move |_, s| {
+            let far = (s[0] - 1.5).hypot(s[1] - 1.5);
+            let kept = if (0.5..1.1).contains(&far) { -3.0 * share } else { 0.0 };
+            [kept * s[2], kept * s[3]]
         }),
         // A wall of air: a push only above a height that depends on place.
         _ => Arc::new(move |_, s| {

@@ -5,10 +5,11 @@
 
 mod camera_tilt;
 mod gravity_error;
-mod gust;
+pub mod gust;
 mod lag;
 mod lift;
 mod linear_drag;
+pub mod monomial;
 mod moving_air;
 mod placement_offset;
 mod position_field;
@@ -25,7 +26,7 @@ use crate::error::{Error, Result, within};
 use crate::task::scene::EffectTerm;
 
 /// Every known effect.
-pub static REGISTRY: [&Effect; 17] = [
+pub static REGISTRY: [&Effect; 18] = [
     &linear_drag::EFFECT,
     &quadratic_drag::EFFECT,
     &wind::EFFECT,
@@ -43,6 +44,7 @@ pub static REGISTRY: [&Effect; 17] = [
     &camera_tilt::EFFECT,
     &lag::EFFECT,
     &placement_offset::EFFECT,
+    &monomial::EFFECT,
 ];
 
 /// One effect: what it is called, what it takes, what it does.

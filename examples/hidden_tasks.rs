@@ -1,0 +1,164 @@
+//! Hides an effect in a task's real world, spends interactions on random actions, has the trials diagnosed, and counts
+//! how often the diagnosis is right.
+//!
+//! `cargo run --release --example hidden_tasks -- --seeds 3 --out tasks.md`: both tasks, every effect of [`HIDDEN`] and
+//! nothing, that many worlds each, sizes drawn by seed. `--first 100` takes other seeds, `--trials 50` is how many
+//! interactions, `--noise 0.01` (m) leaves positions and angles alone to be seen, `--engine rapier` lets the other engine
+//! play nature, `--only bowling/wind` takes one row. Every world's outcome is added to a CSV beside the table as soon as
+//! it is known, and a run that was stopped goes on where it was.
+
+use std::collections::{BTreeMap, HashSet};
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use iplw::discover::report::{Diagnosis, Verdict};
+use iplw::discover::{Config, diagnose};
+use iplw::experiment::random_trials;
+use iplw::progress::Silent;
+use iplw::reality::{HiddenConfig, HiddenWorld, settled, standard};
+use iplw::rng;
+use iplw::task::scene::EffectTerm;
+use iplw::task::{Split, family, split};
+use iplw::world::Engine;
+use rand::RngExt;
+
+/// An effect with the parameters it has, and the one whose size is drawn.
+type Row = (&'static str, &'static [(&'static str, f64)], &'static str);
+
+/// What is hidden, at its middle size: damping 0.8 as in the paper, a strong breeze, a ball that loses half its speed in
+/// 25 m, carpet in the middle of the floor, and a rebound that falls as far as still leaves one at 20 m/s.
+const HIDDEN: [Row; 6] = [
+    ("nothing", &[], ""),
+    ("linear_drag", &[("c", 0.223_143_55)], "c"),
+    ("wind", &[("ax", 1.0)], "ax"),
+    ("quadratic_drag", &[("k", 0.028)], "k"),
+    ("sticky_patch", &[("x_min", 14.0), ("x_max", 28.0), ("y_min", 0.0), ("y_max", 6.0), ("c", 2.0)], "c"),
+    ("restitution_speed", &[("slope", 0.004)], "slope"),
+];
+/// Sizes are drawn within these shares of the middle one.
+const SIZES: [f64; 2] = [0.75, 1.33];
+const TASKS: [&str; 2] = ["bowling", "basketball"];
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let arguments: Vec<String> = std::env::args().collect();
+    let given = |name: &str| {
+        let at = arguments.iter().position(|a| a == name);
+        at.and_then(|i| arguments.get(i + 1)).cloned()
+    };
+    let number = |name: &str, usual: u64| given(name).and_then(|v| v.parse().ok()).unwrap_or(usual);
+    let (seeds, first, trials) = (number("--seeds", 1), number("--first", 1), number("--trials", 50));
+    let noise: f64 = given("--noise").and_then(|v| v.parse().ok()).unwrap_or(0.0);
+    let engine = if given("--engine").as_deref() == Some("rapier") { Engine::Rapier } else { Engine::Auto };
+    let out = PathBuf::from(given("--out").unwrap_or_else(|| "hidden_tasks.md".into()));
+    let only = given("--only").unwrap_or_default();
+    let log = out.with_extension("csv");
+    let known = std::fs::read_to_string(&log).unwrap_or_default();
+    let done: HashSet<&str> = known.lines().filter_map(|l| l.split(',').next()).collect();
+    let mut file = std::fs::OpenOptions::new().create(true).append(true).open(&log)?;
+    for seed in first..first + seeds {
+        for task in TASKS {
+            for row in &HIDDEN {
+                let name = format!("{task}/{}", row.0);
+                let key = format!("{name}/{seed}/{trials}/{noise}/{engine:?}");
+                if done.contains(key.as_str()) || !name.starts_with(&only) {
+                    continue;
+                }
+                let world = HiddenConfig { noise, engine, ..hidden(task, row, seed)? };
+                let begun = Instant::now();
+                let d = look(task, world.clone(), trials as usize, seed)?;
+                let line = line(row, &world, &d, begun.elapsed().as_secs_f64());
+                eprintln!("{key}: {line}");
+                writeln!(file, "{key},{line}")?;
+            }
+        }
+    }
+    drop(file);
+    let table = table(&log)?;
+    print!("{table}");
+    std::fs::write(&out, table)?;
+    Ok(())
+}
+
+/// A task's standard hidden world with an effect of a drawn size in the place of its own.
+fn hidden(task: &str, (name, parameters, drawn): &Row, seed: u64) -> iplw::error::Result<HiddenConfig> {
+    let share: f64 = rng::stream(rng::derive(seed, task, 0), name).random_range(SIZES[0]..SIZES[1]);
+    let value = |(p, v): &(&str, f64)| (p.to_string(), if p == drawn { v * share } else { *v });
+    let term = || EffectTerm { name: name.to_string(), parameters: parameters.iter().map(value).collect() };
+    let effects = if parameters.is_empty() { Vec::new() } else { vec![term()] };
+    Ok(HiddenConfig { effects, seed, ..standard(family(task)?) })
+}
+
+/// A diagnosis of random attempts at a task's training tasks.
+fn look(task: &str, world: HiddenConfig, trials: usize, seed: u64) -> iplw::error::Result<Diagnosis> {
+    let mut world = HiddenWorld::new(world)?;
+    let tasks = split(&family(task)?.fold(0), Split::Train);
+    let trials = random_trials(&tasks, &mut world, trials, seed, &Silent)?;
+    let (scene, trials) = settled(&tasks[0].scene, trials)?;
+    Ok(diagnose(&scene, &trials, &Config::standard(seed), &Silent)?.diagnosis)
+}
+
+/// verdict, sets, relative error of the drawn parameter, friction and restitution found less the true ones, unexplained
+/// share, seconds
+fn line((name, _, drawn): &Row, world: &HiddenConfig, d: &Diagnosis, seconds: f64) -> String {
+    let sets = d.rivals.iter().map(|r| r.join("+")).collect::<Vec<_>>().join("|");
+    let parameter = |terms: &EffectTerm| terms.parameters.get(*drawn).copied();
+    let truth = world.effects.first().and_then(parameter);
+    let found = d.effects.iter().find(|e| e.name == *name);
+    let found = found.and_then(|e| e.parameters.iter().find(|p| p.name == *drawn)).map(|p| p.value);
+    let error = truth.zip(found).map_or(String::new(), |(t, f)| format!("{:.4}", f / t - 1.0));
+    let latent = |name: &str, truth: Option<f64>| {
+        let found = d.calibrated.iter().find(|c| c.name == name).map(|c| c.value);
+        truth.zip(found).map_or(String::new(), |(t, f)| format!("{:.4}", f - t))
+    };
+    let friction = latent("friction", world.latents.friction);
+    let restitution = latent("restitution", world.latents.restitution);
+    let left = d.unexplained_share.map_or(String::new(), |s| format!("{s:.4}"));
+    format!("{:?},{sets},{error},{friction},{restitution},{left},{seconds:.0}", d.verdict)
+}
+
+/// How often which row was right, and every world.
+fn table(log: &Path) -> std::io::Result<String> {
+    let text = std::fs::read_to_string(log)?;
+    // worlds, named alone, in the reported set, a wrong single name
+    let mut counts: BTreeMap<String, [usize; 4]> = BTreeMap::new();
+    let mut rows = String::new();
+    for row in text.lines() {
+        let cells: Vec<&str> = row.split(',').collect();
+        let [key, verdict, sets, error, friction, restitution, left, seconds] = cells[..] else { continue };
+        let parts: Vec<&str> = key.split('/').collect();
+        let [task, truth, seed, trials, noise, engine] = parts[..] else { continue };
+        let nothing = truth == "nothing";
+        let named = verdict == format!("{:?}", Verdict::Named);
+        let within = if nothing {
+            verdict == format!("{:?}", Verdict::None)
+        } else {
+            sets.split('|').any(|s| s == truth) && verdict != format!("{:?}", Verdict::Unknown)
+        };
+        for of in
+            [format!("{task} {truth}"), format!("all with {}", if nothing { "nothing" } else { "an effect" })]
+        {
+            let own = counts.entry(format!("{of} | {trials} | {noise} | {engine}")).or_default();
+            let told = [true, within && (named || nothing), within, named && !within];
+            own.iter_mut().zip(told).for_each(|(n, t)| *n += usize::from(t));
+        }
+        let _ = writeln!(
+            rows,
+            "| {task} | {truth} | {seed} | {noise} | {engine} | {verdict} | {} | {error} | {friction} | {restitution} \
+             | {left} | {seconds} |",
+            sets.replace('|', " or ")
+        );
+    }
+    let mut out = String::from(
+        "| hidden | trials | noise, m | nature | worlds | named alone | in the reported set | a wrong single name |\n\
+         |---|---|---|---|---|---|---|---|\n",
+    );
+    for (of, [worlds, alone, within, wrong]) in counts {
+        let _ = writeln!(out, "| {of} | {worlds} | {alone} | {within} | {wrong} |");
+    }
+    out += "\nParameter: relative error of the effect's size. Friction, restitution: found less true.\n\n\
+            | task | hidden | seed | noise, m | nature | verdict | reported | parameter | friction | restitution | \
+            unexplained | s |\n|---|---|---|---|---|---|---|---|---|---|---|---|\n";
+    Ok(out + &rows)
+}
