@@ -70,7 +70,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 let d = look(task, world.clone(), trials as usize, seed)?;
                 let line = line(row, &world, &d, begun.elapsed().as_secs_f64());
                 eprintln!("{key}: {line}");
-                writeln!(file, "{key},{line}")?;
+                file.write_all(format!("{key},{line}\n").as_bytes())?;
             }
         }
     }
@@ -145,7 +145,7 @@ fn table(log: &Path) -> std::io::Result<String> {
         }
         let _ = writeln!(
             rows,
-            "| {task} | {truth} | {seed} | {noise} | {engine} | {verdict} | {} | {error} | {friction} | {restitution} \
+            "| {task} | {truth} | {seed} | {trials} | {noise} | {engine} | {verdict} | {} | {error} | {friction} | {restitution} \
              | {left} | {seconds} |",
             sets.replace('|', " or ")
         );
@@ -158,7 +158,7 @@ fn table(log: &Path) -> std::io::Result<String> {
         let _ = writeln!(out, "| {of} | {worlds} | {alone} | {within} | {wrong} |");
     }
     out += "\nParameter: relative error of the effect's size. Friction, restitution: found less true.\n\n\
-            | task | hidden | seed | noise, m | nature | verdict | reported | parameter | friction | restitution | \
-            unexplained | s |\n|---|---|---|---|---|---|---|---|---|---|---|---|\n";
+            | task | hidden | seed | trials | noise, m | nature | verdict | reported | parameter | friction | restitution | \
+            unexplained | s |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|\n";
     Ok(out + &rows)
 }

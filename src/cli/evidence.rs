@@ -1,7 +1,7 @@
 //! Plots of what a diagnosis rests on: residuals with what the found effects do to them, the field that is missing, and
 //! what contacts gave.
 
-use iplw::discover::{Bounce, Evidence, EvidencePoint, Push};
+use iplw::discover::{Bounce, Evidence, EvidencePoint, Met, Push};
 use iplw::picture::plot::{Arrows, Series, field, lines, scatter, scatter_with};
 
 /// File name, caption and picture.
@@ -14,6 +14,8 @@ const BINS: usize = 24;
 const LEAST: usize = 12;
 /// Cells of the field along x and y.
 const CELLS: [usize; 2] = [10, 7];
+/// Speed of approach, as a share of the largest, below which a bounce is not shown.
+const FAINT: f64 = 0.05;
 /// Most settings that a plot tells apart.
 const SETTINGS: usize = 8;
 
@@ -76,16 +78,17 @@ fn residuals(evidence: &Evidence) -> Vec<Plot> {
     out
 }
 
-/// Means of neighbours along x, as many in each.
+/// Means of neighbours along x, about as many in each.
 fn means(mut points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
     points.retain(|p| p.0.is_finite() && p.1.is_finite());
     points.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let size = points.len().div_ceil(BINS).max(LEAST);
-    let mean = |bin: &[(f64, f64)]| {
+    let count = (points.len() / LEAST).clamp(1, BINS);
+    let mean = |k: usize| {
+        let bin = &points[k * points.len() / count..(k + 1) * points.len() / count];
         let sum = bin.iter().fold((0.0, 0.0), |s, p| (s.0 + p.0, s.1 + p.1));
         (sum.0 / bin.len() as f64, sum.1 / bin.len() as f64)
     };
-    points.chunks(size).map(mean).collect()
+    if points.is_empty() { Vec::new() } else { (0..count).map(mean).collect() }
 }
 
 fn autocorrelations(evidence: &Evidence) -> Plot {
@@ -98,15 +101,17 @@ fn autocorrelations(evidence: &Evidence) -> Plot {
     plot("autocorrelation", caption, lines(title, "lag, observations", "correlation", &both))
 }
 
-/// Mean correlation within windows at lags 0 to 12.
+/// Mean correlation within windows, body by body, at lags 0 to 12.
 fn autocorrelation(evidence: &Evidence, pick: fn(&EvidencePoint) -> [f64; 2]) -> Vec<(f64, f64)> {
-    let points = &evidence.points;
+    let mut points: Vec<&EvidencePoint> = evidence.points.iter().collect();
+    points.sort_by_key(|p| (p.window, p.body));
     let at_lag = |lag: usize| {
         let (mut products, mut squares) = (0.0, 0.0);
-        for i in 0..points.len() {
-            let r = pick(&points[i]);
+        for (i, point) in points.iter().enumerate() {
+            let r = pick(point);
             squares += r[0] * r[0] + r[1] * r[1];
-            if let Some(other) = points.get(i + lag).filter(|o| o.window == points[i].window) {
+            let same = |o: &&&EvidencePoint| (o.window, o.body) == (point.window, point.body);
+            if let Some(other) = points.get(i + lag).filter(same) {
                 let o = pick(other);
                 products += r[0] * o[0] + r[1] * o[1];
             }
@@ -152,7 +157,8 @@ fn pushes(pushes: &[Push]) -> Vec<Plot> {
         arrows.push(Arrows { name: "what the extension adds".into(), arrows: cells(pushes, |p| p.found) });
     }
     let name = "Residual force field";
-    let caption = "Residual force field, per mass: the middle one of the pieces of flight in each cell";
+    let caption =
+        "Residual force field, per mass: the median along each axis of the pieces of flight in each cell";
     vec![
         plot("acceleration", title, svg),
         plot("field", caption, field(name, "x, m", "y, m", "m/s^2", &arrows)),
@@ -189,49 +195,40 @@ fn cells(pushes: &[Push], pick: fn(&Push) -> [f64; 2]) -> Vec<([f64; 2], [f64; 2
 }
 
 fn bounces(bounces: &[Bounce]) -> Vec<Plot> {
-    if bounces.is_empty() {
+    let largest = bounces.iter().map(|b| b.seen.approach).fold(0.0, f64::max);
+    // What hardly approaches says nothing.
+    let told: Vec<&Bounce> = bounces
+        .iter()
+        .filter(|b| [b.seen, b.base, b.extended].iter().all(|m| m.approach > FAINT * largest))
+        .collect();
+    if told.is_empty() {
         return Vec::new();
     }
-    let of = |name: &str, at: &dyn Fn(&Bounce) -> f64, value: &dyn Fn(&Bounce) -> f64| {
-        let mut points: Vec<(f64, f64)> = bounces.iter().map(|b| (at(b), value(b))).collect();
-        points.sort_by(|a, b| a.0.total_cmp(&b.0));
-        series(name, points)
-    };
-    let three = |at: &dyn Fn(&Bounce) -> f64, value: &dyn Fn(&Bounce, [f64; 2]) -> f64| {
+    let three = |at: fn(&Met) -> (f64, f64)| {
         [
-            of("seen", at, &|b| value(b, b.seen)),
-            of("base model", at, &|b| value(b, b.base)),
-            of("extended model", at, &|b| value(b, b.found)),
+            series("seen", told.iter().map(|b| at(&b.seen)).collect()),
+            series("base model", told.iter().map(|b| at(&b.base)).collect()),
+            series("extended model", told.iter().map(|b| at(&b.extended)).collect()),
         ]
     };
-    let approach = |b: &Bounce| b.approach;
-    let normal = three(&approach, &|_, impulse| impulse[0]);
-    let tangent = three(&|b| b.slip, &|_, impulse| impulse[1]);
-    let restitution = three(&approach, &|b, impulse| impulse[0] / b.approach.max(1e-9) - 1.0);
-    let drawn = |title: &str, x: &str, y: &str, [seen, base, found]: &[Series; 3]| {
-        scatter(title, x, y, &[seen.clone(), base.clone(), found.clone()])
+    let drawn = |name: &str, title: &str, x: &str, y: &str, at: fn(&Met) -> (f64, f64)| {
+        let caption = format!("{title}, by the observations around each bounce and by both models");
+        (name.to_string(), caption, scatter(title, x, y, &three(at)))
     };
-    let titles = [
-        "Impulse along the normal over the speed of impact",
-        "Impulse along the surface over the slip before",
-        "Restitution over the speed of impact",
-    ];
-    let caption = |title: &str| format!("{title}, by the observations around each bounce and by both models");
+    let (impact, impulse) = ("impact speed, m/s", "impulse over mass, m/s");
     vec![
-        plot(
-            "impulse",
-            &caption(titles[0]),
-            drawn(titles[0], "impact speed, m/s", "impulse over mass, m/s", &normal),
-        ),
-        plot(
-            "impulse_along",
-            &caption(titles[1]),
-            drawn(titles[1], "slip, m/s", "impulse over mass, m/s", &tangent),
-        ),
-        plot(
+        drawn("impulse", "Impulse along the normal over the speed of impact", impact, impulse, |m| {
+            (m.approach, m.impulse[0])
+        }),
+        drawn("impulse_along", "Impulse along the surface over the slip before", "slip, m/s", impulse, |m| {
+            (m.slip, m.impulse[1])
+        }),
+        drawn(
             "restitution",
-            &caption(titles[2]),
-            drawn(titles[2], "impact speed, m/s", "rebound over impact speed", &restitution),
+            "Restitution over the speed of impact",
+            impact,
+            "rebound over impact speed",
+            |m| (m.approach, m.impulse[0] / m.approach - 1.0),
         ),
     ]
 }

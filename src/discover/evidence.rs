@@ -2,12 +2,12 @@
 //! what contacts gave.
 
 use super::judge::Fitted;
-use super::model::{self, Data, Layout};
+use super::model::{self, Data};
 use super::path::Impact;
 use super::window::{Kind, Window};
 use crate::error::Result;
 
-/// Residuals point by point.
+/// Residuals, pushes and bounces.
 #[derive(Clone, Debug, Default)]
 pub struct Evidence {
     pub points: Vec<EvidencePoint>,
@@ -17,18 +17,20 @@ pub struct Evidence {
     pub settings: Vec<String>,
 }
 
-/// An observation with what the models leave of it.
+/// An observation with what the models leave of it; observations that do not count are left out.
 #[derive(Clone, Copy, Debug)]
 pub struct EvidencePoint {
     /// Index of the trial.
     pub trial: usize,
     /// Index of the window.
     pub window: usize,
+    /// Index into the window's bodies.
+    pub body: usize,
     /// Index into [`Evidence::settings`].
     pub setting: usize,
     /// s on the trial's clock
     pub time: f64,
-    /// m
+    /// m, as seen
     pub position: [f64; 2],
     /// m/s, of the extended model
     pub velocity: [f64; 2],
@@ -38,7 +40,7 @@ pub struct EvidencePoint {
     pub after: [f64; 2],
 }
 
-/// A piece of a path and the acceleration that the base model lacks along it.
+/// A piece of a flight and the acceleration that the base model lacks along it.
 #[derive(Clone, Copy, Debug)]
 pub struct Push {
     /// Mean of the piece, m.
@@ -47,7 +49,7 @@ pub struct Push {
     pub speed: f64,
     /// m/s^2, by the base model's residuals
     pub seen: [f64; 2],
-    /// m/s^2, by what the extended model has and the base model has not; mean of the piece
+    /// m/s^2, by the laws of motion that the extended model has and the base model has not; mean of the piece
     pub found: [f64; 2],
 }
 
@@ -55,80 +57,76 @@ pub struct Push {
 #[derive(Clone, Copy, Debug)]
 pub struct Bounce {
     pub setting: usize,
+    /// By the observations around it.
+    pub seen: Met,
+    pub base: Met,
+    pub extended: Met,
+}
+
+/// What a bounce takes and gives.
+#[derive(Clone, Copy, Debug)]
+pub struct Met {
     /// Speed of approach along the normal, m/s.
     pub approach: f64,
     /// Speed of the disc's rim along the surface before, m/s.
     pub slip: f64,
-    /// Impulse over mass along the normal and along the surface, m/s, by the observations around the bounce.
-    pub seen: [f64; 2],
-    /// The same by the base model.
-    pub base: [f64; 2],
-    /// The same by the extended model.
-    pub found: [f64; 2],
+    /// Impulse over mass along the normal and along the surface, m/s.
+    pub impulse: [f64; 2],
 }
 
-/// Fewest observations of a piece that shows an acceleration, and the share of a window that a piece is.
+/// Fewest observations of a piece that shows an acceleration, and pieces that a flight is cut into at most.
 const PIECE: usize = 7;
-const SHARE: f64 = 0.25;
+const PIECES: usize = 4;
 
 /// What the windows show of a base model and an extended one.
-pub fn evidence(
-    windows: &[Window],
-    data: &Data,
-    base: &Fitted,
-    model: &Fitted,
-    names: &[String],
-) -> Result<Evidence> {
+pub fn evidence(data: &Data, base: &Fitted, model: &Fitted, names: &[String]) -> Result<Evidence> {
     let paths = model::paths(data, &model.layout, &model.state)?;
     let mut out = Evidence { settings: names.to_vec(), ..Evidence::default() };
-    for (w, window) in windows.iter().enumerate() {
+    for (w, window) in data.windows.iter().enumerate() {
         if window.kind == Kind::Contact {
             out.bounces.extend(bounce(window, w, base, model));
             continue;
         }
-        let points: Vec<EvidencePoint> = (0..window.points.len())
-            .filter(|i| window.points[*i].weight > 0.0)
-            .map(|i| {
-                let pair = |r: &[f64]| [r[2 * i], r[2 * i + 1]];
-                EvidencePoint {
-                    trial: window.trial,
-                    window: w,
-                    setting: window.setting,
-                    time: window.start + window.points[i].time,
-                    position: window.points[i].seen,
-                    velocity: [paths[w][i][2], paths[w][i][3]],
-                    before: pair(&base.pass.residuals[w]),
-                    after: pair(&model.pass.residuals[w]),
-                }
-            })
-            .collect();
-        if matches!(window.kind, Kind::Flight | Kind::Roll) {
-            let of = |p: &EvidencePoint| {
-                let state = [p.position[0], p.position[1], p.velocity[0], p.velocity[1]];
-                let push =
-                    |layout: &Layout, values: &[f64]| model::push(window, layout, values, p.time, state);
-                let (with, without) =
-                    (push(&model.layout, &model.state.values), push(&base.layout, &base.state.values));
-                [with[0] - without[0], with[1] - without[1]]
+        let point = |i: usize| {
+            let pair = |r: &[f64]| [r[2 * i], r[2 * i + 1]];
+            let point = EvidencePoint {
+                trial: window.trial,
+                window: w,
+                body: window.points[i].body,
+                setting: window.setting,
+                time: window.start + window.points[i].time,
+                position: window.points[i].seen,
+                velocity: [paths[w][i][2], paths[w][i][3]],
+                before: pair(&base.pass.residuals[w]),
+                after: pair(&model.pass.residuals[w]),
             };
-            let length = ((SHARE * points.len() as f64) as usize).max(PIECE);
-            out.pushes.extend(points.chunks_exact(length).map(|piece| pushed(piece, of)));
+            let known = point.before.iter().chain(&point.after).all(|v| v.is_finite());
+            known.then_some((i, point))
+        };
+        let points: Vec<(usize, EvidencePoint)> = (0..window.points.len()).filter_map(point).collect();
+        if window.kind == Kind::Flight && points.len() >= PIECE {
+            let of = |f: &Fitted| model::pushes(window, &f.layout, &f.state.values, &paths[w]);
+            let (with, without) = (of(model), of(base));
+            let added: Vec<[f64; 2]> =
+                points.iter().map(|(i, _)| [0, 1].map(|k| with[*i][k] - without[*i][k])).collect();
+            let only: Vec<EvidencePoint> = points.iter().map(|p| p.1).collect();
+            let count = (points.len() / PIECE).min(PIECES);
+            for k in 0..count {
+                let piece = k * points.len() / count..(k + 1) * points.len() / count;
+                out.pushes.push(pushed(&only[piece.clone()], &added[piece]));
+            }
         }
-        out.points.extend(points);
+        out.points.extend(points.into_iter().map(|p| p.1));
     }
     Ok(out)
 }
 
 /// The constant acceleration that a piece's base residuals are nearest to, its start and velocity being free.
-fn pushed(piece: &[EvidencePoint], found: impl Fn(&EvidencePoint) -> [f64; 2]) -> Push {
+fn pushed(piece: &[EvidencePoint], added: &[[f64; 2]]) -> Push {
     let n = piece.len() as f64;
     let mean = |f: &dyn Fn(&EvidencePoint) -> f64| piece.iter().map(f).sum::<f64>() / n;
     let middle = mean(&|p| p.time);
-    let (second, third, fourth) = (
-        mean(&|p| (p.time - middle).powi(2)),
-        mean(&|p| (p.time - middle).powi(3)),
-        mean(&|p| (p.time - middle).powi(4)),
-    );
+    let [second, third, fourth] = [2, 3, 4].map(|k| mean(&|p| (p.time - middle).powi(k)));
     // t^2 / 2 with what is constant and what is linear in time taken out.
     let curve = |p: &EvidencePoint| {
         let t = p.time - middle;
@@ -136,38 +134,37 @@ fn pushed(piece: &[EvidencePoint], found: impl Fn(&EvidencePoint) -> [f64; 2]) -
     };
     let square = 0.25 * (fourth - second * second - third * third / second.max(1e-300));
     let along = |axis: usize| mean(&|p| curve(p) * p.before[axis]) / square.max(1e-300);
+    let average = |axis: usize| added.iter().map(|a| a[axis]).sum::<f64>() / n;
     Push {
         position: [mean(&|p| p.position[0]), mean(&|p| p.position[1])],
         speed: mean(&|p| p.velocity[0].hypot(p.velocity[1])),
         seen: [along(0), along(1)],
-        found: [mean(&|p| found(p)[0]), mean(&|p| found(p)[1])],
+        found: [average(0), average(1)],
     }
 }
 
-/// What a contact gave: by the models, and by the kink that the extended model's residuals still have there.
+/// What a contact took and gave: by the models, and by what the extended model's residuals still have before and after.
 fn bounce(window: &Window, w: usize, base: &Fitted, model: &Fitted) -> Option<Bounce> {
-    let normal = window.surface.as_ref()?.normal;
+    let [nx, ny] = window.surface.as_ref()?.normal;
     let of = |f: &Fitted| model::impact(window, w, &f.layout, &f.state);
-    let (base, found) = (of(base)?, of(model)?);
-    let kink = kink(window, &model.pass.residuals[w], found.time - window.start)?;
-    let both = |i: &Impact| [i.normal, i.tangent];
-    Some(Bounce {
-        setting: window.setting,
-        approach: found.approach,
-        slip: found.slip,
-        seen: [
-            found.normal + kink[0] * normal[0] + kink[1] * normal[1],
-            found.tangent - kink[0] * normal[1] + kink[1] * normal[0],
-        ],
-        base: both(&base),
-        found: both(&found),
-    })
+    let (base, extended) = (of(base)?, of(model)?);
+    let drift = |after: bool| drift(window, &model.pass.residuals[w], extended.time, after);
+    let (before, after) = (drift(false)?, drift(true)?);
+    let along = |v: [f64; 2]| [v[0] * nx + v[1] * ny, v[1] * nx - v[0] * ny];
+    let (before, kink) = (along(before), along([after[0] - before[0], after[1] - before[1]]));
+    let met = |i: &Impact| Met { approach: i.approach, slip: i.slip, impulse: [i.normal, i.tangent] };
+    let seen = Met {
+        approach: extended.approach - before[0],
+        slip: extended.slip + before[1],
+        impulse: [extended.normal + kink[0], extended.tangent + kink[1]],
+    };
+    Some(Bounce { setting: window.setting, seen, base: met(&base), extended: met(&extended) })
 }
 
-/// By how much the residuals' velocity changes at a time since the window's start, m/s; `None` with fewer than two
-/// observations on a side.
-fn kink(window: &Window, residual: &[f64], time: f64) -> Option<[f64; 2]> {
-    let slope = |axis: usize, after: bool| {
+/// The residuals' velocity before or after a time since the window's start, m/s; `None` with fewer than two observations
+/// there.
+fn drift(window: &Window, residual: &[f64], time: f64, after: bool) -> Option<[f64; 2]> {
+    let slope = |axis: usize| {
         let known =
             |i: &usize| (window.points[*i].time > time) == after && residual[2 * i + axis].is_finite();
         let rows: Vec<usize> = (0..window.points.len()).filter(known).collect();
@@ -178,7 +175,7 @@ fn kink(window: &Window, residual: &[f64], time: f64) -> Option<[f64; 2]> {
         let up: f64 = rows.iter().map(|i| (t(*i) - mean) * r(*i)).sum();
         (rows.len() >= 2 && down > 0.0).then(|| up / down)
     };
-    Some([slope(0, true)? - slope(0, false)?, slope(1, true)? - slope(1, false)?])
+    Some([slope(0)?, slope(1)?])
 }
 
 #[cfg(test)]
@@ -194,6 +191,7 @@ mod tests {
                 EvidencePoint {
                     trial: 0,
                     window: 0,
+                    body: 0,
                     setting: 0,
                     time: t,
                     position: [t, 1.0],
@@ -203,7 +201,8 @@ mod tests {
                 }
             })
             .collect();
-        let push = pushed(&piece, |p| [p.time, 0.0]);
+        let added: Vec<[f64; 2]> = piece.iter().map(|p| [p.time, 0.0]).collect();
+        let push = pushed(&piece, &added);
         assert!((push.seen[0] - 3.0).abs() < 1e-9 && (push.seen[1] + 2.0).abs() < 1e-9, "{push:?}");
         assert!((push.found[0] - push.position[0]).abs() < 1e-12 && push.speed == 5.0);
     }

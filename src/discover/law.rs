@@ -12,11 +12,12 @@ use nalgebra::{DMatrix, DVector};
 
 use super::judge::Fitted;
 use super::library::span;
-use super::model::{Layout, Term};
+use super::model::{self, Data, Layout, Term};
 use super::noise::Noise;
 use super::path::INSTANT;
 use super::stats::{inverse, solve};
-use super::window::{Kind, Window};
+use super::window::{Kind, Point, Window};
+use crate::error::Result;
 use crate::world::effect::{Act, Effect, Moving, Surroundings, gust, monomial};
 
 /// Powers of x, y, vx, vy and |v|.
@@ -40,35 +41,45 @@ const PERIODS: [f64; 3] = [2.0, 1.0, 0.5];
 const MOST: usize = 3;
 /// Share of what is left that a function must take to join.
 const WORTH: f64 = 0.05;
+/// Acceleration by which an amplitude is moved for a derivative, where its function is largest, m/s^2.
+const NUDGE: f64 = 1e-2;
 /// How far above the noise floor a residual must be for another function to be looked for.
 const ABOVE: f64 = 1.2;
 
 /// Terms for what `model` leaves in flight, the amplitude along one axis free in each; none without flights, or where no
 /// function takes enough.
-pub fn law(windows: &[Window], model: &Fitted, noise: &Noise) -> Vec<Term> {
+pub fn law(data: &Data, model: &Fitted, noise: &Noise) -> Result<Vec<Term>> {
+    let windows = data.windows;
     let functions = functions(span(windows).duration);
-    let flights: Vec<usize> = (0..windows.len()).filter(|w| windows[*w].kind == Kind::Flight).collect();
+    let paths = model::paths(data, &model.layout, &model.state)?;
+    let pushes = |w: usize| pushes(&windows[w], &paths[w], &functions);
+    let flights: Vec<(usize, Vec<Vec<f64>>)> =
+        (0..windows.len()).filter(|w| windows[*w].kind == Kind::Flight).map(|w| (w, pushes(w))).collect();
+    let largest = |k: usize| flights.iter().flat_map(|(_, f)| &f[k]).fold(0.0f64, |m, v| m.max(v.abs()));
     let mut terms = Vec::new();
     for axis in 0..2 {
         let (mut gram, mut score) =
             (DMatrix::zeros(functions.len(), functions.len()), DVector::zeros(functions.len()));
         let (mut total, mut count) = (0.0, 0);
-        for w in &flights {
-            let (columns, r) = responses(&windows[*w], &model.pass.residuals[*w], axis, &functions);
+        for (w, pushes) in &flights {
+            let (columns, r) = responses(&windows[*w], &model.pass.residuals[*w], axis, pushes);
             gram += columns.tr_mul(&columns);
             score += columns.tr_mul(&r);
             total += r.norm_squared();
-            count += r.len();
+            // The start takes up two of them.
+            count += r.len().saturating_sub(2);
         }
         let floor = count as f64 * noise.sd * noise.sd;
         for (k, amplitude) in sparse(&gram, &score, total, floor) {
             let (effect, mut start) = functions[k].clone();
-            start[axis] = amplitude;
+            let [low, high] = effect.parameters[axis].bounds;
+            start[axis] = amplitude.clamp(low, high);
             let free = (0..start.len()).map(|p| p == axis).collect();
-            terms.push(Term { effect, per_setting: false, start, free });
+            let difference = Some(NUDGE / largest(k).max(1e-9));
+            terms.push(Term { effect, per_setting: false, start, free, difference });
         }
     }
-    terms
+    Ok(terms)
 }
 
 /// A law in words: the terms of a layout from `first` on, with their fitted amplitudes.
@@ -77,7 +88,9 @@ pub fn formula(layout: &Layout, values: &[f64], first: usize) -> String {
     for (t, term) in layout.terms.iter().enumerate().skip(first) {
         for slot in layout.of_term(t) {
             let axis = usize::from(term.free[1]);
-            axes[axis] += &format!(" {:+.4} {}", values[slot], text(term.effect, &term.start));
+            let value = values[slot];
+            let digits = if value.abs() < 0.01 { format!("{value:+.2e}") } else { format!("{value:+.3}") };
+            axes[axis] += &format!(" {digits} {}", text(term.effect, &term.start));
         }
     }
     let line = |(name, sum): (&str, &String)| (!sum.is_empty()).then(|| format!("{name} ={sum}"));
@@ -142,39 +155,35 @@ fn sparse(gram: &DMatrix<f64>, score: &DVector<f64>, total: f64, floor: f64) -> 
     chosen.into_iter().zip(solve(&a, &b).iter().copied()).collect()
 }
 
-/// Doubly integrated functions along a window's path, and its residual, the start projected out of both.
+/// The functions along a window's path (x, y, vx, vy by point), each with an amplitude of 1: by function, then by point.
+fn pushes(window: &Window, path: &[[f64; 4]], functions: &[(&'static Effect, Vec<f64>)]) -> Vec<Vec<f64>> {
+    let around = Surroundings { time_step: INSTANT, gravity: window.scene.gravity };
+    let along = |(effect, values): &(&'static Effect, Vec<f64>)| {
+        let Act::Motion(law) = effect.act else { return vec![0.0; path.len()] };
+        let mut values = values.clone();
+        values[0] = 1.0;
+        let constants = law.constants(&values, &around);
+        let push = |(point, &[x, y, vx, vy]): (&Point, &[f64; 4])| {
+            let body = Moving { time: window.start + point.time, x, y, vx, vy, omega: 0.0 };
+            (law.kick(&constants, body, INSTANT)[0] - vx) / INSTANT
+        };
+        window.points.iter().zip(path).map(push).collect()
+    };
+    functions.iter().map(along).collect()
+}
+
+/// Pushes integrated twice along a window, and its residual, the start projected out of both.
 fn responses(
     window: &Window,
     residual: &[f64],
     axis: usize,
-    functions: &[(&'static Effect, Vec<f64>)],
+    pushes: &[Vec<f64>],
 ) -> (DMatrix<f64>, DVector<f64>) {
-    let n = window.points.len();
     let t: Vec<f64> = window.points.iter().map(|p| p.time).collect();
-    // The path itself, less its noise: what was seen minus the residual.
-    let at = |i: usize, a: usize| {
-        let r = residual[2 * i + a];
-        window.points[i].seen[a] - if r.is_finite() { r } else { 0.0 }
-    };
-    let velocity = |i: usize, a: usize| {
-        let (j, k) = (i.saturating_sub(1), (i + 1).min(n - 1));
-        (at(k, a) - at(j, a)) / (t[k] - t[j]).max(1e-12)
-    };
-    let path: Vec<Moving> = (0..n)
-        .map(|i| Moving {
-            time: window.start + t[i],
-            x: at(i, 0),
-            y: at(i, 1),
-            vx: velocity(i, 0),
-            vy: velocity(i, 1),
-            omega: 0.0,
-        })
-        .collect();
-    let mut columns = DMatrix::zeros(n, functions.len());
-    for (k, (effect, values)) in functions.iter().enumerate() {
+    let mut columns = DMatrix::zeros(t.len(), pushes.len());
+    for (k, pushes) in pushes.iter().enumerate() {
         let (mut speed, mut place) = (0.0, 0.0);
-        let pushes: Vec<f64> = path.iter().map(|m| unit_push(effect, values, window, *m)).collect();
-        for i in 1..n {
+        for i in 1..t.len() {
             let dt = t[i] - t[i - 1];
             let a = 0.5 * (pushes[i - 1] + pushes[i]);
             place += speed * dt + 0.5 * a * dt * dt;
@@ -182,23 +191,14 @@ fn responses(
             columns[(i, k)] = place;
         }
     }
-    let kept: Vec<usize> = (0..n).filter(|i| residual[2 * i + axis].is_finite()).collect();
-    let mut columns = DMatrix::from_fn(kept.len(), functions.len(), |i, k| columns[(kept[i], k)]);
+    let kept: Vec<usize> = (0..t.len()).filter(|i| residual[2 * i + axis].is_finite()).collect();
+    let mut columns = DMatrix::from_fn(kept.len(), pushes.len(), |i, k| columns[(kept[i], k)]);
     let mut r = DVector::from_fn(kept.len(), |i, _| residual[2 * kept[i] + axis]);
     let start = DMatrix::from_fn(kept.len(), 2, |i, k| if k == 0 { 1.0 } else { t[kept[i]] });
     let project = inverse(&start.tr_mul(&start)) * start.transpose();
     columns -= &start * (&project * &columns);
     r -= &start * (&project * &r);
     (columns, r)
-}
-
-/// The push of a function whose first amplitude is 1, m/s^2.
-fn unit_push(effect: &Effect, values: &[f64], window: &Window, body: Moving) -> f64 {
-    let Act::Motion(law) = effect.act else { return 0.0 };
-    let around = Surroundings { time_step: INSTANT, gravity: window.scene.gravity };
-    let mut values = values.to_vec();
-    values[0] = 1.0;
-    (law.kick(&law.constants(&values, &around), body, INSTANT)[0] - body.vx) / INSTANT
 }
 
 #[cfg(test)]

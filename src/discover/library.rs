@@ -1,6 +1,6 @@
 //! The library of candidates: every row of the effect registry, with places to start its search from.
 //!
-//! Effects join as candidates by standing in the registry, all but the one that laws without a name are written in. What is said here by name are better starts for those
+//! Effects join as candidates by standing in the registry, all but the one in which laws without a name are written. What is said here by name are better starts for those
 //! whose parameters cannot be found by going downhill from nothing (where a patch lies, how long a gust's period is);
 //! an effect without such advice starts from its neutral values and from small steps off them.
 
@@ -17,7 +17,7 @@ use crate::world::effect::{Effect, Parameter, REGISTRY, monomial};
 pub struct Span {
     /// x_min, y_min, x_max, y_max of observed positions, m
     pub area: [f64; 4],
-    /// Longest window, s
+    /// Latest time on a trial's clock, s
     pub duration: f64,
     /// Typical speed, m/s
     pub speed: f64,
@@ -45,7 +45,13 @@ pub fn candidates(scene: &Scene, span: &Span) -> Vec<(&'static Effect, Vec<Term>
             let per_setting = scene.per_setting.iter().any(|n| n == e.name);
             let terms = starts(e, span)
                 .into_iter()
-                .map(|start| Term { effect: e, per_setting, start, free: vec![true; e.parameters.len()] })
+                .map(|start| Term {
+                    effect: e,
+                    per_setting,
+                    start,
+                    free: vec![true; e.parameters.len()],
+                    difference: None,
+                })
                 .collect();
             (e, terms)
         })

@@ -39,7 +39,7 @@ use crate::task::scene::EffectTerm;
 use crate::trajectory::Track;
 use crate::world::Engine;
 use crate::world::latent::{FACTORS, factor_index};
-pub use evidence::{Bounce, Evidence, EvidencePoint, Push};
+pub use evidence::{Bounce, Evidence, EvidencePoint, Met, Push};
 use judge::Fitted;
 use model::{Data, Layout, State};
 use noise::{Noise, Slow, expected_squares};
@@ -672,25 +672,26 @@ fn conclude(
     let (autocorrelation, whiteness_p) = whiteness(windows, &base);
     let law = if verdict == Verdict::Unknown { described(&data, model, noise, names.len())? } else { None };
     // What goes without a name is an extension all the same, if it holds on other trials.
-    let helpful = law.as_ref().filter(|l| held(l) < held(model));
+    let helps = |l: &&Fitted| judge::paired(&model.held, &l.held).1 > 1.0;
+    let helpful = law.as_ref().filter(helps);
     let shown = helpful.unwrap_or(model);
-    let evidence = evidence::evidence(windows, &data, &base, shown, names)?;
+    let evidence = evidence::evidence(&data, &base, shown, names)?;
     let extended = extend(scene, trials, windows, kept, shown);
     let rival_names = |i: &usize| fits[*i].names().iter().map(|n| n.to_string()).collect::<Vec<_>>();
     let next = advise::next(scene, windows, &fits, &rivals, verdict, noise, config)?;
     let latents = base.layout.latents();
     let calibrated = (0..latents)
         .map(|i| {
-            let slot = &model.layout.slots[i];
+            let slot = &shown.layout.slots[i];
             let factor = match slot.what {
                 model::What::Latent(l) => &FACTORS[l],
                 model::What::Parameter(..) => unreachable!("latents come first in a layout"),
             };
-            let half = model.half_width(i, settings, noise.unit());
-            let told: f64 = model.pass.trials.iter().map(|t| t.gram[(i, i)]).sum();
+            let half = shown.half_width(i, settings, noise.unit());
+            let told: f64 = shown.pass.trials.iter().map(|t| t.gram[(i, i)]).sum();
             let width = slot.bounds[1] - slot.bounds[0];
             let identifiable = half.is_finite() && half < 0.25 * width.min(4.0) && told > 10.0 * slot.ridge();
-            let value = model.state.values[i];
+            let value = shown.state.values[i];
             let end = |v: f64| identifiable.then(|| v.clamp(slot.bounds[0], slot.bounds[1]));
             Calibrated {
                 name: factor.name.into(),
@@ -733,7 +734,7 @@ fn conclude(
         format: report::FORMAT,
         verdict,
         reason,
-        effects: best.map(|f| effects(f, names, settings, noise.unit())).unwrap_or_default(),
+        effects: effects(shown, model.set.len(), names, settings, noise.unit()),
         rivals: rivals.iter().map(rival_names).collect(),
         calibrated,
         residual: Residual {
@@ -759,7 +760,7 @@ fn conclude(
 
 /// A model with a law for what it leaves (`law`), fitted; `None` where nothing simple describes that.
 fn described(data: &Data, model: &Fitted, noise: &Noise, settings: usize) -> Result<Option<Fitted>> {
-    let found = law::law(data.windows, model, noise);
+    let found = law::law(data, model, noise)?;
     if found.is_empty() {
         return Ok(None);
     }
@@ -769,8 +770,12 @@ fn described(data: &Data, model: &Fitted, noise: &Noise, settings: usize) -> Res
     let mut values = layout.start(&[0.0; 3]);
     values[..model.state.values.len()].copy_from_slice(&model.state.values);
     let start = State { values, nuisances: model.state.nuisances.clone() };
-    let (state, pass) = model::fit(data, &layout, start, 8)?;
-    Ok(Some(Fitted::new(layout, state, pass, data.settings)))
+    let Some((state, pass)) = search::simulated(model::fit(data, &layout, start, 8))? else {
+        return Ok(None);
+    };
+    let mut law = Fitted::new(layout, state, pass, data.settings);
+    law.p_values[..model.p_values.len()].copy_from_slice(&model.p_values);
+    Ok(Some(law))
 }
 
 /// The terms of a law, those of a model from `first` on.
@@ -783,7 +788,7 @@ fn law_terms(law: &Fitted, first: usize, settings: &[usize], unit: f64) -> Vec<L
         let axis = term.free.iter().position(|f| *f)?;
         values[axis] = value;
         Some(LawTerm {
-            effect: library::at_clock(term.effect, &values, 0.0),
+            term: library::at_clock(term.effect, &values, 0.0),
             amplitude: term.effect.parameters[axis].name.into(),
             ci95: [end(value - half), end(value + half)],
         })
@@ -797,11 +802,13 @@ fn root_mean_square(residuals: &[Vec<f64>]) -> f64 {
     (known().map(|r| r * r).sum::<f64>() / known().count().max(1) as f64).sqrt()
 }
 
-fn effects(f: &Fitted, names: &[String], settings: &[usize], unit: f64) -> Vec<FoundEffect> {
+/// The first `count` terms of a fit.
+fn effects(f: &Fitted, count: usize, names: &[String], settings: &[usize], unit: f64) -> Vec<FoundEffect> {
     f.layout
         .terms
         .iter()
         .enumerate()
+        .take(count)
         .map(|(t, term)| {
             let parameters = f
                 .layout

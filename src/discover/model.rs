@@ -31,6 +31,8 @@ pub struct Term {
     pub start: Vec<f64>,
     /// Which parameters are fitted.
     pub free: Vec<bool>,
+    /// Difference for derivatives by what is fitted, where the library's usual one does not suit.
+    pub difference: Option<f64>,
 }
 
 /// What one number of the parameter vector stands for.
@@ -146,7 +148,7 @@ impl Layout {
                 let owners: Vec<Option<usize>> =
                     if term.per_setting { (0..settings).map(Some).collect() } else { vec![None] };
                 for setting in owners {
-                    let step = library::difference(term.effect, parameter);
+                    let step = term.difference.unwrap_or_else(|| library::difference(term.effect, parameter));
                     let bounds = library::bounds(term.effect, parameter);
                     slots.push(Slot { what: What::Parameter(t, p), setting, bounds, step });
                 }
@@ -793,9 +795,11 @@ pub fn impact(window: &Window, w: usize, layout: &Layout, state: &State) -> Opti
     with_physics(window, layout, &state.values, |p| p.impact(&state.nuisances[w]))
 }
 
-/// Acceleration at a time on the trial's clock and a state (x, y, vx, vy), m/s^2.
-pub fn push(window: &Window, layout: &Layout, values: &[f64], time: f64, state: [f64; 4]) -> [f64; 2] {
-    with_physics(window, layout, values, |p| p.push(time, state))
+/// Accelerations at true states (x, y, vx, vy) of a window's points, m/s^2.
+pub fn pushes(window: &Window, layout: &Layout, values: &[f64], states: &[[f64; 4]]) -> Vec<[f64; 2]> {
+    let at =
+        |p: &Physics| window.points.iter().zip(states).map(|(point, s)| p.push(point.time, *s)).collect();
+    with_physics(window, layout, values, at)
 }
 
 fn with_physics<T>(window: &Window, layout: &Layout, values: &[f64], f: impl FnOnce(&Physics) -> T) -> T {

@@ -36,7 +36,7 @@ pub struct Physics<'a> {
 /// What a body does to a surface and gets back.
 #[derive(Clone, Copy, Debug)]
 pub struct Impact {
-    /// s on the trial's clock
+    /// s since the window's start, by the clock of the observations
     pub time: f64,
     /// Speed towards the surface, m/s.
     pub approach: f64,
@@ -105,8 +105,7 @@ impl<'a> Physics<'a> {
         let points = &self.window.points;
         let mut out = Vec::with_capacity(2 * points.len());
         let Some(first) = points.first() else { return (out, impact) };
-        let stamp = |t: f64| self.clock[0] * (self.window.start + t) + self.clock[1];
-        let mut time = stamp(first.time);
+        let mut time = self.stamp(first.time);
         let mut rolling = self.rolling(nuisances);
         let mut body: Body = match (&rolling, nuisances) {
             (Some(r), _) => r.body(),
@@ -116,7 +115,7 @@ impl<'a> Physics<'a> {
         let mut surface = self.window.surface.as_ref().filter(|_| self.window.kind == Kind::Contact);
         let offset = nuisances.get(5).copied().unwrap_or(0.0);
         for (i, point) in points.iter().enumerate() {
-            let until = stamp(point.time);
+            let until = self.stamp(point.time);
             let count = ((until - time) / self.step).ceil().max(1.0);
             let h = (until - time) / count;
             if h > 1e-12 {
@@ -150,10 +149,20 @@ impl<'a> Physics<'a> {
         (out, impact)
     }
 
-    /// Acceleration at a time and a state (x, y, vx, vy) without spin, m/s^2.
+    /// Acceleration at a time since the window's start and a true state (x, y, vx, vy) without spin, m/s^2.
     pub fn push(&self, time: f64, [x, y, vx, vy]: [f64; 4]) -> [f64; 2] {
-        let [ax, ay, _] = self.acceleration(time, &[x, y, vx, vy, 0.0]);
+        let [ax, ay, _] = self.acceleration(self.stamp(time), &[x, y, vx, vy, 0.0]);
         [ax, ay]
+    }
+
+    /// [`Physics::stamp`] backwards.
+    fn seen_at(&self, true_time: f64) -> f64 {
+        (true_time - self.clock[1]) / self.clock[0] - self.window.start
+    }
+
+    /// True time of a time since the window's start, s.
+    fn stamp(&self, time: f64) -> f64 {
+        self.clock[0] * (self.window.start + time) + self.clock[1]
     }
 
     fn acceleration(&self, time: f64, s: &Body) -> [f64; 3] {
@@ -212,7 +221,8 @@ impl<'a> Physics<'a> {
         at[2] += normal * n[0] - tangent * n[1];
         at[3] += normal * n[1] + tangent * n[0];
         at[4] -= tangent / (surface.inertia * surface.radius);
-        let impact = Impact { time: time + low, approach: meeting.approach, slip, normal, tangent };
+        let impact =
+            Impact { time: self.seen_at(time + low), approach: meeting.approach, slip, normal, tangent };
         (self.advance(time + low, &at, h - low), impact)
     }
 

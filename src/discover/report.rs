@@ -87,20 +87,20 @@ pub struct FoundParameter {
 pub struct ResidualLaw {
     /// In words and symbols: m, s.
     pub formula: String,
-    /// As a scene takes it, term by term.
     pub terms: Vec<LawTerm>,
     /// The base model's error, and that of the effects found and the law, on trials whose numbers they were not fitted to.
     /// (Which functions make the law up was chosen on all trials.)
     pub held_out: HeldOut,
-    /// Whether it is part of the extended scene: it is if it helps on trials that it was not fitted to.
+    /// Whether it is part of the extended scene: it is if it helps by more than chance on trials that it was not fitted to.
+    /// `effects` and `calibrated` are then as fitted along with it.
     pub offered: bool,
 }
 
 /// A term of a law.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LawTerm {
-    #[serde(flatten)]
-    pub effect: EffectTerm,
+    /// As a scene takes it.
+    pub term: EffectTerm,
     /// The parameter that was fitted; the others are the shape.
     pub amplitude: String,
     /// Its 95 % interval.

@@ -743,7 +743,7 @@ fn extended(base: &Fitted, layout: &Layout) -> State {
 }
 
 /// A candidate that a world refuses to simulate is no candidate; any other error ends the search.
-fn simulated<T>(fitted: Result<T>) -> Result<Option<T>> {
+pub fn simulated<T>(fitted: Result<T>) -> Result<Option<T>> {
     match fitted {
         Ok(found) => Ok(Some(found)),
         Err(Error::Input(_) | Error::Failed(_)) => Ok(None),

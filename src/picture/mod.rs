@@ -1,8 +1,7 @@
 //! Scenes, films and plots as SVG and PNG, and the self-contained HTML report.
 //!
 //! Data in, strings out: the same data gives the same bytes on every machine. Names come from users, so every
-//! text is escaped. Pictures of scenes hold no text unless [`Style::names`] asks for it, since PNG is drawn
-//! without fonts.
+//! text is escaped. Pictures of scenes hold no text unless [`Style::names`] asks for it.
 //!
 //! [`scene_svg`] draws a scene, [`filmstrip_svg`], [`trails_svg`] and [`animation_svg`] a trajectory in it,
 //! [`plot`] draws numbers, [`surface`] what performance asks of the latents, [`svg_to_png`] makes pixels of any of them, and [`Report`] binds them into a page.

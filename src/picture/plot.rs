@@ -1,4 +1,4 @@
-//! Plots as SVG, by plotters: lines with bands, bars, points, heat maps; readable on white, colours of Okabe
+//! Plots as SVG, by plotters: lines with bands, bars, points, heat maps, arrows; readable on white, colours of Okabe
 //! and Ito (2008) and a heat scale that is safe for the colour-blind too.
 //!
 //! Points that are not finite are left out; a plot without any says so. The same data gives the same bytes:

@@ -1,7 +1,10 @@
-//! SVG to pixels, by resvg. Text is not drawn: there are no fonts to rely on.
+//! SVG to pixels, by resvg. Text is drawn in DejaVu Sans, which is built in: the machine's own fonts are never asked, so
+//! that pictures are the same everywhere.
+
+use std::sync::{Arc, OnceLock};
 
 use resvg::tiny_skia::{Color, Pixmap, Transform};
-use resvg::usvg::{ImageHrefResolver, Options, Tree};
+use resvg::usvg::{ImageHrefResolver, Options, Tree, fontdb};
 
 use crate::error::{Error, Result};
 
@@ -44,8 +47,26 @@ fn parse(svg: &str) -> Result<Tree> {
     // Linked images are left out: nothing is read from disk.
     let none =
         ImageHrefResolver { resolve_data: Box::new(|_, _, _| None), resolve_string: Box::new(|_, _| None) };
-    let options = Options { image_href_resolver: none, ..Options::default() };
+    let options = Options { image_href_resolver: none, fontdb: fonts(), ..Options::default() };
     Tree::from_str(svg, &options).map_err(|e| Error::input("svg", e, "a well-formed SVG document"))
+}
+
+/// One font, under whatever name a picture asks for one.
+fn fonts() -> Arc<fontdb::Database> {
+    static FONTS: OnceLock<Arc<fontdb::Database>> = OnceLock::new();
+    let load = || {
+        let mut all = fontdb::Database::new();
+        all.load_font_data(dejavu::sans::regular().to_vec());
+        for set in [
+            fontdb::Database::set_sans_serif_family,
+            fontdb::Database::set_serif_family,
+            fontdb::Database::set_monospace_family,
+        ] {
+            set(&mut all, "DejaVu Sans".to_string());
+        }
+        Arc::new(all)
+    };
+    FONTS.get_or_init(load).clone()
 }
 
 fn draw(tree: &Tree, width: u32, height: u32) -> Result<Pixmap> {
@@ -78,6 +99,22 @@ mod tests {
         let square = svg_to_rgb(HALVES, 40, 40).unwrap();
         let at = |x: usize, y: usize| square[(y * 40 + x) * 3 + 1];
         assert_eq!((at(5, 5), at(5, 20), at(5, 35)), (255, 0, 255));
+    }
+
+    #[test]
+    fn text_is_drawn() {
+        let svg = |text: &str| {
+            format!(
+                "<svg xmlns='http://www.w3.org/2000/svg' width='80' height='20'><text x='2' y='15' \
+                 font-family='sans-serif' font-size='14'>{text}</text></svg>"
+            )
+        };
+        let dark = |text: &str| {
+            let rgb = svg_to_rgb(&svg(text), 80, 20).unwrap();
+            rgb.chunks(3).filter(|p| p[0] < 100).count()
+        };
+        assert_eq!(dark(""), 0);
+        assert!(dark("m/s") > 20 && dark("m/s m/s") > dark("m/s"), "{} {}", dark("m/s"), dark("m/s m/s"));
     }
 
     #[test]

@@ -206,7 +206,7 @@ pub fn outside(kind: usize, seed: u64) -> Hidden {
             let kept = if (0.5..1.1).contains(&far) { -3.0 * share } else { 0.0 };
             [kept * s[2], kept * s[3]]
         }),
-        // A wall of air: a push only above a height that depends on place.
+        // Pushes in a chequered pattern.
         _ => Arc::new(move |_, s| {
             if (3.0 * s[0]).sin() * (3.0 * s[1]).sin() > 0.0 { [4.0 * share, 0.0] } else { [0.0; 2] }
         }),

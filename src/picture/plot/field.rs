@@ -16,8 +16,9 @@ pub struct Arrows {
     pub arrows: Vec<([f64; 2], [f64; 2])>,
 }
 
-/// Length of the longest arrow, px.
+/// Length of the longest arrow, px, and the shares of the ranges of x and y that are at least as long.
 const LONGEST: u32 = 52;
+const ROOM: [f64; 2] = [0.12, 0.25];
 /// Length of an arrow's head over the arrow's.
 const HEAD: f64 = 0.3;
 
@@ -29,7 +30,8 @@ pub fn field(title: &str, x_label: &str, y_label: &str, unit: &str, series: &[Ar
     let longest = clean().flatten().map(|(_, to)| length(to)).fold(0.0, f64::max);
     let span = |axis: usize| range(clean().flatten().map(|(at, _)| at[axis]));
     let (Some(x), Some(y)) = (span(0), span(1)) else { return empty(title) };
-    let (x, y) = (widened(x, 0.12), widened(y, 0.12));
+    // Room for the longest on every side.
+    let (x, y) = (widened(x, ROOM[0]), widened(y, ROOM[1]));
     let legend: Vec<(String, RGBColor)> =
         series.iter().enumerate().map(|(i, s)| (s.name.clone(), paint(i))).collect();
     let title = format!("{title} (longest arrow {} {unit})", tick(longest));
