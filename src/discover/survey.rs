@@ -40,6 +40,12 @@ const WIDE: f64 = 0.35;
 const NARROW: f64 = 0.02;
 /// Shares of the first deviations from which edges are searched for again.
 const CLOSER: [f64; 3] = [0.2, 0.05, 0.02];
+/// Widths of a scan, as shares of the deviation, each about the best value of the one before: where there are edges, and to
+/// end a search. Values tried on each side; how often every number gets its turn.
+const WIDTHS: [f64; 4] = [2.0, 0.4, 0.08, 0.015];
+const NEAR: [f64; 3] = [0.1, 0.02, 0.004];
+const SIDE: i32 = 12;
+const TURNS: usize = 3;
 /// Shares of the places where things go wrong that a frame may leave out on each side.
 const MARGINS: [f64; 3] = [0.0, 0.1, 0.3];
 /// Values that a latent usually has at most.
@@ -58,12 +64,14 @@ pub fn survey(data: &Data, layout: &Layout, start: &State, seed: u64) -> Result<
     let looks = model::looks(data, layout, start, &[])?;
     let spread = reach(data, layout, start, &looks);
     let leaps = telling(data, &looks);
-    let mut best = search(data, layout, start, &spread, &leaps, seed)?;
+    let best = search(data, layout, start, &spread, &leaps, seed)?;
+    let mut best = scan(data, layout, best, &spread, &leaps, &NEAR)?;
     if layout.has_edges() {
         let places = places(data, layout, start)?;
         for margin in MARGINS.into_iter().filter(|_| places[0].len() >= FEWEST) {
             let (start, spread) = framed(layout, start, &spread, &places, margin);
             let other = search(data, layout, &start, &spread, &leaps, seed)?;
+            let other = scan(data, layout, other, &spread, &leaps, &WIDTHS)?;
             let losses = model::losses(data, layout, &[best.values.clone(), other.values.clone()], &leaps)?;
             best = if losses[1] < losses[0] { other } else { best };
         }
@@ -73,7 +81,9 @@ pub fn survey(data: &Data, layout: &Layout, start: &State, seed: u64) -> Result<
         for share in CLOSER {
             let looks = model::looks(data, layout, &best, &[])?;
             let spread: Vec<f64> = spread.iter().map(|s| share * s).collect();
-            best = search(data, layout, &best, &spread, &telling(data, &looks), seed)?;
+            let leaps = telling(data, &looks);
+            best = search(data, layout, &best, &spread, &leaps, seed)?;
+            best = scan(data, layout, best, &spread, &leaps, &WIDTHS)?;
         }
     }
     Ok(best)
@@ -198,6 +208,45 @@ fn search(
         covariance = covariance * KEPT + own * (1.0 - KEPT);
     }
     Ok(State { values: best.1, nuisances: start.nuisances.clone() })
+}
+
+/// One number after the other is tried over its whole reach and ever closer. Stretches that lie within the edges tell an
+/// amplitude sharply whatever the edges are, and a draw of all numbers at once hardly ever meets so narrow a place.
+fn scan(
+    data: &Data,
+    layout: &Layout,
+    start: State,
+    spread: &[f64],
+    leaps: &[usize],
+    widths: &[f64],
+) -> Result<State> {
+    let mut best =
+        (model::losses(data, layout, std::slice::from_ref(&start.values), leaps)?[0], start.values);
+    for _ in 0..TURNS {
+        let before = best.0;
+        for (i, slot) in layout.slots.iter().enumerate() {
+            for width in widths {
+                let about = best.1[i];
+                let moved = |k: i32| {
+                    let mut values = best.1.clone();
+                    let value = about + width * spread[i] * f64::from(k) / f64::from(SIDE);
+                    values[i] = value.clamp(slot.bounds[0], slot.bounds[1]);
+                    values
+                };
+                let tried: Vec<Vec<f64>> = (-SIDE..=SIDE).map(moved).collect();
+                let losses = model::losses(data, layout, &tried, leaps)?;
+                for (loss, values) in losses.into_iter().zip(tried) {
+                    if loss < best.0 {
+                        best = (loss, values);
+                    }
+                }
+            }
+        }
+        if best.0 > 0.999 * before {
+            break;
+        }
+    }
+    Ok(State { values: best.1, nuisances: start.nuisances })
 }
 
 /// Leaps that take part, in order: evenly spread over those that fit and over those that do not.
