@@ -99,9 +99,12 @@ fn what_a_task_hides_is_named_and_its_latents_found() {
         assert!((of("friction") - 0.2).abs() < 2e-3, "friction {}", of("friction"));
         assert!((of("restitution") - 0.7).abs() < 2e-3, "restitution {}", of("restitution"));
     };
-    let d = task("basketball", &[], 1);
-    assert_eq!(d.verdict, Verdict::None, "{}", d.reason);
-    right(&d);
+    // What rounding leaves has the same sign in trial after trial, and is nothing.
+    for seed in [1, 101] {
+        let d = task("basketball", &[], seed);
+        assert_eq!(d.verdict, Verdict::None, "{}", d.reason);
+        right(&d);
+    }
     for (name, parameter, value) in [("linear_drag", "c", 0.223), ("restitution_speed", "slope", 0.004)] {
         let d = task("basketball", &[(name, parameter, value)], 1);
         assert_eq!(d.rivals, [[name]], "{}", d.reason);

@@ -627,7 +627,7 @@ fn conclude(
     let (base_slow, base_slow_p) = expected.slow_misfit(&base, windows, noise.unit());
     let (astray, base_astray) = (model::astray(windows, &model.pass), model::astray(windows, &base.pass));
     let misfit = base_astray >= search::SEVERAL
-        || base_lack_p < UNKNOWN
+        || (base_lack_p < UNKNOWN && (base_excess > SLIGHT || !window::leaping(windows)))
         || far(&base)
         || much(&base_lack)
         || (!shots && base_slow_p < search::PLAIN);

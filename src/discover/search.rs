@@ -244,6 +244,16 @@ pub fn search<'a>(
     Ok(found)
 }
 
+/// Whether the trials' signs say that something is lacking, which is `visible` or not. What leaps leave below their floor is
+/// no noise but what restarts cold, and may well have the same sign in trial after trial.
+pub fn signs_speak(lack: &Lack, visible: bool, windows: &[window::Window]) -> bool {
+    match (visible, window::leaping(windows)) {
+        (true, _) => lack.tested.p < ANYTHING,
+        (false, true) => false,
+        (false, false) => lack.tested.p < INVISIBLE,
+    }
+}
+
 /// Whether a fit that is so far above the noise floor lacks something for that alone.
 pub fn far((excess, height, p): (f64, f64, f64)) -> bool {
     excess > FAR[0] && height > FAR[1] && p < FAR[2]
@@ -302,7 +312,7 @@ impl Hunt<'_, '_> {
         let (excess, ..) = self.expected.above(fit, self.data.windows);
         let visible = excess > VISIBLE[0] || lack.sure() > VISIBLE[1] * self.expected.total();
         model::astray(self.data.windows, &fit.pass) >= SEVERAL
-            || lack.tested.p < if visible || shots { ANYTHING } else { INVISIBLE }
+            || signs_speak(lack, visible || shots, self.data.windows)
             || lack.is_much(self.expected.total())
             || (!shots && far(self.expected.above(fit, self.data.windows)))
             || (!shots && self.expected.slow_misfit(fit, self.data.windows, self.unit).1 < PLAIN)
