@@ -31,8 +31,8 @@ def gone(pid: int, within: float = 10.0) -> bool:
 
 
 def run(script: str, client: str = "iplw.Client()") -> subprocess.Popen[str]:
-    """Another Python with a client; it prints its server's process id first."""
-    head = f"import iplw, os, sys\nclient = {client}\nprint(client.server.pid, flush=True)\n"
+    """Another Python with a client; it prints its server's process id first, and goes on when it is told to."""
+    head = f"import iplw, os, sys\nclient = {client}\nprint(client.server.pid, flush=True)\nsys.stdin.readline()\n"
     return subprocess.Popen(
         [sys.executable, "-c", head + script], stdout=subprocess.PIPE, stdin=subprocess.PIPE, text=True
     )
@@ -42,6 +42,9 @@ def server_of(child: subprocess.Popen[str]) -> int:
     assert child.stdout is not None
     pid = int(child.stdout.readline())
     os.kill(pid, 0)
+    assert child.stdin is not None
+    child.stdin.write("\n")
+    child.stdin.flush()
     return pid
 
 
