@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
+from peer import peer, say
 
 from iplw.exchange import Broken, Connection
 
@@ -16,28 +17,19 @@ from iplw.exchange import Broken, Connection
 def saying(answer: bytes, piece: int = 65536, hold: bool = False) -> Iterator[tuple[Connection, list[bytes]]]:
     """A connection to a server that gives this answer to the first request, `piece` bytes at a time."""
     got: list[bytes] = []
-    done = threading.Event()
-    with socket.create_server(("127.0.0.1", 0)) as listener:
 
-        def serve() -> None:
-            peer, _ = listener.accept()
-            with peer:
-                peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                got.append(peer.recv(65536))
-                for at in range(0, len(answer), piece):
-                    peer.sendall(answer[at : at + piece])
-                if hold:
-                    done.wait(10)
+    def serve(connected: socket.socket, done: threading.Event) -> None:
+        got.append(connected.recv(65536))
+        say(connected, answer, piece)
+        if hold:
+            done.wait(10)
 
-        thread = threading.Thread(target=serve)
-        thread.start()
-        connection = Connection("127.0.0.1", listener.getsockname()[1], 5)
+    with peer(serve) as port:
+        connection = Connection("127.0.0.1", port, 5)
         try:
             yield connection, got
         finally:
             connection.close()
-            done.set()
-            thread.join()
 
 
 CHUNKED = b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n3\r\nabc\r\n4;x=y\r\ndefg\r\n0\r\nT: v\r\n\r\n"

@@ -13,6 +13,7 @@ from typing import Any
 import msgpack
 import pytest
 import zmq
+from peer import peer, say
 
 import iplw
 from iplw import zmtp
@@ -26,32 +27,21 @@ PING = zmtp.command(b"\x04PING\x00\x00why")
 def saying(answer: bytes, piece: int = 65536, hold: bool = False) -> Iterator[tuple[str, list[bytes]]]:
     """A peer that says this after its greeting, whatever it hears; what it heard."""
     heard: list[bytes] = [b""]
-    done = threading.Event()
-    with socket.create_server(("127.0.0.1", 0)) as listener:
 
-        def serve() -> None:
-            peer, _ = listener.accept()
-            with peer:
-                peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                # One that holds does not hang up; the other does once the client is quiet, or has done so itself.
-                peer.settimeout(0.2)
-                try:
-                    for at in range(0, len(answer), piece):
-                        peer.sendall(answer[at : at + piece])
-                    while part := peer.recv(65536):
-                        heard[0] += part
-                except OSError:
-                    pass
-                if hold:
-                    done.wait(10)
-
-        thread = threading.Thread(target=serve)
-        thread.start()
+    def serve(connected: socket.socket, done: threading.Event) -> None:
+        # One that holds does not hang up; the other does once the client is quiet, or has done so itself.
+        connected.settimeout(0.2)
         try:
-            yield f"tcp://127.0.0.1:{listener.getsockname()[1]}", heard
-        finally:
-            done.set()
-            thread.join()
+            say(connected, answer, piece)
+            while part := connected.recv(65536):
+                heard[0] += part
+        except OSError:
+            pass
+        if hold:
+            done.wait(10)
+
+    with peer(serve) as port:
+        yield f"tcp://127.0.0.1:{port}", heard
 
 
 @pytest.mark.parametrize("piece", [1, 7, 65536])
