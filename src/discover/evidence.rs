@@ -4,7 +4,8 @@
 use super::judge::Fitted;
 use super::model::{self, Data};
 use super::path::Impact;
-use super::window::{Kind, Window};
+use super::stats::slope;
+use super::window::{Kind, Point, Window};
 use crate::error::Result;
 
 /// Residuals, pushes and bounces.
@@ -164,18 +165,13 @@ fn bounce(window: &Window, w: usize, base: &Fitted, model: &Fitted) -> Option<Bo
 /// The residuals' velocity before or after a time since the window's start, m/s; `None` with fewer than two observations
 /// there.
 fn drift(window: &Window, residual: &[f64], time: f64, after: bool) -> Option<[f64; 2]> {
-    let slope = |axis: usize| {
-        let known =
-            |i: &usize| (window.points[*i].time > time) == after && residual[2 * i + axis].is_finite();
-        let rows: Vec<usize> = (0..window.points.len()).filter(known).collect();
-        let n = rows.len() as f64;
-        let (t, r) = (|i: usize| window.points[i].time, |i: usize| residual[2 * i + axis]);
-        let mean = rows.iter().map(|i| t(*i)).sum::<f64>() / n;
-        let down: f64 = rows.iter().map(|i| (t(*i) - mean).powi(2)).sum();
-        let up: f64 = rows.iter().map(|i| (t(*i) - mean) * r(*i)).sum();
-        (rows.len() >= 2 && down > 0.0).then(|| up / down)
+    let along = |axis: usize| {
+        let row = |(i, p): (usize, &Point)| (p.time, residual[2 * i + axis]);
+        let there = |(t, r): &(f64, f64)| (*t > time) == after && r.is_finite();
+        let rows: Vec<(f64, f64)> = window.points.iter().enumerate().map(row).filter(there).collect();
+        (rows.len() >= 2).then(|| slope(&rows))
     };
-    Some([slope(0)?, slope(1)?])
+    Some([along(0)?, along(1)?])
 }
 
 #[cfg(test)]

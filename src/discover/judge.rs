@@ -10,7 +10,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::model::{Layout, Pass, State, Sums, What};
+use super::model::{Layout, Pass, Slot, State, Sums, Term, What};
 use super::stats::{f_above, inverse, mean_error, solve, t_above, t_quantile};
 use crate::world::effect::Effect;
 
@@ -53,6 +53,16 @@ impl Fitted {
         let mut names: Vec<_> = self.set.iter().map(|e| e.name).collect();
         names.sort_unstable();
         names
+    }
+
+    /// This model with `more` terms: where they start, and the rest as it was fitted.
+    pub fn joined(&self, more: impl IntoIterator<Item = Term>, settings: usize) -> (Layout, State) {
+        let latents: Vec<usize> = self.layout.slots.iter().filter_map(Slot::latent).collect();
+        let terms = self.layout.terms.iter().cloned().chain(more).collect();
+        let layout = Layout::new(&latents, terms, settings);
+        let mut values = layout.start(&[0.0; 3]);
+        values[..self.state.values.len()].copy_from_slice(&self.state.values);
+        (layout, State { values, nuisances: self.state.nuisances.clone() })
     }
 
     /// Number of effect parameters; one of many settings counts once for comparisons between models.

@@ -764,12 +764,7 @@ fn described(data: &Data, model: &Fitted, noise: &Noise, settings: usize) -> Res
     if found.is_empty() {
         return Ok(None);
     }
-    let latents: Vec<usize> = model.layout.slots.iter().filter_map(model::Slot::latent).collect();
-    let terms = model.layout.terms.iter().cloned().chain(found).collect();
-    let layout = Layout::new(&latents, terms, settings);
-    let mut values = layout.start(&[0.0; 3]);
-    values[..model.state.values.len()].copy_from_slice(&model.state.values);
-    let start = State { values, nuisances: model.state.nuisances.clone() };
+    let (layout, start) = model.joined(found, settings);
     let Some((state, pass)) = search::simulated(model::fit(data, &layout, start, 8))? else {
         return Ok(None);
     };

@@ -246,7 +246,7 @@ pub fn search<'a>(
 
 /// Whether the trials' signs say that something is lacking, which is `visible` or not. What leaps leave below their floor is
 /// no noise but what restarts cold, and may well have the same sign in trial after trial.
-pub fn signs_speak(lack: &Lack, visible: bool, windows: &[window::Window]) -> bool {
+fn signs_speak(lack: &Lack, visible: bool, windows: &[window::Window]) -> bool {
     match (visible, window::leaping(windows)) {
         (true, _) => lack.tested.p < ANYTHING,
         (false, true) => false,
@@ -389,7 +389,9 @@ impl Hunt<'_, '_> {
                 let starts: Vec<_> = starts.collect();
                 let Some(drop) = starts.first().map(|b| b.2) else { continue };
                 let left = model::total(&fit.pass) - drop;
-                let start = |b: &&(usize, usize, f64, Vec<f64>)| self.joined(fit, &terms[b.1], &b.3);
+                let start = |b: &&(usize, usize, f64, Vec<f64>)| {
+                    fit.joined([Term { start: b.3.clone(), ..terms[b.1].clone() }], self.settings())
+                };
                 let union = Union { starts: starts.iter().map(start).collect() };
                 let count = fit.parameters() + effect.parameters.len();
                 match all.iter_mut().find(|u| u.1 == names) {
@@ -412,17 +414,6 @@ impl Hunt<'_, '_> {
             keep
         });
         all.into_iter().map(|u| u.2).collect()
-    }
-
-    /// A fit's model with another term.
-    fn joined(&self, fit: &Fitted, term: &Term, values: &[f64]) -> (Layout, State) {
-        let mut terms: Vec<Term> = fit.layout.terms.clone();
-        terms.push(Term { start: values.to_vec(), ..term.clone() });
-        let layout = Layout::new(self.latents, terms, self.settings());
-        let mut all = layout.start(&[0.0; 3]);
-        let known = fit.state.values.len();
-        all[..known].copy_from_slice(&fit.state.values);
-        (layout, State { values: all, nuisances: fit.state.nuisances.clone() })
     }
 
     fn fit(&self, union: Union) -> Result<Option<Fitted>> {

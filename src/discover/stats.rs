@@ -50,6 +50,15 @@ pub fn mean_error(values: &[f64]) -> (f64, f64) {
     (mean, (variance / n).sqrt())
 }
 
+/// Slope of the straight line through points (t, y) by least squares; 0 where all t are the same.
+pub fn slope(points: &[(f64, f64)]) -> f64 {
+    let n = points.len().max(1) as f64;
+    let (t, y) = (points.iter().map(|p| p.0).sum::<f64>() / n, points.iter().map(|p| p.1).sum::<f64>() / n);
+    let up: f64 = points.iter().map(|p| (p.0 - t) * (p.1 - y)).sum();
+    let down: f64 = points.iter().map(|p| (p.0 - t).powi(2)).sum();
+    up / down.max(1e-12)
+}
+
 /// The middle value; 0 of nothing.
 pub fn median(values: &[f64]) -> f64 {
     let mut sorted: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();

@@ -15,7 +15,7 @@
 //! in a contact then cannot leak into what is said about the motion.
 
 use super::noise::{Smooth, smooth};
-use super::stats::median;
+use super::stats::{median, slope};
 use crate::reality::Trial;
 use crate::task::Scene;
 use crate::task::scene::Shape;
@@ -426,15 +426,7 @@ fn spin(trial: &Trial, body: usize, rows: &[(f64, [f64; 2])]) -> Option<f64> {
         track.angle.get(at).copied().filter(|a| a.is_finite())
     };
     let seen: Vec<(f64, f64)> = rows.iter().filter_map(|(t, _)| Some((*t, angle(*t)?))).collect();
-    if seen.len() < 4 {
-        return None;
-    }
-    let n = seen.len() as f64;
-    let (mean_t, mean_a) =
-        (seen.iter().map(|s| s.0).sum::<f64>() / n, seen.iter().map(|s| s.1).sum::<f64>() / n);
-    let up: f64 = seen.iter().map(|s| (s.0 - mean_t) * (s.1 - mean_a)).sum();
-    let down: f64 = seen.iter().map(|s| (s.0 - mean_t).powi(2)).sum();
-    Some(up / down.max(1e-12))
+    (seen.len() >= 4).then(|| slope(&seen))
 }
 
 /// Stretches (first row, end, what is touched) along one straight static in which the height above it changes no more

@@ -4,6 +4,8 @@
 //! Points that are not finite are left out; a plot without any says so. The same data gives the same bytes:
 //! text is placed by counting characters, never by asking which fonts a machine has.
 
+use std::ops::Range;
+
 use plotters::coord::Shift;
 use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
@@ -370,16 +372,7 @@ fn xy_plot(title: &str, x_label: &str, y_label: &str, clouds: &[Series], curves:
         clean.iter().enumerate().map(|(i, s)| (s.name.clone(), paint(i))).collect();
     let shown = if clean.len() > 1 { legend } else { Vec::new() };
     picture(title, &shown, |area| {
-        let mut chart = ChartBuilder::on(area)
-            .margin(units(8))
-            .margin_top(units(4))
-            .margin_right(units(20))
-            .set_label_area_size(LabelAreaPosition::Left, units(label_room(&y, 6)))
-            .set_label_area_size(LabelAreaPosition::Bottom, units(44))
-            .build_cartesian_2d(x.clone(), y.clone())?;
-        let mut mesh = chart.configure_mesh();
-        mesh.bold_line_style(ShapeStyle::from(&GRID).stroke_width(units(1))).light_line_style(TRANSPARENT);
-        finish_axes(&mut mesh, x_label, y_label)?;
+        let mut chart = gridded(area, &x, &y, x_label, y_label)?;
         for (i, s) in clean.iter().enumerate() {
             draw_band(&mut chart, s, paint(i), joined(i))?;
         }
@@ -396,6 +389,28 @@ fn xy_plot(title: &str, x_label: &str, y_label: &str, clouds: &[Series], curves:
         }
         Ok(())
     })
+}
+
+/// Axes with their labels, and a grid.
+fn gridded<'a, 'b>(
+    area: &'a Area<'b>,
+    x: &Range<f64>,
+    y: &Range<f64>,
+    x_label: &str,
+    y_label: &str,
+) -> Result<Chart<'a, 'b>, Box<dyn std::error::Error>> {
+    let mut chart = ChartBuilder::on(area)
+        .margin(units(8))
+        .margin_top(units(4))
+        .margin_right(units(20))
+        .set_label_area_size(LabelAreaPosition::Left, units(label_room(y, 6)))
+        .set_label_area_size(LabelAreaPosition::Bottom, units(44))
+        .build_cartesian_2d(x.clone(), y.clone())?;
+    let mut mesh = chart.configure_mesh();
+    mesh.bold_line_style(ShapeStyle::from(&GRID).stroke_width(units(1))).light_line_style(TRANSPARENT);
+    finish_axes(&mut mesh, x_label, y_label)?;
+    drop(mesh);
+    Ok(chart)
 }
 
 fn draw_band(chart: &mut Chart, s: &Series, colour: RGBColor, joined: bool) -> Drawn {

@@ -2,10 +2,7 @@
 
 use plotters::prelude::*;
 
-use super::{
-    Chart, Drawn, GRID, INK, drawable, empty, finish_axes, label_room, paint, picture, range, tick, units,
-    widened,
-};
+use super::{Chart, Drawn, INK, drawable, empty, gridded, paint, picture, range, tick, units, widened};
 
 /// Arrows of one colour.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -36,16 +33,7 @@ pub fn field(title: &str, x_label: &str, y_label: &str, unit: &str, series: &[Ar
         series.iter().enumerate().map(|(i, s)| (s.name.clone(), paint(i))).collect();
     let title = format!("{title} (longest arrow {} {unit})", tick(longest));
     picture(&title, &legend, |area| {
-        let mut chart = ChartBuilder::on(area)
-            .margin(units(8))
-            .margin_top(units(4))
-            .margin_right(units(20))
-            .set_label_area_size(LabelAreaPosition::Left, units(label_room(&y, 6)))
-            .set_label_area_size(LabelAreaPosition::Bottom, units(44))
-            .build_cartesian_2d(x.clone(), y.clone())?;
-        let mut mesh = chart.configure_mesh();
-        mesh.bold_line_style(ShapeStyle::from(&GRID).stroke_width(units(1))).light_line_style(TRANSPARENT);
-        finish_axes(&mut mesh, x_label, y_label)?;
+        let mut chart = gridded(area, &x, &y, x_label, y_label)?;
         for (i, arrows) in clean().enumerate() {
             // Under the later ones and still seen.
             let width = if i + 1 < series.len() { units(4) } else { units(2) };

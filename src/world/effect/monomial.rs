@@ -17,7 +17,7 @@ use super::{Act, Constants, Effect, Motion, Moving, Parameter, Surroundings, con
 pub static EFFECT: Effect = Effect {
     name: "monomial",
     acts_on: "motion",
-    equation: "a = (ax, ay) x^px y^py vx^pvx vy^pvy |v|^pv",
+    equation: "a = (ax, ay) x^px y^py vx^pvx vy^pvy |v|^pv, powers whole",
     parameters: &[
         Parameter { name: "ax", unit: "m/s^2 over the powers' unit", bounds: [-1e3, 1e3], neutral: 0.0 },
         Parameter { name: "ay", unit: "m/s^2 over the powers' unit", bounds: [-1e3, 1e3], neutral: 0.0 },
