@@ -77,13 +77,8 @@ fn what_no_library_holds_is_unknown() {
 }
 
 /// A diagnosis of random actions in a task's hidden world, seen whole at the paper's rate.
-fn task(family: &str, hidden: &[(&str, &str, f64)], seed: u64) -> Diagnosis {
+fn task(family: &str, effects: Vec<EffectTerm>, seed: u64) -> Diagnosis {
     let family = iplw::task::family(family).unwrap();
-    let term = |(name, parameter, value): &(&str, &str, f64)| EffectTerm {
-        name: name.to_string(),
-        parameters: [(parameter.to_string(), *value)].into(),
-    };
-    let effects = hidden.iter().map(term).collect();
     let mut world = HiddenWorld::new(HiddenConfig { effects, ..standard(family) }).unwrap();
     let tasks = split(&family.fold(0), Split::Train);
     let trials = iplw::experiment::random_trials(&tasks, &mut world, 16, seed, &Silent).unwrap();
@@ -101,14 +96,25 @@ fn what_a_task_hides_is_named_and_its_latents_found() {
     };
     // What rounding leaves has the same sign in trial after trial, and is nothing.
     for seed in [1, 101] {
-        let d = task("basketball", &[], seed);
+        let d = task("basketball", Vec::new(), seed);
         assert_eq!(d.verdict, Verdict::None, "{}", d.reason);
         right(&d);
     }
-    for (name, parameter, value) in [("linear_drag", "c", 0.223), ("restitution_speed", "slope", 0.004)] {
-        let d = task("basketball", &[(name, parameter, value)], 1);
+    // The patch's drag is no round number, which a search might meet by chance.
+    let patch: &[(&str, f64)] =
+        &[("c", 2.271), ("x_min", 14.0), ("x_max", 28.0), ("y_min", 0.0), ("y_max", 6.0)];
+    for (name, parameters) in [
+        ("linear_drag", &[("c", 0.223)][..]),
+        ("restitution_speed", &[("slope", 0.004)][..]),
+        ("sticky_patch", patch),
+    ] {
+        let of = |(p, v): &(&str, f64)| (p.to_string(), *v);
+        let term = EffectTerm { name: name.into(), parameters: parameters.iter().map(of).collect() };
+        let d = task("basketball", vec![term], 1);
         assert_eq!(d.rivals, [[name]], "{}", d.reason);
-        assert!((d.effects[0].parameters[0].value / value - 1.0).abs() < 0.01, "{:?}", d.effects);
+        let (size, value) = parameters[0];
+        let found = d.effects[0].parameters.iter().find(|p| p.name == size).unwrap().value;
+        assert!((found / value - 1.0).abs() < 0.01, "{:?}", d.effects);
         right(&d);
     }
 }

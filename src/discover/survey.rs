@@ -40,14 +40,16 @@ const WIDE: f64 = 0.35;
 const NARROW: f64 = 0.02;
 /// Shares of the first deviations from which edges are searched for again.
 const CLOSER: [f64; 3] = [0.2, 0.05, 0.02];
-/// Widths of a scan, as shares of the deviation, each about the best value of the one before: where there are edges, and to
-/// end a search. Values tried on each side; how often every number gets its turn.
-const WIDTHS: [f64; 4] = [2.0, 0.4, 0.08, 0.015];
-const NEAR: [f64; 3] = [0.1, 0.02, 0.004];
-const SIDE: i32 = 12;
+/// Widths of a scan, as shares of the deviation, each about the best value of the one before, and the values tried on each
+/// side: where there are edges, and to end a search. Where nothing is right yet, the place that fits is a few hundredths of
+/// the deviation wide. How often every number gets its turn.
+const WIDTHS: [(f64, i32); 4] = [(2.0, 100), (0.4, 12), (0.08, 12), (0.015, 12)];
+const NEAR: [(f64, i32); 3] = [(0.1, 12), (0.02, 12), (0.004, 12)];
 const TURNS: usize = 3;
 /// Shares of the places where things go wrong that a frame may leave out on each side.
 const MARGINS: [f64; 3] = [0.0, 0.1, 0.3];
+/// Size of an amplitude at most, in sizes that are usual.
+const MOST: f64 = 3.0;
 /// Values that a latent usually has at most.
 const USUAL: f64 = 2.0;
 
@@ -70,8 +72,7 @@ pub fn survey(data: &Data, layout: &Layout, start: &State, seed: u64) -> Result<
         let places = places(data, layout, start)?;
         for margin in MARGINS.into_iter().filter(|_| places[0].len() >= FEWEST) {
             let (start, spread) = framed(layout, start, &spread, &places, margin);
-            let other = search(data, layout, &start, &spread, &leaps, seed)?;
-            let other = scan(data, layout, other, &spread, &leaps, &WIDTHS)?;
+            let other = scan(data, layout, start, &spread, &leaps, &WIDTHS)?;
             let losses = model::losses(data, layout, &[best.values.clone(), other.values.clone()], &leaps)?;
             best = if losses[1] < losses[0] { other } else { best };
         }
@@ -133,7 +134,9 @@ fn framed(
             "y_min" => (1, margin),
             "y_max" => (1, 1.0 - margin),
             _ => {
-                framed.values[i] = parameter.neutral + library::usual(parameter.unit);
+                // The way downhill from nothing leads to small amplitudes alone.
+                *near = MOST * library::usual(parameter.unit);
+                framed.values[i] = parameter.neutral + *near;
                 continue;
             }
         };
@@ -210,30 +213,34 @@ fn search(
     Ok(State { values: best.1, nuisances: start.nuisances.clone() })
 }
 
-/// One number after the other is tried over its whole reach and ever closer. Stretches that lie within the edges tell an
-/// amplitude sharply whatever the edges are, and a draw of all numbers at once hardly ever meets so narrow a place.
+/// One number after the other is tried over its whole reach and ever closer, amplitudes first. Stretches that lie within
+/// the edges tell an amplitude sharply whatever the edges are, and a draw of all numbers at once hardly ever meets so narrow
+/// a place.
 fn scan(
     data: &Data,
     layout: &Layout,
     start: State,
     spread: &[f64],
     leaps: &[usize],
-    widths: &[f64],
+    widths: &[(f64, i32)],
 ) -> Result<State> {
     let mut best =
         (model::losses(data, layout, std::slice::from_ref(&start.values), leaps)?[0], start.values);
+    let amplitude = |i: &usize| parameter(layout, *i).is_some_and(|p| !library::shapes(p));
+    let (first, then): (Vec<usize>, Vec<usize>) = (0..layout.slots.len()).partition(amplitude);
     for _ in 0..TURNS {
         let before = best.0;
-        for (i, slot) in layout.slots.iter().enumerate() {
-            for width in widths {
+        for i in first.iter().chain(&then).copied() {
+            let slot = &layout.slots[i];
+            for (width, side) in widths.iter().copied() {
                 let about = best.1[i];
                 let moved = |k: i32| {
                     let mut values = best.1.clone();
-                    let value = about + width * spread[i] * f64::from(k) / f64::from(SIDE);
+                    let value = about + width * spread[i] * f64::from(k) / f64::from(side);
                     values[i] = value.clamp(slot.bounds[0], slot.bounds[1]);
                     values
                 };
-                let tried: Vec<Vec<f64>> = (-SIDE..=SIDE).map(moved).collect();
+                let tried: Vec<Vec<f64>> = (-side..=side).map(moved).collect();
                 let losses = model::losses(data, layout, &tried, leaps)?;
                 for (loss, values) in losses.into_iter().zip(tried) {
                     if loss < best.0 {
@@ -282,7 +289,7 @@ fn reach(data: &Data, layout: &Layout, state: &State, looks: &[Look]) -> Vec<f64
             (true, _) => span.speed,
             (false, unit) => {
                 let usual = library::usual(unit);
-                (left / told.max(1e-12)).sqrt().clamp(0.3 * usual, 3.0 * usual)
+                (left / told.max(1e-12)).sqrt().clamp(0.3 * usual, MOST * usual)
             }
         }
     };
