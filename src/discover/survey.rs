@@ -18,6 +18,7 @@ use super::window::{self, Kind};
 use crate::error::Result;
 use crate::rng;
 use crate::world::effect::Parameter;
+use crate::world::latent::FACTORS;
 
 /// Values tried in a round for each number searched for, and the fewest; the share of the best that the next round is
 /// drawn about; rounds, and how many more for each number that only shapes an effect.
@@ -46,6 +47,8 @@ const CLOSER: [f64; 3] = [0.2, 0.05, 0.02];
 const WIDTHS: [(f64, i32); 4] = [(2.0, 100), (0.4, 12), (0.08, 12), (0.015, 12)];
 const NEAR: [(f64, i32); 3] = [(0.1, 12), (0.02, 12), (0.004, 12)];
 const TURNS: usize = 3;
+/// Widths of a grid over two numbers at once, and the values of each tried on each side.
+const GRIDS: [(f64, i32); 3] = [(2.0, 20), (0.2, 10), (0.03, 10)];
 /// Shares of the places where things go wrong that a frame may leave out on each side.
 const MARGINS: [f64; 3] = [0.0, 0.1, 0.3];
 /// Size of an amplitude at most, in sizes that are usual.
@@ -67,6 +70,7 @@ pub fn survey(data: &Data, layout: &Layout, start: &State, seed: u64) -> Result<
     let spread = reach(data, layout, start, &looks);
     let leaps = telling(data, &looks);
     let best = search(data, layout, start, &spread, &leaps, seed)?;
+    let best = crossed(data, layout, best, &spread, &leaps)?;
     let mut best = scan(data, layout, best, &spread, &leaps, &NEAR)?;
     if layout.has_edges() {
         let places = places(data, layout, start)?;
@@ -224,29 +228,17 @@ fn scan(
     leaps: &[usize],
     widths: &[(f64, i32)],
 ) -> Result<State> {
-    let mut best =
-        (model::losses(data, layout, std::slice::from_ref(&start.values), leaps)?[0], start.values);
+    let mut best = lone(data, layout, start.values, leaps)?;
     let amplitude = |i: &usize| parameter(layout, *i).is_some_and(|p| !library::shapes(p));
     let (first, then): (Vec<usize>, Vec<usize>) = (0..layout.slots.len()).partition(amplitude);
     for _ in 0..TURNS {
         let before = best.0;
         for i in first.iter().chain(&then).copied() {
-            let slot = &layout.slots[i];
             for (width, side) in widths.iter().copied() {
-                let about = best.1[i];
-                let moved = |k: i32| {
-                    let mut values = best.1.clone();
-                    let value = about + width * spread[i] * f64::from(k) / f64::from(side);
-                    values[i] = value.clamp(slot.bounds[0], slot.bounds[1]);
-                    values
-                };
-                let tried: Vec<Vec<f64>> = (-side..=side).map(moved).collect();
-                let losses = model::losses(data, layout, &tried, leaps)?;
-                for (loss, values) in losses.into_iter().zip(tried) {
-                    if loss < best.0 {
-                        best = (loss, values);
-                    }
-                }
+                let to = steps(layout, &best.1, spread, i, width, side);
+                let moved = |to: f64| replaced(&best.1, &[(i, to)]);
+                let tried = to.into_iter().map(moved).collect();
+                best = better(data, layout, best, tried, leaps)?;
             }
         }
         if best.0 > 0.999 * before {
@@ -254,6 +246,59 @@ fn scan(
         }
     }
     Ok(State { values: best.1, nuisances: start.nuisances })
+}
+
+/// Restitution together with what else contacts do is tried on grids, each about the best of the one before. The two make up
+/// for each other along a valley across both, too narrow to be drawn, and no way of one of them alone leads along it.
+fn crossed(data: &Data, layout: &Layout, start: State, spread: &[f64], leaps: &[usize]) -> Result<State> {
+    let contact = |i: &usize| match layout.slots[*i].what {
+        What::Parameter(t, _) => layout.terms[t].effect.acts_on == "contact",
+        What::Latent(l) => FACTORS[l].name == "restitution",
+    };
+    let (latents, effects): (Vec<usize>, Vec<usize>) =
+        (0..layout.slots.len()).filter(contact).partition(|i| layout.slots[*i].latent().is_some());
+    let mut best = lone(data, layout, start.values, leaps)?;
+    for (l, e) in latents.iter().flat_map(|l| effects.iter().map(|e| (*l, *e))) {
+        for (width, side) in GRIDS {
+            let [rows, columns] = [l, e].map(|i| steps(layout, &best.1, spread, i, width, side));
+            let pairs = rows.iter().flat_map(|r| columns.iter().map(|c| (*r, *c)));
+            let tried = pairs.map(|(r, c)| replaced(&best.1, &[(l, r), (e, c)])).collect();
+            best = better(data, layout, best, tried, leaps)?;
+        }
+    }
+    Ok(State { values: best.1, nuisances: start.nuisances })
+}
+
+/// Values with the loss that they have.
+type Judged = (f64, Vec<f64>);
+
+fn lone(data: &Data, layout: &Layout, values: Vec<f64>, leaps: &[usize]) -> Result<Judged> {
+    Ok((model::losses(data, layout, std::slice::from_ref(&values), leaps)?[0], values))
+}
+
+/// The best of all, the one that is known if none is better.
+fn better(
+    data: &Data,
+    layout: &Layout,
+    known: Judged,
+    tried: Vec<Vec<f64>>,
+    leaps: &[usize],
+) -> Result<Judged> {
+    let losses = model::losses(data, layout, &tried, leaps)?;
+    Ok(losses.into_iter().zip(tried).fold(known, |best, new| if new.0 < best.0 { new } else { best }))
+}
+
+/// Values of a slot about where it stands, `side` of them on each side up to `width` of its deviation, as far as allowed.
+fn steps(layout: &Layout, values: &[f64], spread: &[f64], slot: usize, width: f64, side: i32) -> Vec<f64> {
+    let [low, high] = layout.slots[slot].bounds;
+    let at = |k: i32| values[slot] + width * spread[slot] * f64::from(k) / f64::from(side);
+    (-side..=side).map(|k| at(k).clamp(low, high)).collect()
+}
+
+fn replaced(values: &[f64], by: &[(usize, f64)]) -> Vec<f64> {
+    let mut out = values.to_vec();
+    by.iter().for_each(|(i, value)| out[*i] = *value);
+    out
 }
 
 /// Leaps that take part, in order: evenly spread over those that fit and over those that do not.

@@ -573,10 +573,13 @@ fn pos(h: HPos, v: VPos) -> Pos {
     Pos::new(h, v)
 }
 
+/// The palette's colours, and darker each time round.
 fn paint(index: usize) -> RGBColor {
     // Blue first: the best contrast for the plot of one series.
     const ORDER: [usize; 7] = [1, 0, 3, 4, 2, 5, 6];
-    let [r, g, b] = channels(PALETTE[ORDER[index % ORDER.len()]]);
+    let round = (index / ORDER.len()) as i32;
+    let shade = |c: u8| (f64::from(c) * 0.5f64.powi(round)) as u8;
+    let [r, g, b] = channels(PALETTE[ORDER[index % ORDER.len()]]).map(shade);
     RGBColor(r, g, b)
 }
 
@@ -730,6 +733,14 @@ mod tests {
         let centres = |n: usize| (0..n).map(|i| i as f64).collect();
         let columns = values.first().map_or(0, Vec::len);
         Heatmap { x: centres(columns), y: centres(values.len()), values, ..Heatmap::default() }
+    }
+
+    #[test]
+    fn many_series_have_colours_of_their_own() {
+        let colours: Vec<RGBColor> = (0..20).map(paint).collect();
+        for (i, one) in colours.iter().enumerate() {
+            assert!(colours[i + 1..].iter().all(|other| other != one), "{i}: {one:?}");
+        }
     }
 
     #[test]
