@@ -240,6 +240,10 @@ fn estimate_prints_the_contract() {
     refused(&["estimate", "--strategy", "psychic"], "", "collisions, rolling, random, mixed");
     refused(&["estimate", "--preset", "slow"], "", "fast or paper");
     refused(&["estimate", "--rounds", "0"], "", "rounds");
+    let nowhere = std::env::temp_dir().join("iplw-refused");
+    let experiment = |name| ["experiment", name, "--worlds", "windy", "--out", nowhere.to_str().unwrap()];
+    refused(&experiment("harder"), "", "wind, quadratic_drag");
+    refused(&experiment("bowling"), "", "--worlds");
     refused(&["estimate", "--real", "grip=1"], "", "grip");
 }
 

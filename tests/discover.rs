@@ -7,7 +7,7 @@ mod worlds;
 use iplw::discover::report::{Diagnosis, Verdict};
 use iplw::discover::{Config, Finding, diagnose};
 use iplw::progress::Silent;
-use iplw::reality::{HiddenConfig, HiddenWorld, settled, standard};
+use iplw::reality::{HiddenConfig, HiddenWorld, Trial, settled, standard};
 use iplw::task::Scene;
 use iplw::task::scene::EffectTerm;
 use iplw::task::{Split, split};
@@ -117,6 +117,35 @@ fn what_a_task_hides_is_named_and_its_latents_found() {
         assert!((found / value - 1.0).abs() < 0.01, "{:?}", d.effects);
         right(&d);
     }
+}
+
+/// States seen whole, of a world that steps in a way of its own: that its velocities are of another moment of a step than
+/// the simulation's is no gravity, and hides no wind.
+#[test]
+fn another_engines_steps_are_no_effect() {
+    let mut scene = worlds::scene();
+    (scene.bodies[0].position, scene.steps, scene.observe_every) = (Some([0.0, 20.0]), 480, 60);
+    scene.time_step = 1.0 / 240.0;
+    let thrown = |effects: &[EffectTerm]| -> Vec<Trial> {
+        let mut throw = |i: u32| {
+            let mut scene = scene.clone();
+            scene.bodies[0].velocity = [f64::from(i % 4) - 2.0, 0.5 * f64::from(i)];
+            let rollout = Rollout { scene: &scene, latents: Latents::default(), effects, stop: false };
+            let observed = simulate(&[rollout], Engine::Rapier).unwrap().remove(0);
+            Trial { name: i.to_string(), setting: None, scene, observed }
+        };
+        (0..12).map(&mut throw).collect()
+    };
+    let look = |effects: &[EffectTerm]| {
+        diagnose(&scene, &thrown(effects), &Config::standard(1), &Silent).unwrap().diagnosis
+    };
+    let nothing = look(&[]);
+    assert_eq!(nothing.verdict, Verdict::None, "{:?} {}", nothing.rivals, nothing.reason);
+    let parameters = [("ax".to_string(), 0.5), ("ay".to_string(), 0.0)].into();
+    let windy = look(&[EffectTerm { name: "wind".into(), parameters }]);
+    assert_eq!(windy.rivals, [["wind"]], "{:?} {}", windy.effects, windy.reason);
+    let of = |i: usize| windy.effects[0].parameters[i].value;
+    assert!((of(0) - 0.5).abs() < 0.02 && of(1).abs() < 0.02, "{:?}", windy.effects);
 }
 
 /// Every hidden effect is noticed, and what is named with confidence is what was hidden.

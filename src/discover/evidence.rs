@@ -162,14 +162,14 @@ fn bounce(window: &Window, w: usize, base: &Fitted, model: &Fitted) -> Option<Bo
     Some(Bounce { setting: window.setting, seen, base: met(&base), extended: met(&extended) })
 }
 
-/// The residuals' velocity before or after a time since the window's start, m/s; `None` with fewer than two observations
-/// there.
+/// The residuals' velocity before or after a time since the window's start, m/s; `None` with observations at fewer than
+/// two times there.
 fn drift(window: &Window, residual: &[f64], time: f64, after: bool) -> Option<[f64; 2]> {
     let along = |axis: usize| {
         let row = |(i, p): (usize, &Point)| (p.time, residual[2 * i + axis]);
         let there = |(t, r): &(f64, f64)| (*t > time) == after && r.is_finite();
         let rows: Vec<(f64, f64)> = window.points.iter().enumerate().map(row).filter(there).collect();
-        (rows.len() >= 2).then(|| slope(&rows))
+        slope(&rows)
     };
     Some([along(0)?, along(1)?])
 }

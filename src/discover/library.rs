@@ -25,7 +25,7 @@ pub struct Span {
     pub interval: f64,
     /// Whether anything touches anything.
     pub contacts: bool,
-    /// Whether there are trials whose start is known.
+    /// Whether any stretch starts where the scene says, and not where something was seen or may be.
     pub runs: bool,
 }
 
@@ -37,7 +37,7 @@ pub fn candidates(scene: &Scene, span: &Span) -> Vec<(&'static Effect, Vec<Term>
         .filter(|e| e.name != monomial::EFFECT.name)
         .filter(|e| match e.acts_on {
             "contact" => span.contacts,
-            // A free start takes up whatever a placement does.
+            // A free start takes up whatever a placement does, and one that was seen holds it.
             "action" => span.runs,
             _ => true,
         })
@@ -194,6 +194,6 @@ pub fn span(windows: &[Window]) -> Span {
         speed: if time > 0.0 { path / time } else { 1.0 },
         interval: time / count.max(1) as f64,
         contacts: windows.iter().any(|w| w.kind != Kind::Flight),
-        runs: windows.iter().any(|w| w.kind.simulated()),
+        runs: windows.iter().any(|w| w.kind == Kind::Run),
     }
 }

@@ -24,6 +24,7 @@ mod library;
 mod model;
 mod noise;
 mod path;
+mod phase;
 pub mod report;
 mod search;
 mod signs;
@@ -109,6 +110,7 @@ pub fn diagnose(
     let (names, settings) = settings_of(trials);
     let latents = scene.calibrate.iter().map(|n| factor_index(n)).collect::<Result<Vec<_>>>()?;
     let mut windows = window::cut(scene, trials, &settings);
+    phase::align(&mut windows, trials, config.engine)?;
     let usable = |windows: &[Window]| {
         (0..trials.len()).filter(|i| windows.iter().any(|w| w.trial == *i && w.kind != Kind::Contact)).count()
     };

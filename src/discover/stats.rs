@@ -50,13 +50,13 @@ pub fn mean_error(values: &[f64]) -> (f64, f64) {
     (mean, (variance / n).sqrt())
 }
 
-/// Slope of the straight line through points (t, y) by least squares; 0 where all t are the same.
-pub fn slope(points: &[(f64, f64)]) -> f64 {
-    let n = points.len().max(1) as f64;
+/// Slope of the straight line through points (t, y) by least squares; `None` of nothing, and where all t are the same.
+pub fn slope(points: &[(f64, f64)]) -> Option<f64> {
+    let n = points.len() as f64;
     let (t, y) = (points.iter().map(|p| p.0).sum::<f64>() / n, points.iter().map(|p| p.1).sum::<f64>() / n);
     let up: f64 = points.iter().map(|p| (p.0 - t) * (p.1 - y)).sum();
     let down: f64 = points.iter().map(|p| (p.0 - t).powi(2)).sum();
-    up / down.max(1e-12)
+    (down > 0.0).then(|| up / down)
 }
 
 /// The middle value; 0 of nothing.
@@ -136,6 +136,13 @@ fn fraction(a: f64, b: f64, x: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_slope_is_that_of_the_line() {
+        let line = [(1.0, 5.0), (2.0, 3.0), (4.0, -1.0)];
+        assert!((slope(&line).unwrap() + 2.0).abs() < 1e-12);
+        assert_eq!((slope(&[]), slope(&line[..1]), slope(&[(1.0, 0.0), (1.0, 9.0)])), (None, None, None));
+    }
 
     #[test]
     fn tables_are_met() {

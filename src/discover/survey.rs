@@ -4,7 +4,8 @@
 //! rough floor are far apart, and in between every collision goes another way. Stretches that start from what was seen
 //! have no nuisances, so many values can simply be tried: the cross-entropy method over latents and parameters at once,
 //! each stretch counting by the logarithm of how far off it is, so that those that fit say more than those that went
-//! astray.
+//! astray. Where that meets too narrow a place, numbers are tried on grids: one after the other, and two together that make
+//! up for each other.
 //!
 //! Sources: the cross-entropy method (Rubinstein and Kroese 2004); Cauchy's likelihood as a redescending loss (Huber and
 //! Ronchetti, Robust Statistics, chapter 4).
@@ -257,6 +258,9 @@ fn crossed(data: &Data, layout: &Layout, start: State, spread: &[f64], leaps: &[
     };
     let (latents, effects): (Vec<usize>, Vec<usize>) =
         (0..layout.slots.len()).filter(contact).partition(|i| layout.slots[*i].latent().is_some());
+    if effects.is_empty() {
+        return Ok(start);
+    }
     let mut best = lone(data, layout, start.values, leaps)?;
     for (l, e) in latents.iter().flat_map(|l| effects.iter().map(|e| (*l, *e))) {
         for (width, side) in GRIDS {

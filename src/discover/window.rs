@@ -152,14 +152,17 @@ pub fn cut(base: &Scene, trials: &[Trial], settings: &[usize]) -> Vec<Window> {
     windows
 }
 
-/// Whether the scene says where everything starts and the first observation says exactly the same.
+/// m. What a start may be off by that was set rather than measured: single precision leaves some micrometres of it.
+const EXACT: f64 = 1e-5;
+
+/// Whether the scene says where everything starts and the first observation says the same.
 fn start_is_known(base: &Scene, trial: &Trial) -> bool {
     let Ok(placed) = base.in_setting(trial.setting.as_deref().unwrap_or_default()) else { return false };
     let from_run = trial.setting.is_none() && base.action.is_some();
     trial.observed.bodies.iter().enumerate().all(|(k, track)| {
         let expected = if from_run { trial.scene.bodies[k].position } else { placed.bodies[k].position };
         match (expected, track.x.first(), track.y.first()) {
-            (Some(p), Some(x), Some(y)) => (p[0] - x).abs() < 1e-9 && (p[1] - y).abs() < 1e-9,
+            (Some(p), Some(x), Some(y)) => (p[0] - x).abs() < EXACT && (p[1] - y).abs() < EXACT,
             _ => false,
         }
     })
@@ -281,6 +284,7 @@ fn shots(trial: &Trial, index: usize, setting: usize, out: &mut Vec<Window>) {
                     body,
                     time: observed.times[i] - start,
                     seen: [track.x[i], track.y[i]],
+
                     weight: 1.0,
                 });
             }
@@ -426,7 +430,7 @@ fn spin(trial: &Trial, body: usize, rows: &[(f64, [f64; 2])]) -> Option<f64> {
         track.angle.get(at).copied().filter(|a| a.is_finite())
     };
     let seen: Vec<(f64, f64)> = rows.iter().filter_map(|(t, _)| Some((*t, angle(*t)?))).collect();
-    (seen.len() >= 4).then(|| slope(&seen))
+    if seen.len() < 4 { None } else { slope(&seen) }
 }
 
 /// Stretches (first row, end, what is touched) along one straight static in which the height above it changes no more

@@ -61,6 +61,9 @@ pub struct ExperimentArgs {
     /// 1000 if not given.
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     batches: Option<u64>,
+    /// Of `harder`: some of its real worlds, `wind,quadratic_drag,sticky_patch,other_engine`; all if not given.
+    #[arg(long, value_delimiter = ',')]
+    worlds: Option<Vec<String>>,
     /// Of `strategies`: the hidden worlds, damped, no-drag or both.
     #[arg(long, default_value = "both")]
     hidden: String,
@@ -84,6 +87,7 @@ impl ExperimentArgs {
             ("--trials", self.trials.map(|v| v.to_string()), &transfers[..]),
             ("--batches", self.batches.map(|v| v.to_string()), &transfers[..]),
             ("--rounds", self.rounds.as_ref().map(|v| format!("{v:?}")), &several[..]),
+            ("--worlds", self.worlds.as_ref().map(|v| v.join(",")), &["harder"][..]),
         ];
         for (name, value, heeding) in given {
             if let Some(value) = value.filter(|_| !heeding.contains(&self.name.as_str())) {

@@ -25,11 +25,23 @@ pub fn run(args: &ExperimentArgs) -> Result<()> {
     let family = family(named)?;
     match args.name.as_str() {
         "latents" => carry_out(args, family, Study::latents(family), &args.out),
-        "harder" => Study::harder(family)
-            .into_iter()
-            .try_for_each(|study| carry_out(args, family, study.clone(), &args.out.join(&study.name))),
+        "harder" => harder(args, family),
         _ => carry_out(args, family, Study::strategies(family), &args.out),
     }
+}
+
+/// Every real world that was asked for, in a directory of its own.
+fn harder(args: &ExperimentArgs, family: &Family) -> Result<()> {
+    let studies = Study::harder(family);
+    let known: Vec<String> = studies.iter().map(|s| s.name.clone()).collect();
+    let wanted = args.worlds.as_ref().unwrap_or(&known);
+    if let Some(unknown) = wanted.iter().find(|w| !known.contains(w)) {
+        return Err(Error::input("--worlds", unknown, known.join(", ")));
+    }
+    let asked = studies.into_iter().filter(|s| wanted.contains(&s.name));
+    asked
+        .map(|study| (args.out.join(&study.name), study))
+        .try_for_each(|(out, s)| carry_out(args, family, s, &out))
 }
 
 fn carry_out(args: &ExperimentArgs, family: &Family, mut study: Study, out: &Path) -> Result<()> {
