@@ -127,14 +127,20 @@ fn another_engines_steps_are_no_effect() {
     (scene.bodies[0].position, scene.steps, scene.observe_every) = (Some([0.0, 20.0]), 480, 60);
     scene.time_step = 1.0 / 240.0;
     let thrown = |effects: &[EffectTerm]| -> Vec<Trial> {
-        let mut throw = |i: u32| {
+        let throw = |i: u32| {
             let mut scene = scene.clone();
             scene.bodies[0].velocity = [f64::from(i % 4) - 2.0, 0.5 * f64::from(i)];
             let rollout = Rollout { scene: &scene, latents: Latents::default(), effects, stop: false };
             let observed = simulate(&[rollout], Engine::Rapier).unwrap().remove(0);
             Trial { name: i.to_string(), setting: None, scene, observed }
         };
-        (0..12).map(&mut throw).collect()
+        let mut trials: Vec<Trial> = (0..12).map(throw).collect();
+        // One of which nothing is known is no reason to refuse the others.
+        let mut unseen = throw(12);
+        unseen.scene.bodies[0].position = None;
+        unseen.observed.bodies[0].x.fill(f64::NAN);
+        trials.insert(0, unseen);
+        trials
     };
     let look = |effects: &[EffectTerm]| {
         diagnose(&scene, &thrown(effects), &Config::standard(1), &Silent).unwrap().diagnosis

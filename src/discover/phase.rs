@@ -30,7 +30,10 @@ const MOST: f64 = 1.0;
 /// Starts every leap from the velocities that its engine would have reported of the state that was seen.
 pub fn align(windows: &mut [Window], trials: &[Trial], engine: Engine) -> Result<()> {
     let leaps: Vec<usize> = (0..windows.len()).filter(|w| windows[*w].kind == Kind::Leap).collect();
-    let later = if leaps.is_empty() { 0.0 } else { difference(trials, engine)? };
+    // Only of trials with leaps is it known that everything was seen and placed.
+    let mut whole: Vec<usize> = leaps.iter().map(|w| windows[*w].trial).collect();
+    whole.dedup();
+    let later = difference(&whole.into_iter().map(|t| &trials[t]).collect::<Vec<_>>(), engine)?;
     if later == 0.0 {
         return Ok(());
     }
@@ -57,7 +60,7 @@ pub fn align(windows: &mut [Window], trials: &[Trial], engine: Engine) -> Result
 }
 
 /// How much earlier the moment of the velocities seen is than the simulation's, s; 0 where that cannot be told or is nothing.
-fn difference(trials: &[Trial], engine: Engine) -> Result<f64> {
+fn difference(trials: &[&Trial], engine: Engine) -> Result<f64> {
     let Some(step) = trials.first().map(|t| t.scene.time_step) else { return Ok(0.0) };
     let observed: Vec<&Trajectory> = trials.iter().map(|t| &t.observed).collect();
     let Some(seen) = earlier(&observed, step) else { return Ok(0.0) };
@@ -77,9 +80,9 @@ fn earlier(trajectories: &[&Trajectory], step: f64) -> Option<f64> {
             told.extend((0..track.len().saturating_sub(2)).filter_map(|i| {
                 let pull = acceleration(track, times, i)?;
                 let strength = pull[0].hypot(pull[1]);
-                let half = 0.5 * (times[i + 2] - times[i]);
+                let time = times[i + 2] - times[i];
                 let off = |x: &[f64], v: &[f64]| {
-                    (x[i + 2] - x[i]) / (2.0 * half) - (v[i] + 4.0 * v[i + 1] + v[i + 2]) / 6.0
+                    (x[i + 2] - x[i]) / time - (v[i] + 4.0 * v[i + 1] + v[i + 2]) / 6.0
                 };
                 let along = off(&track.x, &track.vx) * pull[0] + off(&track.y, &track.vy) * pull[1];
                 (strength > PULL).then(|| along / strength.powi(2))

@@ -284,7 +284,6 @@ fn shots(trial: &Trial, index: usize, setting: usize, out: &mut Vec<Window>) {
                     body,
                     time: observed.times[i] - start,
                     seen: [track.x[i], track.y[i]],
-
                     weight: 1.0,
                 });
             }

@@ -38,10 +38,11 @@ fn harder(args: &ExperimentArgs, family: &Family) -> Result<()> {
     if let Some(unknown) = wanted.iter().find(|w| !known.contains(w)) {
         return Err(Error::input("--worlds", unknown, known.join(", ")));
     }
-    let asked = studies.into_iter().filter(|s| wanted.contains(&s.name));
-    asked
-        .map(|study| (args.out.join(&study.name), study))
-        .try_for_each(|(out, s)| carry_out(args, family, s, &out))
+    for study in studies.into_iter().filter(|s| wanted.contains(&s.name)) {
+        let out = args.out.join(&study.name);
+        carry_out(args, family, study, &out)?;
+    }
+    Ok(())
 }
 
 fn carry_out(args: &ExperimentArgs, family: &Family, mut study: Study, out: &Path) -> Result<()> {
