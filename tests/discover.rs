@@ -6,6 +6,8 @@ mod worlds;
 
 use iplw::discover::report::{Diagnosis, Verdict};
 use iplw::discover::{Config, Finding, diagnose};
+use iplw::experiment::EstimateConfig;
+use iplw::experiment::extension::extended;
 use iplw::progress::Silent;
 use iplw::reality::{HiddenConfig, HiddenWorld, Trial, settled, standard};
 use iplw::task::Scene;
@@ -56,6 +58,8 @@ fn hidden_laws_of_contact_are_named() {
 fn what_no_library_holds_is_unknown() {
     let trials = worlds::trials(&worlds::outside(2, 5), Noise::White, 14, 40, 15.0, 5);
     let found = diagnose(&worlds::scene(), &trials, &Config::standard(5), &Silent).unwrap();
+    let setup = EstimateConfig::fast(iplw::task::family("basketball").unwrap().prior);
+    let taught = extended(&found, &trials, &setup, Latents::default(), &Silent).unwrap();
     let d = found.diagnosis;
     assert_eq!(d.verdict, Verdict::Unknown, "{:?}: {}", d.rivals, d.reason);
     let law = d.residual_law.expect("a law for what is left");
@@ -66,6 +70,7 @@ fn what_no_library_holds_is_unknown() {
     let mut scene = found.extended;
     for term in &law.terms {
         assert!(scene.effects.contains(&term.term), "{:?}", scene.effects);
+        assert!(taught.effects.contains(&term.term), "{:?}", taught.effects);
     }
     let rolled = |scene: &Scene| {
         let rollout = Rollout { scene, latents: Default::default(), effects: &[], stop: false };

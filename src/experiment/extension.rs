@@ -6,7 +6,6 @@ use serde::{Deserialize, Serialize};
 
 use super::quickstart::DRAG_PRIOR;
 use super::{EstimateConfig, refit};
-use crate::discover::report::Verdict;
 use crate::discover::{self, Finding, diagnose};
 use crate::error::{Error, Result};
 use crate::policy::Training;
@@ -25,7 +24,7 @@ pub struct Extension {
     pub reason: String,
     /// Every set of effects that the trials cannot tell from the best.
     pub rivals: Vec<Vec<String>>,
-    /// What is added to the simulation: the simplest of those sets.
+    /// What is added to the simulation: the simplest of those sets; of what is unknown, as much as the diagnosis offers.
     pub effects: Vec<EffectTerm>,
     /// As estimated in the extended simulation.
     pub latents: Latents,
@@ -48,8 +47,9 @@ pub fn diagnosed(
 
 /// The simulation that a finding asks for. Latents are fitted to the trials again, in the extended simulation and with
 /// the workflow's own estimator, which sees whole trials where a diagnosis sees stretches; `linear_drag` alone is
-/// fitted along, other effects stay as they were found. Where nothing was named it is the workflow's simulation with
-/// the latents `found`.
+/// fitted along, other effects stay as they were found. What has no name, or only part of one, is added all the same where
+/// it holds on trials it was not fitted to. Where nothing was found it is the workflow's simulation with the latents
+/// `found`.
 pub fn extended(
     finding: &Finding,
     trials: &[Trial],
@@ -58,12 +58,11 @@ pub fn extended(
     progress: &dyn Progress,
 ) -> Result<Extension> {
     let d = &finding.diagnosis;
-    let named = matches!(d.verdict, Verdict::Named | Verdict::Ambiguous);
     let mut extension = Extension {
         verdict: d.verdict.name().into(),
         reason: d.reason.clone(),
         rivals: d.rivals.clone(),
-        effects: if named { finding.extended.effects.clone() } else { Vec::new() },
+        effects: finding.extended.effects.clone(),
         latents: found,
         excess_removed: d.gain.held_out.as_ref().and_then(|g| g.excess_removed),
     };
