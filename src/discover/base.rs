@@ -1,0 +1,136 @@
+//! The base model: the scene as it is, with its latents and every window's start fitted.
+
+use super::library;
+use super::model::{self, Data, Layout, Pass, Slot, State};
+use super::stats::median;
+use super::survey;
+use super::window::{self, Kind, Window};
+use crate::error::Result;
+use crate::task::Scene;
+use crate::trajectory::Trajectory;
+use crate::world::latent::FACTORS;
+
+/// Square of a shot's residual, over what noise leaves, beyond which its collisions went another way than simulated.
+const ASTRAY: f64 = 30.0;
+
+/// Fits the base model from `start`. Contacts are given as much noise as the usual one shows, and windows that go another
+/// way than simulated are left out of `data`. `observed`: what was seen, by trial.
+pub fn fit(
+    scene: &Scene,
+    data: &mut Data,
+    observed: &[&Trajectory],
+    layout: &Layout,
+    start: State,
+    settings: usize,
+    seed: u64,
+) -> Result<(State, Pass)> {
+    let (mut state, mut pass) = begin(data, observed, layout, start, seed)?;
+    for start in rougher(layout, &state, data.windows) {
+        // A contact that grips as simulated says nothing of a friction at which it would slide.
+        let (other, at) = model::fit(data, layout, start, 8)?;
+        if model::total(&at) < model::total(&pass) {
+            (state, pass) = (other, at);
+        }
+    }
+    let blur = blur(scene, data, layout, settings, &state, &pass)?;
+    for (w, window) in data.windows.iter().enumerate() {
+        if window.kind == Kind::Contact {
+            data.sd[w] *= blur;
+        }
+    }
+    model::fit(data, layout, state, 6)
+}
+
+/// A first fit. Shots try several guesses of their starts first; those that stay far off are left out for good.
+fn begin(
+    data: &mut Data,
+    observed: &[&Trajectory],
+    layout: &Layout,
+    mut state: State,
+    seed: u64,
+) -> Result<(State, Pass)> {
+    if data.windows.iter().any(|w| w.kind == Kind::Shot) {
+        let mut best: Vec<f64> = vec![f64::INFINITY; data.windows.len()];
+        let mut chosen = state.clone();
+        for way in 0..3 {
+            let mut tried = state.clone();
+            for (w, window) in data.windows.iter().enumerate().filter(|(_, w)| w.kind == Kind::Shot) {
+                let observed = observed[window.trial];
+                let Some(at) = observed.times.iter().position(|t| *t == window.start) else { continue };
+                let of = |b| window::launch(b, &observed.times, at, window.scene.gravity, way);
+                tried.nuisances[w] = observed.bodies.iter().flat_map(of).collect();
+            }
+            // One step shows how near each guess comes.
+            let (tried, pass) = model::fit(data, layout, tried, 1)?;
+            for (w, square) in pass.squares.iter().enumerate() {
+                if *square < best[w] {
+                    best[w] = *square;
+                    chosen.nuisances[w].clone_from(&tried.nuisances[w]);
+                }
+            }
+        }
+        state.nuisances = chosen.nuisances;
+    }
+    if survey::possible(data, layout) {
+        state = survey::survey(data, layout, &state, seed)?;
+    }
+    let (state, pass) = model::fit(data, layout, state, 8)?;
+    if data.windows.iter().any(|w| w.kind == Kind::Shot) {
+        for (w, window) in data.windows.iter().enumerate().filter(|(_, w)| w.kind == Kind::Shot) {
+            let left = (2.0 * window.points.len() as f64 - window.nuisances.len() as f64).max(1.0);
+            if pass.squares[w] > ASTRAY * left {
+                data.sd[w] = f64::INFINITY;
+            }
+        }
+        model::freeze(data, layout, &state)?;
+        return model::fit(data, layout, state, 4);
+    }
+    Ok((state, pass))
+}
+
+/// The same state at other frictions, where friction is to be found from contacts of one disc.
+fn rougher(layout: &Layout, state: &State, windows: &[Window]) -> Vec<State> {
+    let wanted = |l: usize| FACTORS[l].name == "friction";
+    let slot = layout.slots.iter().position(|s| matches!(s.what, model::What::Latent(l) if wanted(l)));
+    let Some(slot) = slot.filter(|_| windows.iter().any(|w| w.kind == Kind::Contact)) else {
+        return Vec::new();
+    };
+    let at = |friction: f64| {
+        let mut other = state.clone();
+        other.values[slot] = friction;
+        other
+    };
+    vec![at(0.1), at(0.25)]
+}
+
+/// How far contacts repeat, in units of the noise: what the usual bounce leaves when every law of contact helps.
+fn blur(
+    scene: &Scene,
+    data: &Data,
+    layout: &Layout,
+    settings: usize,
+    state: &State,
+    base: &Pass,
+) -> Result<f64> {
+    let contact = |w: &Window| w.kind == Kind::Contact;
+    if !data.windows.iter().any(contact) {
+        return Ok(1.0);
+    }
+    let laws = library::candidates(scene, &library::span(data.windows)).into_iter();
+    let terms: Vec<model::Term> = laws
+        .filter(|(e, _)| e.acts_on == "contact")
+        .filter_map(|(_, starts)| starts.into_iter().next())
+        .collect();
+    let latents: Vec<usize> = layout.slots.iter().filter_map(Slot::latent).collect();
+    let layout = Layout::new(&latents, terms, settings);
+    let mut values = layout.start(&[0.0; 3]);
+    values[..state.values.len()].copy_from_slice(&state.values);
+    let start = State { values, nuisances: state.nuisances.clone() };
+    let (_, helped) = model::fit(data, &layout, start, 8)?;
+    let usual = |pass: &Pass| {
+        let contacts = (0..data.windows.len()).filter(|w| contact(&data.windows[*w]));
+        let left = |w: usize| (2.0 * data.windows[w].points.len() as f64 - 5.0).max(1.0);
+        median(&contacts.map(|w| pass.squares[w] / left(w)).collect::<Vec<_>>())
+    };
+    Ok(usual(&helped).min(usual(base)).max(1.0).sqrt())
+}
