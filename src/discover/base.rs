@@ -2,7 +2,9 @@
 
 use super::library;
 use super::model::{self, Data, Layout, Pass, Slot, State};
+use super::phase::Lag;
 use super::stats::median;
+use super::steps;
 use super::survey;
 use super::window::{self, Kind, Window};
 use crate::error::Result;
@@ -13,17 +15,21 @@ use crate::world::latent::FACTORS;
 /// Square of a shot's residual, over what noise leaves, beyond which its collisions went another way than simulated.
 const ASTRAY: f64 = 30.0;
 
-/// Fits the base model from `start`. Contacts are given as much noise as the usual one shows, and windows that go another
-/// way than simulated are left out of `data`. `observed`: what was seen, by trial.
+/// Fits the base model from `start`. Contacts are given as much noise as the usual one shows, or as another engine's steps
+/// make of them (`stepping`: the engine's own lag where they are another's); shots that go another way than simulated are
+/// left out of `data`. `observed`: what was seen, by trial.
 pub fn fit(
     scene: &Scene,
     data: &mut Data,
     observed: &[&Trajectory],
     layout: &Layout,
     start: State,
-    settings: usize,
+    stepping: Option<Lag>,
     seed: u64,
 ) -> Result<(State, Pass)> {
+    if let Some(own) = stepping {
+        steps::allow(data, layout, &start, own)?;
+    }
     let (mut state, mut pass) = begin(data, observed, layout, start, seed)?;
     for start in rougher(layout, &state, data.windows) {
         // A contact that grips as simulated says nothing of a friction at which it would slide.
@@ -32,7 +38,10 @@ pub fn fit(
             (state, pass) = (other, at);
         }
     }
-    let blur = blur(scene, data, layout, settings, &state, &pass)?;
+    if let Some(own) = stepping {
+        steps::allow(data, layout, &state, own)?;
+    }
+    let blur = blur(scene, data, layout, &state, &pass)?;
     for (w, window) in data.windows.iter().enumerate() {
         if window.kind == Kind::Contact {
             data.sd[w] *= blur;
@@ -104,14 +113,7 @@ fn rougher(layout: &Layout, state: &State, windows: &[Window]) -> Vec<State> {
 }
 
 /// How far contacts repeat, in units of the noise: what the usual bounce leaves when every law of contact helps.
-fn blur(
-    scene: &Scene,
-    data: &Data,
-    layout: &Layout,
-    settings: usize,
-    state: &State,
-    base: &Pass,
-) -> Result<f64> {
+fn blur(scene: &Scene, data: &Data, layout: &Layout, state: &State, base: &Pass) -> Result<f64> {
     let contact = |w: &Window| w.kind == Kind::Contact;
     if !data.windows.iter().any(contact) {
         return Ok(1.0);
@@ -122,6 +124,7 @@ fn blur(
         .filter_map(|(_, starts)| starts.into_iter().next())
         .collect();
     let latents: Vec<usize> = layout.slots.iter().filter_map(Slot::latent).collect();
+    let settings = data.settings.iter().max().map_or(1, |s| s + 1);
     let layout = Layout::new(&latents, terms, settings);
     let mut values = layout.start(&[0.0; 3]);
     values[..state.values.len()].copy_from_slice(&state.values);

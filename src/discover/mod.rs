@@ -3,7 +3,7 @@
 //! 1. `window`: trials are cut into windows whose starts are nuisances; `noise`: what no smooth motion explains.
 //!    `phase`: which moment velocities seen are of; `trust`: what of the windows can be foreseen and is no outlier.
 //! 2. `path` and the engines simulate windows; `model`: residuals and their derivatives; latents are fitted with every
-//!    candidate. `base`: the scene as it is, fitted; `expected`: what would be left if only noise were.
+//!    candidate. `base`: the scene as it is, fitted; `steps`: what another engine makes of contacts; `expected`: what would be left if only noise were.
 //! 3. `signs`: whether what is left acts in the same way in trial after trial; `library`: the effect registry as
 //!    candidates; `search`: sets of up to three of them, judged by trial (`judge`); `survey`: where starts are known the
 //!    whole range of values is searched, since collisions leave no way downhill.
@@ -35,6 +35,7 @@ pub mod report;
 mod search;
 mod signs;
 mod stats;
+mod steps;
 mod survey;
 mod trust;
 mod verdict;
@@ -100,7 +101,7 @@ pub fn diagnose(
     let (names, settings) = settings_of(trials);
     let latents = scene.calibrate.iter().map(|n| factor_index(n)).collect::<Result<Vec<_>>>()?;
     let mut windows = window::cut(scene, trials, &settings);
-    phase::align(&mut windows, trials, config.engine)?;
+    let stepping = phase::align(&mut windows, trials, config.engine)?;
     let usable = |windows: &[Window]| {
         (0..trials.len()).filter(|i| windows.iter().any(|w| w.trial == *i && w.kind != Kind::Contact)).count()
     };
@@ -150,7 +151,7 @@ pub fn diagnose(
     };
     progress.report("fitting the base model", 0, 1)?;
     let observed: Vec<&Trajectory> = kept.iter().map(|i| &trials[*i].observed).collect();
-    let (state, first) = base::fit(scene, &mut data, &observed, &layout, start, names.len(), config.seed)?;
+    let (state, first) = base::fit(scene, &mut data, &observed, &layout, start, stepping, config.seed)?;
     let expected = expected(&windows, &data.sd, kept.len(), &noise);
     let base = Fitted::new(layout, state, first, &settings);
     let given = search::Given { expected: &expected, noise: &noise, latents: &latents };

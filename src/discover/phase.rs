@@ -1,10 +1,11 @@
-//! The moment of a step that velocities are of.
+//! The moments of a step that velocities are of.
 //!
-//! One engine moves bodies first and then changes their velocities, another the other way round or several times a step:
-//! beside the same position they report velocities of moments that lie up to a step apart. A rollout that starts from
-//! states seen elsewhere is then off by that moment's acceleration from its first step on, as a little more or less gravity
-//! would have it. What is seen tells: for smooth motion over two intervals T,
-//! x2 - x0 = T/3 (v0 + 4 v1 + v2) + 2 T d (Simpson), and d = a t if the velocities are those of a time t earlier.
+//! One engine moves bodies first and then changes their velocities, another the other way round or several times a step,
+//! and gravity need not be what drag is: beside the same position they report velocities that are up to a step of
+//! acceleration apart. A rollout that starts from states seen elsewhere is then off from its first step on, as a little
+//! more or less gravity would have it. What is seen tells: for smooth motion over two intervals T,
+//! x2 - x0 = T/3 (v0 + 4 v1 + v2) + 2 T d (Simpson), and d = g t + (a - g) u if velocities lag behind by a time t in what
+//! gravity does and by u in what all else does.
 
 use super::stats::median;
 use super::window::{Kind, Window};
@@ -14,29 +15,42 @@ use crate::task::Scene;
 use crate::trajectory::{Track, Trajectory};
 use crate::world::{Engine, Rollout, simulate};
 
-/// Trials whose simulation tells the engine's own moment.
+/// Trials whose simulation tells the engine's own moments.
 const TRIALS: usize = 20;
-/// Stretches of smooth motion that must agree, and how far their middle half may lie apart, in time steps.
+/// Stretches of falling that must agree, and how far the usual one may be off, in time steps of gravity.
 const FEWEST: usize = 8;
-const APART: f64 = 0.5;
+const APART: f64 = 0.25;
 /// By how much the two halves of smooth motion may change a velocity differently, as a share of the whole change.
 const SMOOTH: f64 = 0.2;
-/// Least acceleration that tells a time, m/s^2.
-const PULL: f64 = 2.0;
+/// By how much what falls may be accelerated otherwise than by gravity, as a share of it.
+const FALLING: f64 = 0.5;
+/// Stretches off by more than this many times what is usual have no say.
+const ODD: f64 = 3.0;
 /// Difference that is none, and the largest that engines have, in time steps.
 const NONE: f64 = 0.02;
 const MOST: f64 = 1.0;
 
-/// Starts every leap from the velocities that its engine would have reported of the state that was seen.
-pub fn align(windows: &mut [Window], trials: &[Trial], engine: Engine) -> Result<()> {
+/// By how much the velocities of a stretch are off, m/s, and what of its acceleration is not gravity, m/s^2.
+type Told = ([f64; 2], [f64; 2]);
+
+/// By how much velocities lag behind the positions beside them, s.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lag {
+    /// In what gravity does.
+    pub gravity: f64,
+    /// In what everything else does.
+    pub rest: f64,
+}
+
+/// Starts every leap from the velocities that its engine would have reported of the state that was seen. Returns that
+/// engine's own lag if what was seen is another's.
+pub fn align(windows: &mut [Window], trials: &[Trial], engine: Engine) -> Result<Option<Lag>> {
     let leaps: Vec<usize> = (0..windows.len()).filter(|w| windows[*w].kind == Kind::Leap).collect();
     // Only of trials with leaps is it known that everything was seen and placed.
     let mut whole: Vec<usize> = leaps.iter().map(|w| windows[*w].trial).collect();
     whole.dedup();
-    let later = difference(&whole.into_iter().map(|t| &trials[t]).collect::<Vec<_>>(), engine)?;
-    if later == 0.0 {
-        return Ok(());
-    }
+    let whole: Vec<&Trial> = whole.into_iter().map(|t| &trials[t]).collect();
+    let Some((own, later)) = difference(&whole, engine)? else { return Ok(None) };
     let step = |w: &usize| Scene { steps: 1, observe_every: 1, ..windows[*w].scene.clone() };
     let after = rolled(&leaps.iter().map(step).collect::<Vec<_>>(), engine)?;
     for (w, after) in leaps.into_iter().zip(after) {
@@ -47,53 +61,101 @@ pub fn align(windows: &mut [Window], trials: &[Trial], engine: Engine) -> Result
         for (body, (seen, moved)) in
             window.scene.bodies.iter_mut().zip(observed.bodies.iter().zip(&after.bodies))
         {
-            let falls = |k: usize| {
-                let change = [&moved.vx, &moved.vy][k].last().map_or(f64::NAN, |v| v - body.velocity[k]);
-                (change - gravity[k] * step).abs() < SMOOTH * gravity[0].hypot(gravity[1]) * step
+            let first = |v: &[f64], k: usize| v.last().map_or(f64::NAN, |v| (v - body.velocity[k]) / step);
+            let own = [first(&moved.vx, 0), first(&moved.vy, 1)];
+            let Some(pull) = during(seen, &observed.times, at).or(falls(own, gravity).then_some(gravity))
+            else {
+                continue;
             };
-            let smooth = at.checked_sub(1).and_then(|first| acceleration(seen, &observed.times, first));
-            let Some(pull) = smooth.or((falls(0) && falls(1)).then_some(gravity)) else { continue };
-            (0..2).for_each(|k| body.velocity[k] += pull[k] * later);
+            for k in 0..2 {
+                // What something carries lags as a whole.
+                body.velocity[k] += match falls(pull, gravity) {
+                    true => gravity[k] * later.gravity + (pull[k] - gravity[k]) * later.rest,
+                    false => pull[k] * later.gravity,
+                };
+            }
         }
     }
-    Ok(())
+    Ok(Some(own))
 }
 
-/// How much earlier the moment of the velocities seen is than the simulation's, s; 0 where that cannot be told or is nothing.
-fn difference(trials: &[&Trial], engine: Engine) -> Result<f64> {
-    let Some(step) = trials.first().map(|t| t.scene.time_step) else { return Ok(0.0) };
+/// Whether an acceleration is mostly gravity.
+fn falls(pull: [f64; 2], gravity: [f64; 2]) -> bool {
+    let strength = gravity[0].hypot(gravity[1]);
+    strength > 0.0 && (pull[0] - gravity[0]).hypot(pull[1] - gravity[1]) < FALLING * strength
+}
+
+/// The simulation's lag, and how much more the velocities seen lag; `None` where that cannot be told or is nothing.
+fn difference(trials: &[&Trial], engine: Engine) -> Result<Option<(Lag, Lag)>> {
+    let Some(first) = trials.first() else { return Ok(None) };
+    let (step, gravity) = (first.scene.time_step, first.scene.gravity);
     let observed: Vec<&Trajectory> = trials.iter().map(|t| &t.observed).collect();
-    let Some(seen) = earlier(&observed, step) else { return Ok(0.0) };
+    let Some(seen) = lag(&observed, gravity, step) else { return Ok(None) };
     let scenes: Vec<Scene> = trials.iter().take(TRIALS).map(|t| t.scene.clone()).collect();
     let paths = rolled(&scenes, engine)?;
-    let own = earlier(&paths.iter().collect::<Vec<_>>(), step);
-    let difference = own.map_or(0.0, |own| seen - own);
-    Ok(if (NONE * step..MOST * step).contains(&difference.abs()) { difference } else { 0.0 })
+    let Some(own) = lag(&paths.iter().collect::<Vec<_>>(), gravity, step) else { return Ok(None) };
+    let later = Lag { gravity: seen.gravity - own.gravity, rest: seen.rest - own.rest };
+    Ok((NONE * step..MOST * step).contains(&later.gravity.abs()).then_some((own, later)))
 }
 
-/// How much earlier than the positions beside them velocities are, s, where smooth stretches agree on it.
-fn earlier(trajectories: &[&Trajectory], step: f64) -> Option<f64> {
-    let mut told = Vec::new();
+/// The lag on which stretches of falling agree.
+fn lag(trajectories: &[&Trajectory], gravity: [f64; 2], step: f64) -> Option<Lag> {
+    let mut told: Vec<Told> = Vec::new();
     for trajectory in trajectories {
         let times = &trajectory.times;
         for track in &trajectory.bodies {
             told.extend((0..track.len().saturating_sub(2)).filter_map(|i| {
-                let pull = acceleration(track, times, i)?;
-                let strength = pull[0].hypot(pull[1]);
+                let pull = acceleration(track, times, i).filter(|pull| falls(*pull, gravity))?;
                 let time = times[i + 2] - times[i];
                 let off = |x: &[f64], v: &[f64]| {
                     (x[i + 2] - x[i]) / time - (v[i] + 4.0 * v[i + 1] + v[i + 2]) / 6.0
                 };
-                let along = off(&track.x, &track.vx) * pull[0] + off(&track.y, &track.vy) * pull[1];
-                (strength > PULL).then(|| along / strength.powi(2))
+                let off = [off(&track.x, &track.vx), off(&track.y, &track.vy)];
+                let whole = off.iter().all(|o| o.is_finite());
+                whole.then_some((off, [pull[0] - gravity[0], pull[1] - gravity[1]]))
             }));
         }
     }
-    told.retain(|t| t.is_finite());
-    told.sort_by(f64::total_cmp);
-    let n = told.len();
-    let agree = n >= FEWEST && told[3 * n / 4] - told[n / 4] < APART * step;
-    agree.then(|| median(&told))
+    let least = 1e-3 * step * gravity[0].hypot(gravity[1]);
+    let (mut lag, mut usual) = (Lag { gravity: 0.0, rest: 0.0 }, f64::INFINITY);
+    for _ in 0..4 {
+        let near: Vec<_> = told.iter().filter(|t| lag.leaves(t, gravity) <= ODD * usual).copied().collect();
+        lag = least_squares(&near, gravity)?;
+        // Rounding is no disagreement.
+        usual = median(&told.iter().map(|t| lag.leaves(t, gravity)).collect::<Vec<_>>()).max(least);
+    }
+    (told.len() >= FEWEST && usual < APART * 1e3 * least).then_some(lag)
+}
+
+impl Lag {
+    /// What it leaves of what is `off`, m/s.
+    fn leaves(&self, (off, rest): &Told, gravity: [f64; 2]) -> f64 {
+        let left = |k: usize| off[k] - self.gravity * gravity[k] - self.rest * rest[k];
+        left(0).hypot(left(1))
+    }
+}
+
+/// The lag that leaves least of what is off. Where nothing but gravity acts, all else is taken to lag as gravity does.
+fn least_squares(told: &[Told], g: [f64; 2]) -> Option<Lag> {
+    let dot = |a: &[f64; 2], b: &[f64; 2]| a[0] * b[0] + a[1] * b[1];
+    let sum = |f: &dyn Fn(&[f64; 2], &[f64; 2]) -> f64| told.iter().map(|(o, r)| f(o, r)).sum::<f64>();
+    let n = told.len() as f64;
+    // As if one stretch in a hundred had shown something a tenth of gravity to lag as gravity does.
+    let prior = 1e-4 * n * dot(&g, &g);
+    let (gg, gr, rr) =
+        (n * dot(&g, &g) + prior, sum(&|_, r| dot(&g, r)) - prior, sum(&|_, r| dot(r, r)) + prior);
+    let (og, or) = (sum(&|o, _| dot(o, &g)), sum(&|o, r| dot(o, r)));
+    let determinant = gg * rr - gr * gr;
+    let lag = Lag { gravity: (og * rr - or * gr) / determinant, rest: (or * gg - og * gr) / determinant };
+    (determinant > 0.0).then_some(lag)
+}
+
+/// Mean acceleration between an observation and the next, if the motion about that is smooth.
+fn during(track: &Track, times: &[f64], at: usize) -> Option<[f64; 2]> {
+    let before = at.checked_sub(1).and_then(|first| acceleration(track, times, first));
+    before.or_else(|| acceleration(track, times, at))?;
+    let time = times[at + 1] - times[at];
+    Some([(track.vx[at + 1] - track.vx[at]) / time, (track.vy[at + 1] - track.vy[at]) / time])
 }
 
 /// Acceleration at the middle one of three observations, evenly spaced, if the motion over them is smooth.
@@ -116,14 +178,16 @@ fn rolled(scenes: &[Scene], engine: Engine) -> Result<Vec<Trajectory>> {
 mod tests {
     use super::*;
 
-    /// A throw in a wind that turns, its velocities those of a time earlier than its positions.
-    fn thrown(earlier: f64, from: f64) -> Trajectory {
+    const G: [f64; 2] = [0.0, -9.8];
+
+    /// A throw in a wind that turns; velocities lag in what gravity does and in what the wind does, s.
+    fn thrown(earlier: f64, wind: f64, from: f64) -> Trajectory {
         let times: Vec<f64> = (0..8).map(|i| 0.25 * f64::from(i)).collect();
         let of = |f: &dyn Fn(f64) -> f64, shift: f64| times.iter().map(|t| f(t + from - shift)).collect();
         let track = Track {
             x: of(&|t| 3.0 * t + (2.0 * t).sin(), 0.0),
             y: of(&|t| 4.0 * t - 4.9 * t * t, 0.0),
-            vx: of(&|t| 3.0 + 2.0 * (2.0 * t).cos(), earlier),
+            vx: of(&|t| 3.0 + 2.0 * (2.0 * t).cos(), wind),
             vy: of(&|t| 4.0 - 9.8 * t, earlier),
             ..Track::default()
         };
@@ -134,19 +198,22 @@ mod tests {
     fn smooth_motion_tells_the_moment_of_its_velocities() {
         let step = 1.0 / 240.0;
         for wanted in [0.0, 0.5 * step, -0.625 * step] {
-            let (one, other) = (thrown(wanted, 0.0), thrown(wanted, 0.3));
-            let found = earlier(&[&one, &other], step).unwrap();
-            assert!((found - wanted).abs() < 0.02 * step, "{found} for {wanted}");
+            for wind in [wanted, 0.0] {
+                let (one, other) = (thrown(wanted, wind, 0.0), thrown(wanted, wind, 0.3));
+                let found = lag(&[&one, &other], G, step).unwrap();
+                assert!((found.gravity - wanted).abs() < 0.02 * step, "{found:?} for {wanted}");
+                assert!((found.rest - wind).abs() < 0.02 * step, "{found:?} for {wind}");
+            }
         }
-        assert_eq!(earlier(&[&thrown(0.0, 0.0)], step), None, "six stretches are too few");
-        let (one, other) = (thrown(step, 0.0), thrown(-step, 0.3));
-        assert_eq!(earlier(&[&one, &other], step), None, "they do not agree");
+        assert_eq!(lag(&[&thrown(0.0, 0.0, 0.0)], G, step), None, "six stretches are too few");
+        let (one, other) = (thrown(step, step, 0.0), thrown(-step, -step, 0.3));
+        assert_eq!(lag(&[&one, &other], G, step), None, "they do not agree");
     }
 
     #[test]
     fn a_bounce_is_no_smooth_motion() {
-        let mut track = thrown(0.0, 0.0).bodies.remove(0);
-        let times = thrown(0.0, 0.0).times;
+        let mut track = thrown(0.0, 0.0, 0.0).bodies.remove(0);
+        let times = thrown(0.0, 0.0, 0.0).times;
         assert!(acceleration(&track, &times, 2).is_some());
         track.vy[4] += 6.0;
         assert_eq!(acceleration(&track, &times, 2), None);
