@@ -82,9 +82,9 @@ fn what_no_library_holds_is_unknown() {
 }
 
 /// A diagnosis of random actions in a task's hidden world, seen whole at the paper's rate.
-fn task(family: &str, effects: Vec<EffectTerm>, seed: u64) -> Diagnosis {
+fn task(family: &str, effects: Vec<EffectTerm>, engine: Engine, seed: u64) -> Diagnosis {
     let family = iplw::task::family(family).unwrap();
-    let mut world = HiddenWorld::new(HiddenConfig { effects, ..standard(family) }).unwrap();
+    let mut world = HiddenWorld::new(HiddenConfig { effects, engine, ..standard(family) }).unwrap();
     let tasks = split(&family.fold(0), Split::Train);
     let trials = iplw::experiment::random_trials(&tasks, &mut world, 16, seed, &Silent).unwrap();
     let (scene, trials) = settled(&tasks[0].scene, trials).unwrap();
@@ -101,7 +101,7 @@ fn what_a_task_hides_is_named_and_its_latents_found() {
     };
     // What rounding leaves has the same sign in trial after trial, and is nothing.
     for seed in [1, 101] {
-        let d = task("basketball", Vec::new(), seed);
+        let d = task("basketball", Vec::new(), Engine::Auto, seed);
         assert_eq!(d.verdict, Verdict::None, "{}", d.reason);
         right(&d);
     }
@@ -115,7 +115,7 @@ fn what_a_task_hides_is_named_and_its_latents_found() {
     ] {
         let of = |(p, v): &(&str, f64)| (p.to_string(), *v);
         let term = EffectTerm { name: name.into(), parameters: parameters.iter().map(of).collect() };
-        let d = task("basketball", vec![term], 1);
+        let d = task("basketball", vec![term], Engine::Auto, 1);
         assert_eq!(d.rivals, [[name]], "{}", d.reason);
         let (size, value) = parameters[0];
         let found = d.effects[0].parameters.iter().find(|p| p.name == size).unwrap().value;
@@ -157,6 +157,20 @@ fn another_engines_steps_are_no_effect() {
     assert_eq!(windy.rivals, [["wind"]], "{:?} {}", windy.effects, windy.reason);
     let of = |i: usize| windy.effects[0].parameters[i].value;
     assert!((of(0) - 0.5).abs() < 0.02 && of(1).abs() < 0.02, "{:?}", windy.effects);
+}
+
+/// Where another engine plays nature its bounces are not quite ours, by centimetres; that is no effect, and hides none.
+#[test]
+fn another_engines_bounces_are_no_effect() {
+    let nothing = task("basketball", Vec::new(), Engine::Rapier, 1);
+    assert_eq!(nothing.verdict, Verdict::None, "{:?} {}", nothing.rivals, nothing.reason);
+    let term = EffectTerm { name: "linear_drag".into(), parameters: [("c".to_string(), 0.223)].into() };
+    let drag = task("basketball", vec![term], Engine::Rapier, 1);
+    assert_eq!(drag.rivals, [["linear_drag"]], "{}", drag.reason);
+    let found = drag.effects[0].parameters[0].value;
+    assert!((found / 0.223 - 1.0).abs() < 0.02, "{found}");
+    let restitution = drag.calibrated.iter().find(|c| c.name == "restitution").unwrap().value;
+    assert!((restitution - 0.7).abs() < 0.03, "{restitution}");
 }
 
 /// Every hidden effect is noticed, and what is named with confidence is what was hidden.

@@ -2,9 +2,7 @@
 
 use super::library;
 use super::model::{self, Data, Layout, Pass, Slot, State};
-use super::phase::Lag;
 use super::stats::median;
-use super::steps;
 use super::survey;
 use super::window::{self, Kind, Window};
 use crate::error::Result;
@@ -15,21 +13,16 @@ use crate::world::latent::FACTORS;
 /// Square of a shot's residual, over what noise leaves, beyond which its collisions went another way than simulated.
 const ASTRAY: f64 = 30.0;
 
-/// Fits the base model from `start`. Contacts are given as much noise as the usual one shows, or as another engine's steps
-/// make of them (`stepping`: the engine's own lag where they are another's); shots that go another way than simulated are
-/// left out of `data`. `observed`: what was seen, by trial.
+/// Fits the base model from `start`. Contacts are given as much noise as the usual one shows; shots that go another way
+/// than simulated are left out of `data`. `observed`: what was seen, by trial.
 pub fn fit(
     scene: &Scene,
     data: &mut Data,
     observed: &[&Trajectory],
     layout: &Layout,
     start: State,
-    stepping: Option<Lag>,
     seed: u64,
 ) -> Result<(State, Pass)> {
-    if let Some(own) = stepping {
-        steps::allow(data, layout, &start, own)?;
-    }
     let (mut state, mut pass) = begin(data, observed, layout, start, seed)?;
     for start in rougher(layout, &state, data.windows) {
         // A contact that grips as simulated says nothing of a friction at which it would slide.
@@ -37,9 +30,6 @@ pub fn fit(
         if model::total(&at) < model::total(&pass) {
             (state, pass) = (other, at);
         }
-    }
-    if let Some(own) = stepping {
-        steps::allow(data, layout, &state, own)?;
     }
     let blur = blur(scene, data, layout, &state, &pass)?;
     for (w, window) in data.windows.iter().enumerate() {

@@ -80,6 +80,9 @@ pub struct Finding {
 /// Fewest trials that can be judged at all.
 const FEWEST_TRIALS: usize = 4;
 
+/// Added to the reason of a verdict on such data.
+const OTHER_STEPS: &str = " (what was measured moves in other time steps than the simulation: velocities were shifted to the \
+                           simulation's moments, and contacts are allowed what such steps make of them)";
 /// What a contact that restarts cold errs by, m.
 const COLD: f64 = 1e-3;
 
@@ -136,28 +139,47 @@ pub fn diagnose(
         .map(|w| if w.kind.simulated() { runs.unwrap_or(noise.sd) } else { noise.sd })
         .collect();
     trust::weed(&mut windows, &sd, kept.len(), &settings, config.engine)?;
-    let mut data = Data {
-        windows: &windows,
-        trials: kept.len(),
-        settings: &settings,
-        sd,
-        frozen: Vec::new(),
-        engine: config.engine,
-    };
     let layout = Layout::new(&latents, Vec::new(), names.len());
     let start = State {
         values: layout.start(&nominal(scene)),
         nuisances: windows.iter().map(|w| w.nuisances.clone()).collect(),
     };
-    progress.report("fitting the base model", 0, 1)?;
     let observed: Vec<&Trajectory> = kept.iter().map(|i| &trials[*i].observed).collect();
-    let (state, first) = base::fit(scene, &mut data, &observed, &layout, start, stepping, config.seed)?;
-    let expected = expected(&windows, &data.sd, kept.len(), &noise);
-    let base = Fitted::new(layout, state, first, &settings);
-    let given = search::Given { expected: &expected, noise: &noise, latents: &latents };
-    let found = search::search(scene, data, base, &given, config, progress)?;
+    let seek = |known: Option<(&Layout, &State)>| {
+        let (trials, frozen) = (kept.len(), Vec::new());
+        let mut data = Data {
+            windows: &windows,
+            trials,
+            settings: &settings,
+            sd: sd.clone(),
+            frozen,
+            engine: config.engine,
+            other_steps: stepping.is_some(),
+        };
+        if let Some(stepping) = stepping {
+            let (layout, state) = known.unwrap_or((&layout, &start));
+            steps::allow(&mut data, &observed, layout, state, stepping)?;
+        }
+        progress.report("fitting the base model", 0, 1)?;
+        let (state, first) = base::fit(scene, &mut data, &observed, &layout, start.clone(), config.seed)?;
+        let expected = expected(&windows, &data.sd, kept.len(), &noise);
+        let base = Fitted::new(layout.clone(), state, first, &settings);
+        let given = search::Given { expected: &expected, noise: &noise, latents: &latents };
+        let found = search::search(scene, data, base, &given, config, progress)?;
+        Ok((found, expected))
+    };
+    let (mut found, mut expected) = seek(None)?;
+    if stepping.is_some() {
+        // What the other engine's steps make of contacts is known once it is known where things go.
+        let best = found.champion.map_or(&found.base, |c| &found.fits[c]);
+        (found, expected) = seek(Some((&best.layout, &best.state)))?;
+    }
     let judged = search::Judged { names: &names, settings: &settings, noise: &noise, expected: &expected };
-    conclude(scene, trials, &windows, &kept, found, &judged, config)
+    let mut finding = conclude(scene, trials, &windows, &kept, found, &judged, config)?;
+    if stepping.is_some() {
+        finding.diagnosis.reason += OTHER_STEPS;
+    }
+    Ok(finding)
 }
 
 /// Noise of runs from third differences, which smooth motion and rest leave at nothing; m.

@@ -102,6 +102,8 @@ pub struct Data<'a> {
     /// Derivatives of shots by their nuisances and by the latents, found once: by window; empty for others.
     pub frozen: Vec<Frozen>,
     pub engine: Engine,
+    /// Whether what was seen moves in other time steps than the engine's (`steps`).
+    pub other_steps: bool,
 }
 
 /// Derivatives that change little with what a search tries.

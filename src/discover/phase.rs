@@ -42,15 +42,25 @@ pub struct Lag {
     pub rest: f64,
 }
 
-/// Starts every leap from the velocities that its engine would have reported of the state that was seen. Returns that
-/// engine's own lag if what was seen is another's.
-pub fn align(windows: &mut [Window], trials: &[Trial], engine: Engine) -> Result<Option<Lag>> {
+/// How what was seen steps where that is not as the simulation does.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stepping {
+    /// The simulation's own lag.
+    pub own: Lag,
+    /// How much more the velocities seen lag.
+    pub later: Lag,
+}
+
+/// Starts every leap from the velocities that its engine would have reported of the state that was seen. `None` if what
+/// was seen steps as the simulation does, or that cannot be told.
+pub fn align(windows: &mut [Window], trials: &[Trial], engine: Engine) -> Result<Option<Stepping>> {
     let leaps: Vec<usize> = (0..windows.len()).filter(|w| windows[*w].kind == Kind::Leap).collect();
     // Only of trials with leaps is it known that everything was seen and placed.
     let mut whole: Vec<usize> = leaps.iter().map(|w| windows[*w].trial).collect();
     whole.dedup();
     let whole: Vec<&Trial> = whole.into_iter().map(|t| &trials[t]).collect();
-    let Some((own, later)) = difference(&whole, engine)? else { return Ok(None) };
+    let Some(stepping) = difference(&whole, engine)? else { return Ok(None) };
+    let later = stepping.later;
     let step = |w: &usize| Scene { steps: 1, observe_every: 1, ..windows[*w].scene.clone() };
     let after = rolled(&leaps.iter().map(step).collect::<Vec<_>>(), engine)?;
     for (w, after) in leaps.into_iter().zip(after) {
@@ -76,7 +86,7 @@ pub fn align(windows: &mut [Window], trials: &[Trial], engine: Engine) -> Result
             }
         }
     }
-    Ok(Some(own))
+    Ok(Some(stepping))
 }
 
 /// Whether an acceleration is mostly gravity.
@@ -85,8 +95,8 @@ fn falls(pull: [f64; 2], gravity: [f64; 2]) -> bool {
     strength > 0.0 && (pull[0] - gravity[0]).hypot(pull[1] - gravity[1]) < FALLING * strength
 }
 
-/// The simulation's lag, and how much more the velocities seen lag; `None` where that cannot be told or is nothing.
-fn difference(trials: &[&Trial], engine: Engine) -> Result<Option<(Lag, Lag)>> {
+/// Both lags; `None` where they cannot be told or do not differ.
+fn difference(trials: &[&Trial], engine: Engine) -> Result<Option<Stepping>> {
     let Some(first) = trials.first() else { return Ok(None) };
     let (step, gravity) = (first.scene.time_step, first.scene.gravity);
     let observed: Vec<&Trajectory> = trials.iter().map(|t| &t.observed).collect();
@@ -95,7 +105,7 @@ fn difference(trials: &[&Trial], engine: Engine) -> Result<Option<(Lag, Lag)>> {
     let paths = rolled(&scenes, engine)?;
     let Some(own) = lag(&paths.iter().collect::<Vec<_>>(), gravity, step) else { return Ok(None) };
     let later = Lag { gravity: seen.gravity - own.gravity, rest: seen.rest - own.rest };
-    Ok((NONE * step..MOST * step).contains(&later.gravity.abs()).then_some((own, later)))
+    Ok((NONE * step..MOST * step).contains(&later.gravity.abs()).then_some(Stepping { own, later }))
 }
 
 /// The lag on which stretches of falling agree.

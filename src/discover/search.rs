@@ -334,10 +334,19 @@ impl Hunt<'_, '_> {
         })
     }
 
+    /// Whether what a fit leaves is no more than other time steps make of the same physics: they do the same in every trial,
+    /// so that what is better still may be theirs.
+    fn as_steps_go(&self, fit: &Fitted) -> bool {
+        self.data.other_steps && held(fit) < self.expected.total()
+    }
+
     /// Whether one fit's held-out losses are smaller than another's by far more than chance makes them.
     fn beats(&self, better: &Fitted, worse: &Fitted) -> Result<bool> {
         let more = better.parameters().saturating_sub(worse.parameters()) as f64;
         let gain = (held(worse) - held(better)) / self.unit;
+        if self.as_steps_go(worse) {
+            return Ok(false);
+        }
         if gain < HAIR * (1.0 + more) {
             return Ok(false);
         }
@@ -631,7 +640,8 @@ impl Hunt<'_, '_> {
                 true => more,
                 false => more - 1.0,
             };
-            gain > HAIR * least || (own.set.len() <= simplest.set.len() && more == 0.0)
+            (gain > HAIR * least && !self.as_steps_go(simplest))
+                || (own.set.len() <= simplest.set.len() && more == 0.0)
         });
         Ok((Some(champion), tied))
     }
