@@ -3,7 +3,8 @@
 //! 1. `window`: trials are cut into windows whose starts are nuisances; `noise`: what no smooth motion explains.
 //!    `phase`: which moment velocities seen are of; `trust`: what of the windows can be foreseen and is no outlier.
 //! 2. `path` and the engines simulate windows; `model`: residuals and their derivatives; latents are fitted with every
-//!    candidate. `base`: the scene as it is, fitted; `steps`: what another engine makes of contacts; `expected`: what would be left if only noise were.
+//!    candidate. `base`: the scene as it is, fitted; `expected`: what would be left if only noise were; `steps`: the same
+//!    where another engine plays nature.
 //! 3. `signs`: whether what is left acts in the same way in trial after trial; `library`: the effect registry as
 //!    candidates; `search`: sets of up to three of them, judged by trial (`judge`); `survey`: where starts are known the
 //!    whole range of values is searched, since collisions leave no way downhill.

@@ -20,7 +20,7 @@ const HALVINGS: i32 = 2;
 /// again.
 const RICHARDSON: f64 = 2.0;
 /// The same in what the fastest meeting covers in a step: a halved step can happen to meet at the same place. Of 79 leaps
-/// with a bounce, `rapier` for `lanes`, two are further off than 2.5 of the two together.
+/// with a bounce, `rapier` for `lanes` with the same physics, two are further off than 2.5 times what is allowed.
 const MEETING: f64 = 0.1;
 /// The same in what a lag was corrected by: the order in which an engine lets gravity, drag and wind act is not told.
 const LAGGING: f64 = 0.1;
