@@ -91,6 +91,9 @@ pub fn survey(data: &Data, layout: &Layout, start: &State, seed: u64) -> Result<
             best = search(data, layout, &best, &spread, &leaps, seed)?;
             best = scan(data, layout, best, &spread, &leaps, &WIDTHS)?;
         }
+        // An edge is told by the few that cross it: in the end all have their say.
+        let spread: Vec<f64> = spread.iter().map(|s| CLOSER[2] * s).collect();
+        best = scan(data, layout, best, &spread, &counting(data), &WIDTHS)?;
     }
     Ok(best)
 }
@@ -305,11 +308,16 @@ fn replaced(values: &[f64], by: &[(usize, f64)]) -> Vec<f64> {
     out
 }
 
+/// Leaps that are not left out.
+fn counting(data: &Data) -> Vec<usize> {
+    let leap = |w: &usize| data.windows[*w].kind == Kind::Leap && data.sd[*w].is_finite();
+    (0..data.windows.len()).filter(leap).collect()
+}
+
 /// Leaps that take part, in order: evenly spread over those that fit and over those that do not.
 fn telling(data: &Data, looks: &[Look]) -> Vec<usize> {
-    let leap = |w: &usize| data.windows[*w].kind == Kind::Leap && data.sd[*w].is_finite();
     let fits = |w: &usize| looks[*w].square < FITS * 2.0 * data.windows[*w].points.len() as f64;
-    let (well, ill): (Vec<usize>, Vec<usize>) = (0..data.windows.len()).filter(leap).partition(fits);
+    let (well, ill): (Vec<usize>, Vec<usize>) = counting(data).into_iter().partition(fits);
     // What one kind lacks the other may have.
     let most = |other: &[usize]| 2 * STRETCHES - other.len().min(STRETCHES);
     let some = |of: &[usize], most: usize| -> Vec<usize> {
