@@ -48,14 +48,14 @@ fn begin(
     mut state: State,
     seed: u64,
 ) -> Result<(State, Pass)> {
-    if data.windows.iter().any(|w| w.kind == Kind::Shot) {
+    if window::shooting(data.windows) {
         let mut best: Vec<f64> = vec![f64::INFINITY; data.windows.len()];
         let mut chosen = state.clone();
         for way in 0..3 {
             let mut tried = state.clone();
             for (w, window) in data.windows.iter().enumerate().filter(|(_, w)| w.kind == Kind::Shot) {
                 let observed = observed[window.trial];
-                let Some(at) = observed.times.iter().position(|t| *t == window.start) else { continue };
+                let Some(at) = window.first(observed) else { continue };
                 let of = |b| window::launch(b, &observed.times, at, window.scene.gravity, way);
                 tried.nuisances[w] = observed.bodies.iter().flat_map(of).collect();
             }
@@ -74,7 +74,7 @@ fn begin(
         state = survey::survey(data, layout, &state, seed)?;
     }
     let (state, pass) = model::fit(data, layout, state, 8)?;
-    if data.windows.iter().any(|w| w.kind == Kind::Shot) {
+    if window::shooting(data.windows) {
         for (w, window) in data.windows.iter().enumerate().filter(|(_, w)| w.kind == Kind::Shot) {
             let left = (2.0 * window.points.len() as f64 - window.nuisances.len() as f64).max(1.0);
             if pass.squares[w] > ASTRAY * left {
@@ -114,8 +114,7 @@ fn blur(scene: &Scene, data: &Data, layout: &Layout, state: &State, base: &Pass)
         .filter_map(|(_, starts)| starts.into_iter().next())
         .collect();
     let latents: Vec<usize> = layout.slots.iter().filter_map(Slot::latent).collect();
-    let settings = data.settings.iter().max().map_or(1, |s| s + 1);
-    let layout = Layout::new(&latents, terms, settings);
+    let layout = Layout::new(&latents, terms, data.setting_count());
     let mut values = layout.start(&[0.0; 3]);
     values[..state.values.len()].copy_from_slice(&state.values);
     let start = State { values, nuisances: state.nuisances.clone() };

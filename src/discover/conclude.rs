@@ -2,7 +2,7 @@
 
 use super::evidence::{self, Evidence};
 use super::extend::{extend, place};
-use super::judge::{self, Fitted};
+use super::judge::{self, Fitted, held};
 use super::model::{self, Data};
 use super::noise::Noise;
 use super::report::{
@@ -153,11 +153,6 @@ impl Scale {
             excess_removed: (excess > SLIGHT * self.floor).then(|| 1.0 - (extended - self.floor) / excess),
         }
     }
-}
-
-/// Held-out loss, units of the noise.
-fn held(f: &Fitted) -> f64 {
-    f.held.iter().sum()
 }
 
 /// Loss at each setting of a fit to the others; `None` without two settings of three trials or more.

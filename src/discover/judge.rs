@@ -224,6 +224,11 @@ pub fn leave_out(
     (held, moved)
 }
 
+/// Held-out loss of all trials, units of the noise.
+pub fn held(fit: &Fitted) -> f64 {
+    fit.held.iter().sum()
+}
+
 /// How a loss by trial compares with another: mean of `worse - better` and t of it.
 pub fn paired(worse: &[f64], better: &[f64]) -> (f64, f64) {
     let gains: Vec<f64> = worse.iter().zip(better).map(|(a, b)| a - b).collect();

@@ -106,6 +106,13 @@ pub struct Data<'a> {
     pub other_steps: bool,
 }
 
+impl Data<'_> {
+    /// How many settings there are.
+    pub fn setting_count(&self) -> usize {
+        self.settings.iter().max().map_or(1, |s| s + 1)
+    }
+}
+
 /// Derivatives that change little with what a search tries.
 #[derive(Clone, Default)]
 pub struct Frozen {

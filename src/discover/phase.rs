@@ -20,6 +20,8 @@ const TRIALS: usize = 20;
 /// Stretches of falling that must agree, and how far the usual one may be off, in time steps of gravity.
 const FEWEST: usize = 8;
 const APART: f64 = 0.25;
+/// What of that is rounding, and no disagreement.
+const ROUNDING: f64 = 1e-3;
 /// By how much the two halves of smooth motion may change a velocity differently, as a share of the whole change.
 const SMOOTH: f64 = 0.2;
 /// By how much what falls may be accelerated otherwise than by gravity, as a share of it.
@@ -66,7 +68,7 @@ pub fn align(windows: &mut [Window], trials: &[Trial], engine: Engine) -> Result
     for (w, after) in leaps.into_iter().zip(after) {
         let window = &mut windows[w];
         let observed = &trials[window.trial].observed;
-        let Some(at) = observed.times.iter().position(|t| *t == window.start) else { continue };
+        let Some(at) = window.first(observed) else { continue };
         let (gravity, step) = (window.scene.gravity, window.scene.time_step);
         for (body, (seen, moved)) in
             window.scene.bodies.iter_mut().zip(observed.bodies.iter().zip(&after.bodies))
@@ -126,15 +128,15 @@ fn lag(trajectories: &[&Trajectory], gravity: [f64; 2], step: f64) -> Option<Lag
             }));
         }
     }
-    let least = 1e-3 * step * gravity[0].hypot(gravity[1]);
+    let by_step = step * gravity[0].hypot(gravity[1]);
     let (mut lag, mut usual) = (Lag { gravity: 0.0, rest: 0.0 }, f64::INFINITY);
     for _ in 0..4 {
         let near: Vec<_> = told.iter().filter(|t| lag.leaves(t, gravity) <= ODD * usual).copied().collect();
         lag = least_squares(&near, gravity)?;
-        // Rounding is no disagreement.
-        usual = median(&told.iter().map(|t| lag.leaves(t, gravity)).collect::<Vec<_>>()).max(least);
+        usual =
+            median(&told.iter().map(|t| lag.leaves(t, gravity)).collect::<Vec<_>>()).max(ROUNDING * by_step);
     }
-    (told.len() >= FEWEST && usual < APART * 1e3 * least).then_some(lag)
+    (told.len() >= FEWEST && usual < APART * by_step).then_some(lag)
 }
 
 impl Lag {

@@ -13,7 +13,7 @@
 
 use rayon::prelude::*;
 
-use super::judge::{Fitted, paired, ranked};
+use super::judge::{Fitted, held, paired, ranked};
 use super::library;
 use super::model::{self, Data, Extra, Layout, Pass, State, Term};
 use super::noise::Noise;
@@ -301,10 +301,6 @@ struct Hunt<'a, 'b> {
 }
 
 impl Hunt<'_, '_> {
-    fn settings(&self) -> usize {
-        self.data.settings.iter().max().map_or(1, |m| m + 1)
-    }
-
     /// Whether a fit is known to lack something: by the trials' signs, or by standing far above the noise floor. Few
     /// trials that differ much can hold strong evidence that their signs alone do not show.
     fn lacks(&self, fit: &Fitted, lack: &Lack) -> bool {
@@ -399,7 +395,7 @@ impl Hunt<'_, '_> {
                 let Some(drop) = starts.first().map(|b| b.2) else { continue };
                 let left = model::total(&fit.pass) - drop;
                 let start = |b: &&(usize, usize, f64, Vec<f64>)| {
-                    fit.joined([Term { start: b.3.clone(), ..terms[b.1].clone() }], self.settings())
+                    fit.joined([Term { start: b.3.clone(), ..terms[b.1].clone() }], self.data.setting_count())
                 };
                 let union = Union { starts: starts.iter().map(start).collect() };
                 let count = fit.parameters() + effect.parameters.len();
@@ -483,7 +479,7 @@ impl Hunt<'_, '_> {
                 if names.len() < terms.len() || find(&found.fits, &names).is_some() {
                     continue;
                 }
-                let layout = Layout::new(self.latents, terms, self.settings());
+                let layout = Layout::new(self.latents, terms, self.data.setting_count());
                 let start = extended(&found.base, &layout);
                 let Some(fit) = self.fit(Union { starts: vec![(layout, start)] })? else { continue };
                 let fit = self.polished(fit)?;
@@ -507,7 +503,7 @@ impl Hunt<'_, '_> {
                 let own = &found.fits[i].layout.terms;
                 let terms: Vec<Term> =
                     own.iter().enumerate().filter(|(k, _)| *k != t).map(|(_, t)| t.clone()).collect();
-                let layout = Layout::new(self.latents, terms, self.settings());
+                let layout = Layout::new(self.latents, terms, self.data.setting_count());
                 let start = extended(&found.base, &layout);
                 if let Some(fit) = self.fit(Union { starts: vec![(layout, start)] })? {
                     found.fits.push(fit);
@@ -703,10 +699,6 @@ fn considered(fits: &[Fitted], accepted: &[usize], expected: &Expected) -> Vec<C
         .collect();
     out.sort_by(|a, b| a.held_out.total_cmp(&b.held_out));
     out
-}
-
-fn held(f: &Fitted) -> f64 {
-    f.held.iter().sum()
 }
 
 fn without(f: &Fitted, term: usize) -> Vec<&'static str> {

@@ -144,7 +144,7 @@ pub fn test(data: &Data, fit: &Fitted, groups: Vec<Group>, fields: bool, seed: u
         gram -= cross.tr_mul(&taken);
         (scores, gram, all, shares)
     };
-    let settings = data.settings.iter().max().map_or(1, |m| m + 1);
+    let settings = data.setting_count();
     let mut scored = Vec::new();
     for (first, count, per_setting) in spans {
         let parts = if per_setting && settings <= SPLIT { settings } else { 1 };

@@ -73,7 +73,7 @@ pub fn allow(
 /// something else than the model, which may yet lack much, would have.
 fn pushed(window: &Window, observed: &[&Trajectory]) -> f64 {
     let seen = observed[window.trial];
-    let Some(at) = seen.times.iter().position(|t| *t == window.start) else { return 0.0 };
+    let Some(at) = window.first(seen) else { return 0.0 };
     let Some(time) = seen.times.get(at + 1).map(|t| t - seen.times[at]) else { return 0.0 };
     let change = |v: &[f64], k: usize| v[at + 1] - v[at] - window.scene.gravity[k] * time;
     let of = |b: &Track| change(&b.vx, 0).hypot(change(&b.vy, 1));

@@ -4,7 +4,7 @@ use super::judge::Fitted;
 use super::model;
 use super::report::Verdict;
 use super::search::{self, Found, Judged, Lack};
-use super::window::{self, Kind, Window};
+use super::window::{self, Window};
 
 /// p below which a lack of fit counts.
 const MISFIT: f64 = 0.01;
@@ -65,7 +65,7 @@ fn misfits(found: &Found, judged: &Judged, windows: &[Window]) -> bool {
     let (base, lack, expected) = (&found.base, &found.base_lack, judged.expected);
     let (excess, _) = expected.misfit_of(base, windows);
     let (_, slow_p) = expected.slow_misfit(base, windows, judged.noise.unit());
-    let shots = shot(windows);
+    let shots = window::shooting(windows);
     model::astray(windows, &base.pass) >= search::SEVERAL
         || (lack.tested.p < UNKNOWN && (excess > SLIGHT || !window::leaping(windows)))
         || (!shots && search::far(expected.above(base, windows)))
@@ -78,7 +78,7 @@ fn misfits(found: &Found, judged: &Judged, windows: &[Window]) -> bool {
 fn remains(found: &Found, best: usize, judged: &Judged, windows: &[Window]) -> bool {
     let (base, model, expected) = (&found.base, &found.fits[best], judged.expected);
     let lack: &Lack = found.lacks[best].as_ref().unwrap_or(&found.base_lack);
-    let shots = shot(windows);
+    let shots = window::shooting(windows);
     let (base_excess, _) = expected.misfit_of(base, windows);
     let (excess, p) = expected.misfit_of(model, windows);
     let sure_of_base = found.base_lack.sure().max(base_excess * expected.total());
@@ -95,9 +95,4 @@ fn remains(found: &Found, best: usize, judged: &Judged, windows: &[Window]) -> b
         || (astray >= search::SEVERAL && astray as f64 > REMAINS * base_astray as f64)
         || (!shots && slow_p < SLOW && by_slow > REMAINS)
         || (!shots && slow_p < search::PLAIN && by_slow > REMAINS_SURELY)
-}
-
-/// Whether there are shots: those that went astray lie far above any floor, whatever the model.
-fn shot(windows: &[Window]) -> bool {
-    windows.iter().any(|w| w.kind == Kind::Shot)
 }

@@ -19,7 +19,7 @@ use super::stats::{median, slope};
 use crate::reality::Trial;
 use crate::task::Scene;
 use crate::task::scene::Shape;
-use crate::trajectory::Track;
+use crate::trajectory::{Track, Trajectory};
 use crate::world::effect::{self, Active};
 
 /// What a window is.
@@ -48,6 +48,11 @@ impl Kind {
 /// Whether there are stretches that start from what was seen whole.
 pub fn leaping(windows: &[Window]) -> bool {
     windows.iter().any(|w| w.kind == Kind::Leap)
+}
+
+/// Whether there are stretches whose starts are found along: collisions can lead those astray, far above any floor.
+pub fn shooting(windows: &[Window]) -> bool {
+    windows.iter().any(|w| w.kind == Kind::Shot)
 }
 
 /// The straight piece of a static that a disc bounces off or rolls along.
@@ -105,6 +110,13 @@ pub struct Window {
     pub own: Vec<Active>,
     /// The data's own smooth, for the noise floor.
     pub smooth: Option<Smooth>,
+}
+
+impl Window {
+    /// Index of the observation that the window starts from, if it starts from one.
+    pub fn first(&self, observed: &Trajectory) -> Option<usize> {
+        observed.times.iter().position(|t| *t == self.start)
+    }
 }
 
 /// Fewest observations of a flight: 4 nuisances for 2n coordinates must leave something to test.
