@@ -7,12 +7,13 @@ mod worlds;
 use iplw::discover::report::{Diagnosis, Verdict};
 use iplw::discover::{Config, Finding, diagnose};
 use iplw::experiment::EstimateConfig;
-use iplw::experiment::extension::extended;
+use iplw::experiment::extension::{diagnosed, extended};
 use iplw::progress::Silent;
 use iplw::reality::{HiddenConfig, HiddenWorld, Trial, settled, standard};
 use iplw::task::Scene;
 use iplw::task::scene::EffectTerm;
 use iplw::task::{Split, split};
+use iplw::world::effect::linear_drag;
 use iplw::world::{Engine, Latents, Rollout, simulate};
 use worlds::{Hidden, NOISES, Noise, SINGLES};
 
@@ -269,4 +270,15 @@ fn too_little_is_said_to_be_too_little() {
         assert_eq!(d.verdict, Verdict::InsufficientData);
         assert!(!d.reason.is_empty());
     }
+}
+
+/// A simulation is extended by what was found, not once more by what its scene already holds.
+#[test]
+fn a_scene_is_not_extended_by_its_own_effects() {
+    let mut trials = worlds::trials(&worlds::single(2, 4), Noise::White, 3, 40, 8.0, 1);
+    trials.iter_mut().for_each(|t| t.scene.effects.push(linear_drag(0.1)));
+    let setup = EstimateConfig::fast(iplw::task::family("basketball").unwrap().prior);
+    let (_, found) = diagnosed(&trials, &setup, &Silent).unwrap();
+    assert_eq!(found.extended.effects, [linear_drag(0.1)]);
+    assert!(extended(&found, &trials, &setup, Latents::default(), &Silent).unwrap().effects.is_empty());
 }

@@ -24,7 +24,7 @@ pub struct Extension {
     pub reason: String,
     /// Every set of effects that the trials cannot tell from the best.
     pub rivals: Vec<Vec<String>>,
-    /// What is added to the simulation: the simplest of those sets; of what is unknown, as much as the diagnosis offers.
+    /// What is added to the simulation beyond the scenes' own effects: the simplest of those sets; of what is unknown, as much as the diagnosis offers.
     pub effects: Vec<EffectTerm>,
     /// As estimated in the extended simulation.
     pub latents: Latents,
@@ -58,11 +58,13 @@ pub fn extended(
     progress: &dyn Progress,
 ) -> Result<Extension> {
     let d = &finding.diagnosis;
+    // The trials' scenes, and those trained in, have their own effects already.
+    let own = trials.first().map_or(0, |t| t.scene.effects.len());
     let mut extension = Extension {
         verdict: d.verdict.name().into(),
         reason: d.reason.clone(),
         rivals: d.rivals.clone(),
-        effects: finding.extended.effects.clone(),
+        effects: finding.extended.effects.iter().skip(own).cloned().collect(),
         latents: found,
         excess_removed: d.gain.held_out.as_ref().and_then(|g| g.excess_removed),
     };
