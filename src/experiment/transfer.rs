@@ -124,6 +124,9 @@ impl LearnConfig {
     }
 }
 
+/// Actions tried at a time where one that solves is enough: of most tasks a few in a hundred do.
+const ASKED: usize = 64;
+
 /// Schools a policy, tries it on the test tasks of the hidden world, and lets it learn on there.
 ///
 /// `seed` decides the labels drawn, the weights and the batches; `tasks` are split.
@@ -222,7 +225,7 @@ fn best_possible(
         progress.report("asking the real world itself", t as u64, tasks.len() as u64)?;
         let candidates = crate::policy::evaluate::candidates(task, config)?;
         let mut any = false;
-        for part in candidates.chunks(512) {
+        for part in candidates.chunks(ASKED) {
             let attempts = world.measure(task, part)?;
             any = attempts.iter().any(|a| a.trajectory.as_ref().is_some_and(|seen| seen.solved()));
             if any {

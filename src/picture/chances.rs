@@ -1,5 +1,6 @@
 //! What a policy thinks of a scene: its predicted chance of success over where an action places something.
 
+use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use super::film::draw_trails;
@@ -9,7 +10,7 @@ use super::svg::px;
 use crate::task::Scene;
 use crate::trajectory::Trajectory;
 
-/// Cells across the picture.
+/// Most cells across the picture; fewer where the places are further apart.
 const COLUMNS: f64 = 56.0;
 
 /// The scene under a map of chances, with a trial over it.
@@ -23,20 +24,24 @@ pub fn chances_svg(
     style: &Style,
 ) -> String {
     let view = View::new(placed, film, f64::from(style.width.clamp(16, 4096)));
-    let size = view.width / COLUMNS;
-    let mut cells: std::collections::BTreeMap<(i64, i64), f64> = std::collections::BTreeMap::new();
-    for (place, chance) in chances {
-        let [x, y] = view.at(*place);
-        let best = cells.entry(((x / size).floor() as i64, (y / size).floor() as i64)).or_insert(0.0);
+    let places: Vec<[f64; 2]> = chances.iter().map(|(place, _)| view.at(*place)).collect();
+    let size =
+        [0, 1].map(|k| apart(places.iter().map(|p| p[k]))).into_iter().fold(view.width / COLUMNS, f64::max);
+    // Cells about places, so that none of a grid falls on the border of two.
+    let first = places.first().copied().unwrap_or_default();
+    let mut cells: BTreeMap<[i64; 2], f64> = BTreeMap::new();
+    for (place, (_, chance)) in places.iter().zip(chances) {
+        let best = cells.entry([0, 1].map(|k| ((place[k] - first[k]) / size).round() as i64)).or_insert(0.0);
         *best = best.max(*chance);
     }
+    let corner = |k: usize, cell: i64| first[k] + (cell as f64 - 0.5) * size;
     let mut body = String::new();
-    for ((column, row), chance) in &cells {
+    for ([column, row], chance) in &cells {
         let _ = writeln!(
             body,
             "<rect x=\"{}\" y=\"{}\" width=\"{s}\" height=\"{s}\" fill=\"{}\" fill-opacity=\"0.75\"/>",
-            px(*column as f64 * size),
-            px(*row as f64 * size),
+            px(corner(0, *column)),
+            px(corner(1, *row)),
             heat_colour(*chance),
             s = px(size * 1.02),
         );
@@ -51,6 +56,15 @@ pub fn chances_svg(
         }
     }
     document(view.width, view.height, &title(placed), &body)
+}
+
+/// How far neighbours among `values` are apart; the median, of those that differ.
+fn apart(values: impl Iterator<Item = f64>) -> f64 {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    let mut gaps: Vec<f64> = values.windows(2).map(|w| w[1] - w[0]).filter(|gap| *gap > 1e-6).collect();
+    gaps.sort_by(f64::total_cmp);
+    gaps.get(gaps.len() / 2).copied().unwrap_or(0.0)
 }
 
 #[cfg(test)]
@@ -70,5 +84,26 @@ mod tests {
         assert_eq!(sure.matches("fill-opacity=\"0.75\"").count(), 2);
         assert!(sure.contains(&heat_colour(1.0)) && !unsure.contains(&heat_colour(1.0)));
         assert!(unsure.contains(&heat_colour(0.1)), "the better of two");
+    }
+
+    /// Places of a grid that is coarser than the picture's cells: one cell each, and no gaps between them.
+    #[test]
+    fn a_coarse_grid_leaves_no_holes() {
+        let (scene, style) = (hall(), Style::default());
+        let points: Vec<([f64; 2], f64)> = (0..6)
+            .flat_map(|i| (0..6).map(move |j| ([1.0 + 0.7 * f64::from(i), 1.0 + 0.7 * f64::from(j)], 0.5)))
+            .collect();
+        let svg = chances_svg(&points, &scene, None, &style);
+        let number = |line: &str, name: &str| -> f64 {
+            line.split(&format!(" {name}=\"")).nth(1).unwrap().split('"').next().unwrap().parse().unwrap()
+        };
+        let cells: Vec<&str> = svg.lines().filter(|l| l.contains("fill-opacity=\"0.75\"")).collect();
+        assert_eq!(cells.len(), 36);
+        let mut lefts: Vec<f64> = cells.iter().map(|l| number(l, "x")).collect();
+        lefts.sort_by(f64::total_cmp);
+        lefts.dedup();
+        let width = number(cells[0], "width");
+        assert_eq!(lefts.len(), 6);
+        assert!(lefts.windows(2).all(|w| w[1] - w[0] <= width), "{lefts:?}, {width}");
     }
 }

@@ -12,7 +12,7 @@ use iplw::picture::{Block, Report, Section, Style, chances_svg, svg_to_png};
 use iplw::policy::{CHUNK, Dqn, Policy, rank};
 use iplw::progress::Silent;
 use iplw::reality::{HiddenConfig, HiddenWorld, Reality};
-use iplw::task::action::Quantity;
+use iplw::task::action::{ActionSpace, Discrete, Quantity};
 use iplw::task::{Family, Split, Task, ValidAction, family, split};
 use serde_json::json;
 
@@ -281,35 +281,50 @@ fn pictures(family: &Family, study: &Study, cells: &[Cell]) -> Result<Vec<Pictur
 
 fn picture(policy: &Dqn, task: &Task, world: &mut HiddenWorld) -> Result<Option<(String, String)>> {
     let space = task.actions();
-    let step = (space.count() / 20_000).max(1);
+    let axis = |quantity: Quantity| space.components.iter().position(|c| c.set == quantity);
+    let (Some(x), Some(y)) = (axis(Quantity::X), axis(Quantity::Y)) else { return Ok(None) };
+    let chance = |score: f32| 1.0 / (1.0 + (-f64::from(score)).exp());
+    let mapped = regular(space, [x, y])?;
+    let at = |action: &ValidAction, i: usize| {
+        let c = &space.components[i];
+        c.low + action.values()[i] * (c.high - c.low)
+    };
+    let chances: Vec<([f64; 2], f64)> = mapped
+        .iter()
+        .zip(policy.score(task, &mapped)?)
+        .map(|(action, score)| ([at(action, x), at(action, y)], chance(score)))
+        .collect();
+    let step = space.count().div_ceil(100_000).max(1);
     let actions: Vec<ValidAction> =
         (0..space.count()).step_by(step).map(|i| space.at(i)).collect::<Result<_>>()?;
-    let scores = policy.score(task, &actions)?;
-    let axis = |quantity: Quantity| {
-        let found = space.components.iter().position(|c| c.set == quantity);
-        found.map(|i| (i, space.components[i].low, space.components[i].high))
-    };
-    let (Some(x), Some(y)) = (axis(Quantity::X), axis(Quantity::Y)) else { return Ok(None) };
-    let chances: Vec<([f64; 2], f64)> = actions
-        .iter()
-        .zip(&scores)
-        .map(|(a, score)| {
-            let at = |(i, low, high): (usize, f64, f64)| low + a.values()[i] * (high - low);
-            ([at(x), at(y)], 1.0 / (1.0 + (-f64::from(*score)).exp()))
-        })
-        .collect();
     for index in rank(policy, task, &actions, CHUNK)? {
-        let attempt = world.measure(task, &[actions[index].clone()])?.pop();
+        let action = &actions[index..=index];
+        let attempt = world.measure(task, action)?.pop();
         let Some((Ok(scene), Some(film))) = attempt.map(|a| (a.placement, a.trajectory)) else { continue };
         let outcome = if film.solved() { "solved" } else { "not solved" };
         let caption = format!(
-            "{} {outcome} at the first attempt; predicted chance {:.2}. Yellow: sure to succeed, dark: sure to fail.",
-            task.id, chances[index].1
+            "{} {outcome} at the first attempt; predicted chance {:.2}. The map: the best chance of the actions that \
+             place it there; yellow: sure to succeed, dark: sure to fail.",
+            task.id,
+            chance(policy.score(task, action)?[0])
         );
         let style = Style { width: 640, ..Style::default() };
         return Ok(Some((caption, chances_svg(&chances, &scene, Some(&film), &style))));
     }
     Ok(None)
+}
+
+/// Actions at places of a regular grid over the components `axes`, all else in even steps: the discrete actions of a
+/// task may be scattered, and a map of them full of holes.
+fn regular(space: &ActionSpace, axes: [usize; 2]) -> Result<Vec<ValidAction>> {
+    const PLACES: usize = 48;
+    const MOST: usize = 150_000;
+    let others = space.dimension().saturating_sub(2).max(1);
+    let each = (MOST as f64 / (PLACES * PLACES) as f64).powf(1.0 / others as f64);
+    let steps = (each as usize).clamp(1, 16);
+    let counts = (0..space.dimension()).map(|i| if axes.contains(&i) { PLACES } else { steps }).collect();
+    let grid = ActionSpace { discrete: Discrete::Grid { counts }, ..space.clone() };
+    (0..grid.count()).map(|i| grid.at(i)).collect()
 }
 
 fn html(
