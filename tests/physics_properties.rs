@@ -9,16 +9,19 @@ use fuzz_one::{Fate, check_scene};
 use iplw::rng::stream;
 use iplw::task::scene::{Body, Goal, Shape, Static};
 use iplw::task::{Placement, Scene, family};
-use iplw::trajectory::Trajectory;
+use iplw::trajectory::{Track, Trajectory};
 use iplw::world::{Engine, Latents, Rollout, simulate};
 use proptest::prelude::*;
+use rand::RngExt;
 use rand::seq::SliceRandom;
 
 const ENGINES: [Engine; 2] = [Engine::Lanes, Engine::Rapier];
-/// m; how far two colliding bodies in rapier may end, 2 s later, from where they end when listed the other way round.
-/// Of 1268 bodies half ended in the same place to the last bit of an f32, 90 % within 0.02 mm, 99 % within 1 mm; where
-/// one only grazes the other, the last bits count for more: the worst was 25 mm off.
+/// m; how far two bodies that collide in rapier may end, 2 s later, from where they end when listed the other way
+/// round, if they met in the same time step. Rapier's places are f32, so it depends on how far out they are: of 24,000
+/// pairs each the worst were 0.36 mm off near the origin, 7 mm at 60 m and 51 mm at 420 m.
 const SWAPPED: f64 = 0.1;
+/// The same near the origin.
+const SWAPPED_NEAR: f64 = 1e-3;
 
 proptest! {
     #![proptest_config(ProptestConfig { cases: 300, ..ProptestConfig::default() })]
@@ -35,6 +38,8 @@ proptest! {
     /// is the order in which contacts are visited, which matters only within a cluster of contacts. What is left is
     /// the sign of normals and the order of the two terms of a sum, which cost no bit. Rapier turns the second of
     /// two bodies into the frame of the first, in f32, so which is first shows in the last bits: see [`SWAPPED`].
+    /// Of 24,000 pairs at 420 m the last bits decided for nine in which of two time steps they met; a step later their
+    /// normal has turned, and 2 s later they are decimetres off. That is no fault of the order, but no other step will do.
     #[test]
     fn order_does_not_matter_where_contacts_are_single(scene in islands(), seed in 0u64..1000) {
         for engine in ENGINES {
@@ -43,18 +48,54 @@ proptest! {
             prop_assume!(!straight.events.is_empty());
             for (a, b) in straight.bodies.iter().zip(&turned.bodies) {
                 let partner = scene.bodies.iter().any(|o| o.name[1..] == a.name[1..] && o.name != a.name);
-                if engine == Engine::Rapier && partner {
-                    let off = (0..a.len()).map(|i| (a.x[i] - b.x[i]).hypot(a.y[i] - b.y[i]));
-                    let worst = off.fold(0.0, f64::max);
-                    prop_assert!(worst < SWAPPED, "{:?}: {} is {} m off", engine, a.name, worst);
-                } else {
+                if !(engine == Engine::Rapier && partner) {
                     prop_assert_eq!(a, b, "{:?}", engine);
+                    continue;
                 }
+                let (met, met_turned) = (meetings(&straight, &a.name), meetings(&turned, &a.name));
+                let late = met.len() == met_turned.len() && met != met_turned;
+                let apart = met.iter().zip(&met_turned).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+                prop_assert!(apart < 1.5 * scene.time_step, "{} meets its partner {} s apart", a.name, apart);
+                prop_assert!(late || off(a, b) < SWAPPED, "{} is {} m off", a.name, off(a, b));
             }
-            prop_assert_eq!(straight.rolling_steps, turned.rolling_steps);
-            prop_assert_eq!(straight.collisions, turned.collisions);
+            if times(&straight) == times(&turned) {
+                prop_assert_eq!(straight.rolling_steps, turned.rolling_steps);
+                prop_assert_eq!(straight.collisions, turned.collisions);
+            }
         }
     }
+}
+
+/// Where an f32 is fine enough, rapier's pairs meet in the same step and go the same way, in whichever order listed.
+#[test]
+fn order_does_not_matter_to_pairs_near_the_origin() {
+    let mut draw = stream(7, "pairs");
+    let pairs: Vec<Scene> = (0..1000)
+        .map(|_| {
+            let u: [f64; 8] = std::array::from_fn(|_| 2.0 * draw.random::<f64>() - 1.0);
+            let mut scene = Scene { steps: 480, observe_every: 5, ..Scene::empty() };
+            scene.bodies = [pusher("b0", 0.0, u), thrown("o0", 0.0, u)].into();
+            scene
+        })
+        .collect();
+    let other: Vec<Scene> = pairs
+        .iter()
+        .map(|s| {
+            let bodies = s.bodies.iter().rev().cloned().collect();
+            Scene { bodies, ..s.clone() }
+        })
+        .collect();
+    let of = |scenes: &[Scene]| simulate(&rollouts(scenes), Engine::Rapier).unwrap();
+    let mut met = 0;
+    for ((scene, straight), turned) in pairs.iter().zip(of(&pairs)).zip(of(&other)) {
+        let turned = in_order_of(scene, turned);
+        assert_eq!(times(&straight), times(&turned));
+        met += usize::from(!straight.events.is_empty());
+        for (a, b) in straight.bodies.iter().zip(&turned.bodies) {
+            assert!(off(a, b) < SWAPPED_NEAR, "{} is {} m off", a.name, off(a, b));
+        }
+    }
+    assert!(met >= 500, "{met} pairs met");
 }
 
 /// In clusters the sweeps' order is part of the result, but no order is better: bowling scenes listed in another
@@ -77,6 +118,21 @@ fn order_shifts_no_statistics_of_bowling() {
         let most = if engine == Engine::Lanes { 2 } else { 10 };
         assert!(differ <= most, "{engine:?}: {differ} of {} fare differently", scenes.len());
     }
+}
+
+/// m; the furthest that two tracks of a body are ever apart.
+fn off(a: &Track, b: &Track) -> f64 {
+    (0..a.len()).map(|i| (a.x[i] - b.x[i]).hypot(a.y[i] - b.y[i])).fold(0.0, f64::max)
+}
+
+/// s; when the body began to touch something.
+fn meetings(t: &Trajectory, name: &str) -> Vec<f64> {
+    t.events.iter().filter(|e| e.between.iter().any(|n| n == name)).map(|e| e.time).collect()
+}
+
+/// s; when any two things began to touch.
+fn times(t: &Trajectory) -> Vec<f64> {
+    t.events.iter().map(|e| e.time).collect()
 }
 
 /// The scene with bodies and statics in another order.
@@ -124,17 +180,11 @@ prop_compose! {
         let mut scene = Scene { steps: 480, observe_every: 5, ..Scene::empty() };
         for (i, (kind, u)) in meetings.into_iter().enumerate() {
             let x = 60.0 * i as f64;
-            let radius = 0.5 + 0.2 * u[0];
-            let mut own = disc(&format!("b{i}"), radius, [x, 2.0 + 0.5 * u[1]], [2.0 * u[2], 2.0 * u[3]]);
-            own.angular_velocity = 5.0 * u[4];
-            (own.friction, own.restitution) = (0.5 + 0.5 * u[5], 0.5 + 0.5 * u[6]);
+            let own = pusher(&format!("b{i}"), x, u);
             let post = Shape::Disc { radius: 0.3 };
             let shape = match kind {
                 0 => {
-                    // Thrown at it while both fall.
-                    let mut other = disc(&format!("o{i}"), 0.4, [x + 3.0, 2.0], [-6.0, 0.5 * u[7]]);
-                    other.density = Some(2.0);
-                    scene.bodies.push(other);
+                    scene.bodies.push(thrown(&format!("o{i}"), x, u));
                     post.clone()
                 }
                 1 => Shape::Box { half_width: 20.0, half_height: 0.5 },
@@ -300,6 +350,21 @@ prop_compose! {
 /// Evenly over the powers of ten.
 fn log(low: f64, high: f64) -> impl Strategy<Value = f64> {
     (low..high).prop_map(|e| 10f64.powf(e))
+}
+
+/// A disc at about (x, 2) m; `u` in [-1, 1] says how.
+fn pusher(name: &str, x: f64, u: [f64; 8]) -> Body {
+    let mut own = disc(name, 0.5 + 0.2 * u[0], [x, 2.0 + 0.5 * u[1]], [2.0 * u[2], 2.0 * u[3]]);
+    own.angular_velocity = 5.0 * u[4];
+    (own.friction, own.restitution) = (0.5 + 0.5 * u[5], 0.5 + 0.5 * u[6]);
+    own
+}
+
+/// A disc thrown at what is at x while both fall.
+fn thrown(name: &str, x: f64, u: [f64; 8]) -> Body {
+    let mut other = disc(name, 0.4, [x + 3.0, 2.0], [-6.0, 0.5 * u[7]]);
+    other.density = Some(2.0);
+    other
 }
 
 fn disc(name: &str, radius: f64, position: [f64; 2], velocity: [f64; 2]) -> Body {
