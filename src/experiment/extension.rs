@@ -24,7 +24,8 @@ pub struct Extension {
     pub reason: String,
     /// Every set of effects that the trials cannot tell from the best.
     pub rivals: Vec<Vec<String>>,
-    /// What is added to the simulation beyond the scenes' own effects: the simplest of those sets; of what is unknown, as much as the diagnosis offers.
+    /// What is added to the simulation beyond the scenes' own effects: the simplest of those sets; of what is unknown,
+    /// as much as the diagnosis offers.
     pub effects: Vec<EffectTerm>,
     /// As estimated in the extended simulation.
     pub latents: Latents,

@@ -172,7 +172,7 @@ impl Features {
             };
             let components = space.iter().flat_map(|s| &s.components).zip(action.values());
             for (component, v) in components.filter(|(c, _)| c.target == *name) {
-                let value = component.low + v * (component.high - component.low);
+                let value = component.value(*v);
                 match component.set {
                     Quantity::X => position[0] = value,
                     Quantity::Y => position[1] = value,

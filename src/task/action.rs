@@ -143,7 +143,7 @@ impl ActionSpace {
     pub fn place(&self, scene: &Scene, action: &ValidAction) -> Placement {
         let mut placed = scene.clone();
         for (component, v) in self.components.iter().zip(&action.0) {
-            component.write(&mut placed, component.low + v * (component.high - component.low));
+            component.write(&mut placed, component.value(*v));
         }
         match self.collision(&placed) {
             Some(reason) => Placement::Invalid(reason),
@@ -233,6 +233,11 @@ impl ValidAction {
 }
 
 impl Component {
+    /// What an action's share `v` of the way from low to high sets, SI.
+    pub fn value(&self, v: f64) -> f64 {
+        self.low + v * (self.high - self.low)
+    }
+
     fn write(&self, scene: &mut Scene, value: f64) {
         if let Some(body) = scene.bodies.iter_mut().find(|b| b.name == self.target) {
             let position = body.position.get_or_insert([0.0, 0.0]);

@@ -64,12 +64,12 @@ fn carry_out(args: &ExperimentArgs, family: &Family, mut study: Study, out: &Pat
         study.rounds.dedup();
     }
     study.validate()?;
-    let importance = importance(family, study.needs_importance())?;
     let estimates = study.arms.len() * study.seeds.len();
     let policies = study.seeds.len()
         * study.trials as usize
         * (study.schools.len() + study.arms.len() * study.rounds.len() + study.diagnosed.len());
     let cells = Cells::new(out, estimates + policies)?;
+    let importance = importance(family, study.needs_importance())?;
     let arms: Vec<(&Arm, u64)> =
         study.arms.iter().flat_map(|arm| study.seeds.iter().map(move |seed| (arm, *seed))).collect();
     let found: Vec<Estimated> = cells.all(
@@ -285,10 +285,7 @@ fn picture(policy: &Dqn, task: &Task, world: &mut HiddenWorld) -> Result<Option<
     let (Some(x), Some(y)) = (axis(Quantity::X), axis(Quantity::Y)) else { return Ok(None) };
     let chance = |score: f32| 1.0 / (1.0 + (-f64::from(score)).exp());
     let mapped = regular(space, [x, y])?;
-    let at = |action: &ValidAction, i: usize| {
-        let c = &space.components[i];
-        c.low + action.values()[i] * (c.high - c.low)
-    };
+    let at = |action: &ValidAction, i: usize| space.components[i].value(action.values()[i]);
     let chances: Vec<([f64; 2], f64)> = mapped
         .iter()
         .zip(policy.score(task, &mapped)?)
