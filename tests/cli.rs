@@ -120,6 +120,38 @@ fn rollout_writes_its_file_whole_or_not_at_all() {
     assert_eq!(files(dir.path()), ["out.jsonl"]);
 }
 
+/// What cannot be written is refused before the work it would be lost with.
+#[test]
+fn a_place_that_cannot_take_results_is_refused_before_the_work() {
+    let dir = tempfile::tempdir().unwrap();
+    let (folder, file) = (dir.path().to_str().unwrap(), dir.path().join("taken"));
+    std::fs::write(&file, "mine").unwrap();
+    let (taken, below) = (file.to_str().unwrap(), file.join("x"));
+    let below = below.to_str().unwrap();
+    let (measured, trials) = (dir.path().join("m"), dir.path().join("m/trials.csv"));
+    let scene = measured.join("scene.json");
+    let (scene, trials) = (scene.to_str().unwrap(), trials.to_str().unwrap());
+    good(&["measure", "--task", "basketball", "--trials", "2", "--out", measured.to_str().unwrap()], "");
+    let diagnose = ["diagnose", "--scene", scene, "--trials", trials, "--out"];
+    for (command, place, wanted) in [
+        (&["rollout", "--out"][..], folder, "--out"),
+        (&["rollout", "--out"], below, "--out"),
+        (&["surface", "--task", "basketball", "--out"], folder, "--out"),
+        (&["surface", "--task", "basketball", "--out", below, "--svg"], folder, "--out"),
+        (&["surface", "--task", "basketball", "--svg"], folder, "--svg"),
+        (&["train", "--task", "basketball", "--out"], folder, "directory"),
+        (&["measure", "--task", "basketball", "--out"], taken, "file"),
+        (&diagnose, taken, "file"),
+        (&["run", "--out"], taken, "file"),
+        (&["experiment", "basketball", "--out"], taken, "file"),
+        (&["experiment", "strategies", "--out"], below, "taken"),
+    ] {
+        refused(&[command, &[place]].concat(), FALL, wanted);
+    }
+    assert_eq!(std::fs::read_to_string(&file).unwrap(), "mine");
+    assert_eq!(files(dir.path()).len(), 2, "{:?}", files(dir.path()));
+}
+
 #[test]
 fn tasks_are_listed() {
     let all: Value = serde_json::from_str(&good(&["tasks", "--json"], "")).unwrap();

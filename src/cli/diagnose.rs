@@ -40,6 +40,7 @@ pub fn run(args: &Args) -> Result<()> {
         return Err(unreadable(&args.trials, &e));
     }
     let trials = read_trials(&args.trials, &scene)?;
+    output::directory("--out", &args.out)?;
     let bar = output::Bar::new();
     bar.report("cutting trials into windows", 0, 1)?;
     let found = diagnose(&scene, &trials, &Config::standard(args.seed), &bar)?;
@@ -50,7 +51,7 @@ pub fn run(args: &Args) -> Result<()> {
 
 /// Writes report.json, report.html, extended_scene.json and the plots.
 pub fn write_report(out: &Path, scene: &Scene, found: &Finding) -> Result<()> {
-    output::directory(out)?;
+    output::directory("--out", out)?;
     let json = serde_json::to_string_pretty(&found.diagnosis).map_err(|e| Error::Failed(e.to_string()))?;
     output::write_whole(&out.join("report.json"), (json + "\n").as_bytes())?;
     output::write_whole(&out.join("extended_scene.json"), (found.extended.to_json() + "\n").as_bytes())?;

@@ -48,6 +48,7 @@ pub fn run(args: &Args) -> Result<()> {
     (config.noise, config.seed) = (args.noise, args.seed);
     let mut world = HiddenWorld::new(config)?;
     let training = if tasks.len() > 1 { split(&tasks, Split::Train) } else { tasks };
+    output::directory("--out", &args.out)?;
     let bar = output::Bar::new();
     let trials = iplw::experiment::random_trials(&training, &mut world, args.trials, args.seed, &bar)?;
     bar.clear();

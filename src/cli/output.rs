@@ -11,23 +11,41 @@ use iplw::progress::Progress;
 
 /// Writes a file by way of a temporary one beside it, so that a reader sees the old or the new, never a half.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
-    if let Some(parent) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
-        directory(parent)?;
+    if let Some(parent) = parent(path) {
+        std::fs::create_dir_all(parent).map_err(|e| Error::io(parent, e))?;
     }
     let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    let beside = path.with_file_name(format!(".{name}.{}.part", std::process::id()));
-    let written = std::fs::File::create(&beside)
+    let part = path.with_file_name(format!(".{name}.{}.part", std::process::id()));
+    let written = std::fs::File::create(&part)
         .and_then(|mut file| file.write_all(bytes).and_then(|()| file.sync_all()))
-        .and_then(|()| std::fs::rename(&beside, path));
+        .and_then(|()| std::fs::rename(&part, path));
     if written.is_err() {
-        let _ = std::fs::remove_file(&beside);
+        let _ = std::fs::remove_file(&part);
     }
     written.map_err(|e| Error::io(path, e))
 }
 
-/// Makes a directory for results, so that a place that cannot be written to is refused before the work, not after.
-pub fn directory(path: &Path) -> Result<()> {
-    std::fs::create_dir_all(path).map_err(|e| Error::io(path, e))
+/// Makes the directory for results that `option` names, so that a place that cannot be written to is refused before the
+/// work, not after.
+pub fn directory(option: &str, path: &Path) -> Result<()> {
+    std::fs::create_dir_all(path).map_err(|e| match path.ancestors().find(|p| p.is_file()) {
+        Some(file) => {
+            Error::input(option, file.display(), "a directory, or a name not taken yet: that is a file")
+        }
+        None => Error::io(path, e),
+    })
+}
+
+/// The same for a single file, which is written when the work is done.
+pub fn file(option: &str, path: &Path) -> Result<()> {
+    if path.is_dir() {
+        return Err(Error::input(option, path.display(), "the name of a file: that is a directory"));
+    }
+    parent(path).map_or(Ok(()), |p| directory(option, p))
+}
+
+fn parent(path: &Path) -> Option<&Path> {
+    path.parent().filter(|p| !p.as_os_str().is_empty())
 }
 
 /// Writes to standard output; a reader that went away (`| head`) is no error.

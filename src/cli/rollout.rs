@@ -41,6 +41,8 @@ pub fn run(args: &Args) -> Result<()> {
         chosen(engine, &rollout).map_err(|e| at_line(e, &place))?;
         scenes.push(scene);
     }
+    let file = (args.out != "-").then(|| PathBuf::from(&args.out));
+    file.as_deref().map_or(Ok(()), |path| output::file("--out", path))?;
     let mut results = String::new();
     for chunk in scenes.chunks(CHUNK) {
         let rollouts: Vec<Rollout> = chunk
@@ -53,14 +55,11 @@ pub fn run(args: &Args) -> Result<()> {
             results.push_str(&line.to_string());
             results.push('\n');
         }
-        if args.out == "-" {
+        if file.is_none() {
             output::print(&std::mem::take(&mut results))?;
         }
     }
-    if args.out != "-" {
-        output::write_whole(&PathBuf::from(&args.out), results.as_bytes())?;
-    }
-    Ok(())
+    file.map_or(Ok(()), |path| output::write_whole(&path, results.as_bytes()))
 }
 
 /// A trajectory as the contract has it.

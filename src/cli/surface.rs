@@ -67,6 +67,8 @@ pub fn run(args: &Args) -> Result<()> {
         None => {
             let family = family(&args.task)?;
             let config = config(args, family)?;
+            output::file("--out", &args.out)?;
+            args.svg.as_deref().map_or(Ok(()), |svg| output::file("--svg", svg))?;
             let bar = output::Bar::new();
             let started = Instant::now();
             let found = surface(family, &config, &bar)?;

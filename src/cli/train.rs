@@ -95,6 +95,7 @@ pub fn train_policy(args: &TrainArgs) -> Result<()> {
         ..TrainConfig::paper_bowling()
     };
     config.validate()?;
+    output::file("--out", &args.out)?;
     let bar = output::Bar::new();
     let started = Instant::now();
     let data = label(&split(&tasks, Split::Train), &training, &labels, &bar)?;

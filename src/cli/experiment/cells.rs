@@ -51,7 +51,7 @@ impl Cells {
     /// Cells under `out`, of which there will be `total`.
     pub fn new(out: &Path, total: usize) -> Result<Cells> {
         let directory = out.join("cells");
-        output::directory(&directory)?;
+        output::directory("--out", &directory)?;
         let (bar, started, counts) = (Bar::new(), Instant::now(), Mutex::default());
         Ok(Cells { directory, bar, started, build: build()?, total, counts })
     }

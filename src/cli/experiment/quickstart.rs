@@ -48,7 +48,7 @@ pub fn story(name: &str, seeds: Vec<u64>, quick: bool, out: &Path) -> Result<()>
             ..EvaluateConfig::phyre(0)
         },
     };
-    output::directory(out)?;
+    output::directory("--out", out)?;
     let bar = output::Bar::new();
     let started = Instant::now();
     let clock = || started.elapsed().as_secs_f64();
