@@ -35,10 +35,8 @@ pub fn verdict(found: &Found, judged: &Judged, windows: &[Window]) -> (Verdict, 
     };
     let model = &found.fits[best];
     let names = model.names().join(" + ");
-    if remains(found, best, judged, windows) {
-        let left = unexplained(&found.base, model, judged, windows).unwrap_or(0.0);
-        let reason = format!("the best set in the library leaves {:.0} % of the excess error", 100.0 * left);
-        return (Verdict::Unknown, reason);
+    if let Some(what) = remains(found, best, judged, windows) {
+        return (Verdict::Unknown, format!("the best set in the library, {names}, {what}"));
     }
     if found.rivals.len() < 2 {
         return (Verdict::Named, format!("{names} explains the data to its noise floor"));
@@ -73,9 +71,9 @@ fn misfits(found: &Found, judged: &Judged, windows: &[Window]) -> bool {
         || (!shots && slow_p < search::PLAIN)
 }
 
-/// Whether the best set leaves more than a little of what the base leaves: by the noise floor, by what could be added in
-/// trial after trial, by windows that it leads astray, or by what is slow.
-fn remains(found: &Found, best: usize, judged: &Judged, windows: &[Window]) -> bool {
+/// What the best set does wrong, in words, if it leaves more than a little of what the base leaves: by the noise floor, by
+/// what could be added in trial after trial, by windows that it leads astray, or by what is slow.
+fn remains(found: &Found, best: usize, judged: &Judged, windows: &[Window]) -> Option<String> {
     let (base, model, expected) = (&found.base, &found.fits[best], judged.expected);
     let lack: &Lack = found.lacks[best].as_ref().unwrap_or(&found.base_lack);
     let shots = window::shooting(windows);
@@ -91,8 +89,18 @@ fn remains(found: &Found, best: usize, judged: &Judged, windows: &[Window]) -> b
     let (base_slow, _) = expected.slow_misfit(base, windows, unit);
     let by_slow = slow / base_slow.max(sure_of_base).max(1e-9);
     let (astray, base_astray) = (model::astray(windows, &model.pass), model::astray(windows, &base.pass));
-    ((lack.tested.p < MISFIT || far || much) && by_floor.max(by_signs) > REMAINS)
-        || (astray >= search::SEVERAL && astray as f64 > REMAINS * base_astray as f64)
-        || (!shots && slow_p < SLOW && by_slow > REMAINS)
-        || (!shots && slow_p < search::PLAIN && by_slow > REMAINS_SURELY)
+    let percent = |share: f64| 100.0 * share.min(1.0);
+    if (lack.tested.p < MISFIT || far || much) && by_floor.max(by_signs) > REMAINS {
+        return Some(match by_floor > by_signs {
+            true => format!("leaves {:.0} % of the excess error", percent(by_floor)),
+            false => format!("lacks in trial after trial {:.0} % of what was missing", percent(by_signs)),
+        });
+    }
+    if astray >= search::SEVERAL && astray as f64 > REMAINS * base_astray as f64 {
+        return Some(format!("leads {astray} stretches of motion astray ({base_astray} without it)"));
+    }
+    let slow_left =
+        (slow_p < SLOW && by_slow > REMAINS) || (slow_p < search::PLAIN && by_slow > REMAINS_SURELY);
+    let text = || format!("leaves {:.0} % of the error that changes slowly along trials", percent(by_slow));
+    (!shots && slow_left).then(text)
 }
