@@ -46,6 +46,7 @@ proptest! {
             let straight = roll(&scene, engine);
             let turned = in_order_of(&scene, roll(&shuffled(&scene, seed), engine));
             prop_assume!(!straight.events.is_empty());
+            let mut all_met_alike = true;
             for (a, b) in straight.bodies.iter().zip(&turned.bodies) {
                 let partner = scene.bodies.iter().any(|o| o.name[1..] == a.name[1..] && o.name != a.name);
                 if !(engine == Engine::Rapier && partner) {
@@ -53,12 +54,13 @@ proptest! {
                     continue;
                 }
                 let (met, met_turned) = (meetings(&straight, &a.name), meetings(&turned, &a.name));
+                all_met_alike &= met == met_turned;
                 let late = met.len() == met_turned.len() && met != met_turned;
                 let apart = met.iter().zip(&met_turned).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
                 prop_assert!(apart < 1.5 * scene.time_step, "{} meets its partner {} s apart", a.name, apart);
                 prop_assert!(late || off(a, b) < SWAPPED, "{} is {} m off", a.name, off(a, b));
             }
-            if times(&straight) == times(&turned) {
+            if all_met_alike {
                 prop_assert_eq!(straight.rolling_steps, turned.rolling_steps);
                 prop_assert_eq!(straight.collisions, turned.collisions);
             }
