@@ -1,6 +1,6 @@
 //! What must hold for any bytes given as a scene: they are refused by name, or simulated to finite numbers.
 //!
-//! Shared by the bounded fuzzer that runs with the tests (`tests/fuzz_scene.rs`), by `tests/physics_properties.rs`,
+//! Shared by the bounded fuzzer that runs with the tests (`tests/physics/fuzz_scene.rs`), by `tests/physics/properties.rs`,
 //! and by the libFuzzer target of this directory. A violation panics.
 
 use iplw::error::Error;

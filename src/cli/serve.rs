@@ -7,6 +7,8 @@ use std::time::Duration;
 
 use iplw::error::{Error, Result};
 use iplw::serve::{ServeConfig, openapi, serve_blocking};
+use tracing_subscriber::filter::Targets;
+use tracing_subscriber::prelude::*;
 
 use super::output;
 
@@ -53,8 +55,10 @@ pub fn run(args: &Args) -> Result<()> {
         });
     }
     // What the server notices goes to stderr; RUST_LOG says how much of it.
-    let filter = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| "warn".into());
-    tracing_subscriber::fmt().with_writer(std::io::stderr).with_env_filter(filter).init();
+    let asked = std::env::var("RUST_LOG").ok().and_then(|text| text.parse::<Targets>().ok());
+    let filter = asked.unwrap_or_else(|| Targets::new().with_default(tracing::Level::WARN));
+    let lines = tracing_subscriber::fmt::layer().with_writer(std::io::stderr);
+    tracing_subscriber::registry().with(lines).with(filter).init();
     let idle = Duration::from_secs(args.idle);
     serve_blocking(ServeConfig {
         http,

@@ -1,11 +1,7 @@
 //! What holds for every scene, in both engines: legal scenes stay finite, whatever their sizes; the order in which
 //! bodies and statics are listed does not matter where it must not.
 
-#[path = "../fuzz/fuzz_one.rs"]
-#[expect(dead_code, reason = "only scenes already parsed are checked here")]
-mod fuzz_one;
-
-use fuzz_one::{Fate, check_scene};
+use crate::fuzz_one::{Fate, check_scene};
 use iplw::rng::stream;
 use iplw::task::scene::{Body, Goal, Shape, Static};
 use iplw::task::{Placement, Scene, family};

@@ -1,9 +1,6 @@
 //! Discovery: effects hidden by an integrator of the tests' own are named, nothing is not, and reports keep their form.
 
-#[path = "discover_worlds/mod.rs"]
-#[allow(dead_code, reason = "shared with others, which use the rest")]
-mod worlds;
-
+use crate::worlds::{self, Hidden, NOISES, Noise, SINGLES};
 use iplw::discover::report::{Diagnosis, Verdict};
 use iplw::discover::{Config, Finding, diagnose};
 use iplw::experiment::EstimateConfig;
@@ -15,7 +12,6 @@ use iplw::task::scene::EffectTerm;
 use iplw::task::{Split, split};
 use iplw::world::effect::linear_drag;
 use iplw::world::{Engine, Latents, Rollout, simulate};
-use worlds::{Hidden, NOISES, Noise, SINGLES};
 
 fn look(hidden: &Hidden, noise: Noise, seed: u64) -> Finding {
     let trials = worlds::trials(hidden, noise, 10, 30, 8.0, seed);

@@ -1,13 +1,10 @@
 //! Fuzzing of scenes on stable Rust: legal scenes are mutated, and whatever comes out must be refused by name or
 //! simulated to finite numbers in both engines (`fuzz/fuzz_one.rs`).
 //!
-//! By default ten thousand mutants of fixed seeds. `FUZZ_SCENES=1000000 cargo test --release --test fuzz_scene`
+//! By default ten thousand mutants of fixed seeds. `FUZZ_SCENES=1000000 cargo test --release --test physics fuzz_scene`
 //! runs as many, `FUZZ_SEED=17` begins at another seed; a failure names the seed and prints the mutant.
 
-#[path = "../fuzz/fuzz_one.rs"]
-mod fuzz_one;
-
-use fuzz_one::{Fate, fuzz_one};
+use crate::fuzz_one::{Fate, fuzz_one};
 use iplw::rng::{Stream, stream};
 use iplw::task::{Placement, Scene, family};
 use iplw::world::effect;

@@ -1,13 +1,11 @@
 //! `iplw diagnose`: files in, files out, exit codes.
 
-#[path = "discover_worlds/mod.rs"]
-#[allow(dead_code, reason = "shared with other tests, which use the rest")]
-mod worlds;
-
 use std::path::Path;
 use std::process::{Command, Output};
 
 use iplw::reality::trials_to_csv;
+
+use crate::worlds;
 
 fn diagnose(scene: &Path, trials: &Path, out: &Path) -> Output {
     Command::new(env!("CARGO_BIN_EXE_iplw"))

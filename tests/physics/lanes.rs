@@ -187,10 +187,10 @@ fn fast_discs_slide_on() {
 #[test]
 fn agrees_with_pymunk() {
     let golden = [
-        (include_str!("golden/bowling.json"), 0.95),
-        (include_str!("golden/bowling_damped.json"), 0.95),
-        (include_str!("golden/basketball.json"), 0.9),
-        (include_str!("golden/basketball_damped.json"), 0.9),
+        (include_str!("../golden/bowling.json"), 0.95),
+        (include_str!("../golden/bowling_damped.json"), 0.95),
+        (include_str!("../golden/basketball.json"), 0.9),
+        (include_str!("../golden/basketball_damped.json"), 0.9),
     ];
     for (text, wanted) in golden {
         let golden: serde_json::Value = serde_json::from_str(text).unwrap();

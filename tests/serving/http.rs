@@ -1,9 +1,5 @@
 //! The server over real sockets: every endpoint, every kind of bad input, restart, lock, idling out.
 
-#[path = "discover_worlds/mod.rs"]
-#[allow(dead_code, reason = "shared with others, which use the rest")]
-mod worlds;
-
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::sync::Arc;
@@ -15,6 +11,8 @@ use iplw::serve::{ServeConfig, Server};
 use reqwest::Method;
 use reqwest::blocking::{Client, Response};
 use serde_json::{Value, json};
+
+use crate::worlds;
 
 /// A server in this process, stopped when dropped.
 struct Running {

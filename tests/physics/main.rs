@@ -1,0 +1,11 @@
+//! Tasks, worlds and engines. One binary for all of them: each links the whole library.
+
+#[path = "../../fuzz/fuzz_one.rs"]
+mod fuzz_one;
+
+mod analytic;
+mod effects;
+mod fuzz_scene;
+mod lanes;
+mod properties;
+mod tasks;

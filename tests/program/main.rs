@@ -1,0 +1,9 @@
+//! The program as a user runs it, and the shape of its sources.
+
+#[path = "../discover_worlds/mod.rs"]
+#[allow(dead_code, reason = "shared with others, which use the rest")]
+mod worlds;
+
+mod cli;
+mod discover_cli;
+mod rooms;

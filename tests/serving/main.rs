@@ -1,0 +1,10 @@
+//! The server over real sockets: HTTP, ZeroMQ, the document, what survives.
+
+#[path = "../discover_worlds/mod.rs"]
+#[allow(dead_code, reason = "shared with others, which use the rest")]
+mod worlds;
+
+mod http;
+mod openapi;
+mod survive;
+mod transports;
