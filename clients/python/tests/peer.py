@@ -27,9 +27,3 @@ def peer(serve: Callable[[socket.socket, threading.Event], None]) -> Iterator[in
         finally:
             done.set()
             thread.join()
-
-
-def say(connected: socket.socket, answer: bytes, piece: int) -> None:
-    """Sends an answer, `piece` bytes at a time."""
-    for at in range(0, len(answer), piece):
-        connected.sendall(answer[at : at + piece])

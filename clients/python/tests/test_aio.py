@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+import json
+import threading
 import time
 from collections.abc import Callable, Coroutine
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from router import router
+from stub import reply, serving
 
 import iplw
 
@@ -114,3 +119,100 @@ def test_nobody_there_and_closed() -> None:
         iplw.AsyncClient("http://127.0.0.1:1", concurrency=0)
     with pytest.raises(ValueError, match="timeout is 0; allowed"):
         iplw.AsyncClient("tcp://127.0.0.1:1", timeout=0)
+
+
+def test_a_cancelled_task_tells_the_server() -> None:
+    with router(lambda header: None) as (url, seen):
+
+        async def body(client: iplw.AsyncClient) -> None:
+            task = asyncio.create_task(client.worlds())
+            while not seen:
+                await asyncio.sleep(0.01)
+            start = time.monotonic()
+            task.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await task
+            assert time.monotonic() - start < 1
+            while len(seen) < 2 and time.monotonic() < start + 5:
+                await asyncio.sleep(0.01)
+
+        run(url, body)
+    assert [header["op"] for header in seen] == ["list_worlds", "cancel"]
+    assert seen[1]["args"] == {"request": seen[0]["id"]}
+
+
+def test_a_job_is_followed_and_left(url: str | None) -> None:
+    async def body(client: iplw.AsyncClient) -> None:
+        job = await client.iplw("basketball", rounds=2, actions=3, samples=32, seed=3)
+        states = [data["state"] async for data in job.follow()]
+        assert states[-1] == job.state == "succeeded" and "succeeded" not in states[:-1]
+        slow = await client.iplw("bowling", real={"damping": 0.8}, rounds=10, actions=50, samples=1000)
+        with pytest.raises(asyncio.TimeoutError):
+            await asyncio.wait_for(slow.wait(), 0.3)
+        # More of them than there are threads: waiting takes none from the others.
+        waits = [asyncio.create_task(slow.wait()) for _ in range(6)]
+        await asyncio.sleep(0.1)
+        assert (await client.world("bowling-sim")).id == "bowling-sim"
+        await slow.cancel()
+        for wait in waits:
+            with pytest.raises(iplw.JobCancelled):
+                await wait
+
+    run(url, body, concurrency=4)
+
+
+def test_a_silent_stream_of_events_is_left_at_once() -> None:
+    job = json.dumps({"id": "j", "kind": "iplw", "state": "running"})
+
+    def answer(n: int, method: str, path: str) -> bytes:
+        if path.endswith("/events"):
+            return b"HTTP/1.1 200 OK\r\nContent-Type: text/event-stream\r\nContent-Length: 99\r\n\r\n"
+        return reply("200 OK", job)
+
+    async def body(client: iplw.AsyncClient) -> None:
+        start, held = time.monotonic(), await client.job("j")
+        with pytest.raises(asyncio.TimeoutError):
+            await asyncio.wait_for(held.wait(), 0.3)
+        while any(thread.name.startswith("iplw-events") for thread in threading.enumerate()):
+            await asyncio.sleep(0.01)
+            assert time.monotonic() - start < 5, "its thread ends, too"
+
+    with serving(answer, hold=True) as stub:
+        run(stub.url, body, timeout=60)
+
+
+def test_ask_and_tell_and_files(url: str | None, tmp_path: Path) -> None:
+    async def body(client: iplw.AsyncClient) -> None:
+        job = await client.iplw("basketball", real="ask_tell", rounds=1, actions=2, samples=16, seed=2)
+        assert isinstance(job, iplw.AsyncAsking) and isinstance(await client.job(job.id), iplw.AsyncAsking)
+        async with await client.create_world("basketball", kind="real") as world:
+            while proposals := await job.proposals():
+                for proposal in proposals:
+                    result = (await world.rollout([proposal.action], task=proposal.task, trajectories=True))[0]
+                    assert result.t is not None
+                    await job.tell(proposal, result.t, {name: s[:, :2] for name, s in result.bodies.items()})
+        assert (await job.wait())["real_interactions"] == 2
+        await job.save_trials(tmp_path)
+        assert (tmp_path / "trials.csv").read_text().startswith("trial,setting,t,body,x,y")
+        assert len((await client.family("basketball"))["tasks"]) == 25
+
+    run(url, body)
+
+
+def test_surfaces_and_any_operation(url: str | None) -> None:
+    async def body(client: iplw.AsyncClient) -> None:
+        job = await client.start("find_surface", task="basketball", points=3, actions=100, seed=6)
+        id = (await job.wait())["surface"]
+        surface = await client.surface(id)
+        assert (await surface.points())["format"] == "iplw.surface/1" and b"<svg" in await surface.draw()
+        await surface.delete()
+        assert id not in {surface.id for surface in await client.surfaces()}
+        assert (await client.call("get_world", id="bowling-sim"))["id"] == "bowling-sim"
+
+    run(url, body)
+
+
+def test_both_clients_have_the_same_methods() -> None:
+    for name in ("Asking", "Client", "Job", "Policy", "Surface", "World"):
+        waits, awaited = getattr(iplw, name), getattr(iplw, f"Async{name}")
+        assert {n for n in dir(waits) if n[0] != "_"} == {n for n in dir(awaited) if n[0] != "_"}

@@ -9,9 +9,11 @@ import gymnasium
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from iplw.families import FAMILIES
+
 FORMS = list(
     product(
-        ["iplw/Bowling-v0", "iplw/Basketball-v0"],
+        FAMILIES,
         ["sim", "real"],
         ["features", "image"],
         ["box", "discrete"],

@@ -13,7 +13,7 @@ import pytest
 from stub import reply, serving
 
 import iplw
-from iplw.http import _parse
+from iplw.http import parse
 
 
 def test_rollouts_are_arrays(client: iplw.Client) -> None:
@@ -244,9 +244,9 @@ def test_event_streams_may_be_cut_anywhere() -> None:
     stream = (
         ": hello\r\n\r\nevent: done\r\nid: 7\r\ndata: {\r\ndata: }\r\n\r\n\r\nretry: 5\n\ndata:ü\n\n".encode()
     )
-    whole = list(_parse(iter([stream])))
+    whole = list(parse(iter([stream])))
     assert [(e.name, e.id, e.data) for e in whole] == [("done", "7", "{\n}"), ("message", "7", "ü")]
-    assert list(_parse(stream[i : i + 1] for i in range(len(stream)))) == whole
+    assert list(parse(stream[i : i + 1] for i in range(len(stream)))) == whole
 
 
 def test_baselines_and_what_the_simulation_lacks(client: iplw.Client, tmp_path: Path) -> None:
@@ -267,3 +267,77 @@ def test_baselines_and_what_the_simulation_lacks(client: iplw.Client, tmp_path: 
     scene = json.loads((tmp_path / "scene.json").read_text())
     again = client.diagnose(scene, (tmp_path / "trials.csv").read_text()).wait()
     assert again["verdict"] == diagnosis["verdict"]
+
+
+def test_surfaces_are_listed_got_drawn_and_deleted(client: iplw.Client, tmp_path: Path) -> None:
+    id = client.find_surface("basketball", points=3, actions=100, seed=5).wait()["surface"]
+    assert id in {surface.id for surface in client.surfaces()}
+    surface = client.surface(id)
+    assert surface.task == "basketball" and {row["factor"] for row in surface.sensitivities} == {"friction", "restitution"}
+    assert surface.points()["format"] == "iplw.surface/1"
+    drawn = surface.draw(tmp_path / "surface.svg")
+    assert b"<svg" in drawn and (tmp_path / "surface.svg").read_bytes() == drawn
+    surface.delete()
+    assert id not in {surface.id for surface in client.surfaces()}
+
+
+def test_every_operation_can_be_called(client: iplw.Client) -> None:
+    assert client.call("get_world", id="bowling-sim")["id"] == "bowling-sim"
+    assert client.call("list_tasks", family="bowling", limit=2)["next"]
+    assert client.call("render_world", id="bowling-sim", task="bowling:000", width=64).startswith(b"\x89PNG")
+    assert b"iplw" in client.call("metrics")
+    made = [client.call("create_world", task="bowling", key="test-any")["id"] for _ in range(2)]
+    assert made[0] == made[1] and client.call("delete_world", id=made[0]) is None
+    job = client.start("start_iplw", task="basketball", rounds=1, actions=2, samples=8)
+    assert job.wait()["real_interactions"] > 0
+    for ask, words in [
+        (lambda: client.call("get_word"), "operation is 'get_word'; allowed: .*get_world"),
+        (lambda: client.call("get_world", id="w", limit=3), r"get_world was given \['limit'\]; allowed: id"),
+        (lambda: client.call("get_world"), "get_world needs id"),
+        (lambda: client.call("get_world", id="w", key="k"), "get_world was given a key"),
+        (lambda: client.start("get_world", id="w"), "get_world starts no job; allowed: .*start_iplw"),
+    ]:
+        with pytest.raises(ValueError, match=words):
+            ask()  # type: ignore[no-untyped-call]
+
+
+def test_a_job_is_followed(client: iplw.Client) -> None:
+    job = client.iplw("basketball", rounds=2, actions=3, samples=32, seed=3)
+    states = [data["state"] for data in job.follow()]
+    assert states and states[-1] == job.state == "succeeded" and "succeeded" not in states[:-1]
+    assert not list(job.follow())
+
+
+def test_nothing_is_smuggled_into_headers() -> None:
+    with serving(lambda n, method, path: reply("200 OK", "{}")) as stub:
+        client = iplw.Client(stub.url)
+        with pytest.raises(ValueError):
+            client.create_world("bowling", key="a\r\nX: 1")
+        assert not stub.seen
+
+
+@pytest.mark.parametrize(
+    "raw",
+    [
+        b"HTTP/1.1 200 OK\r\nContent-Le",
+        b"HTTP/1.1 200 OK\r\nContent-Length: 9\r\n\r\nabc",
+        b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n9\r\nabc",
+        b"SSH-2.0-OpenSSH\r\n\r\n",
+        b"x" * 200_000,
+    ],
+)
+def test_an_answer_that_is_not_whole_is_none(raw: bytes) -> None:
+    with serving(lambda n, method, path: raw) as stub:
+        with pytest.raises(iplw.ServerUnavailable):
+            iplw.Client(stub.url, timeout=5).create_world("bowling")
+
+
+def test_a_proxy_is_the_environments(monkeypatch: pytest.MonkeyPatch) -> None:
+    with serving(lambda n, method, path: reply("200 OK", '{"worlds": []}')) as stub:
+        monkeypatch.setenv("HTTP_PROXY", stub.url)
+        monkeypatch.setenv("http_proxy", stub.url)
+        assert iplw.Client("http://iplw.invalid/behind").worlds() == []
+        assert [path for _, path, _ in stub.seen] == ["http://iplw.invalid/behind/v1/worlds?limit=1000"]
+    with serving(lambda n, method, path: reply("200 OK", '{"worlds": []}')) as stub:
+        # Not for this machine's own servers, and the proxy above has gone.
+        assert iplw.Client(stub.url).worlds() == []

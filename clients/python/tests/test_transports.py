@@ -12,7 +12,6 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -20,14 +19,13 @@ import msgpack
 import numpy as np
 import pytest
 import zmq
+from peer import peer
+from router import ok, router
 
 import iplw
 from iplw import codec, frames, zeromq
-from iplw.operations import OPERATIONS, Call
+from iplw.call import Call
 from iplw.server import find_binary
-
-CHECKOUT = Path(__file__).resolve().parents[3]
-
 
 @pytest.fixture(params=["http-json", "http-msgpack", "zmq"])
 def over(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[iplw.Client]:
@@ -36,19 +34,6 @@ def over(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Ite
         monkeypatch.setattr(codec, "has_msgpack", lambda: False)
     with iplw.Client("tcp://private" if request.param == "zmq" else None) as client:
         yield client
-
-
-def test_the_table_is_the_documents() -> None:
-    document = json.loads((CHECKOUT / "openapi" / "openapi.json").read_text())
-    said = {
-        operation["operationId"]: (method.upper(), path)
-        for path, operations in document["paths"].items()
-        for method, operation in operations.items()
-    }
-    ours = {name: (row.method, row.path) for name, row in OPERATIONS.items()}
-    assert {name: said.get(name) for name in ours} == ours
-    # Pages for people and programs, and the stream of events, which has its own way.
-    assert set(said) - set(ours) == {"metrics", "openapi", "follow_job"}
 
 
 #: What the episode brought over the first transport.
@@ -198,41 +183,6 @@ def test_http_is_not_zeromq() -> None:
             other.worlds()
 
 
-@contextmanager
-def router(answer: Any) -> Iterator[tuple[str, list[dict[str, Any]]]]:
-    """A scripted server: `answer(header)` gives the frames of the reply, or None to be silent."""
-    context = zmq.Context()
-    bound: zmq.Socket[bytes] = context.socket(zmq.ROUTER)
-    bound.setsockopt(zmq.LINGER, 0)
-    port = bound.bind_to_random_port("tcp://127.0.0.1")
-    seen: list[dict[str, Any]] = []
-    done = threading.Event()
-
-    def serve() -> None:
-        while not done.is_set():
-            if not bound.poll(20):
-                continue
-            peer, header, *_ = bound.recv_multipart()
-            seen.append(msgpack.unpackb(header))
-            reply = answer(seen[-1])
-            if reply is not None:
-                bound.send_multipart([peer, *reply])
-        bound.close()
-
-    thread = threading.Thread(target=serve)
-    thread.start()
-    try:
-        yield f"tcp://127.0.0.1:{port}", seen
-    finally:
-        done.set()
-        thread.join()
-        context.destroy(0)
-
-
-def ok(header: dict[str, Any], result: Any) -> list[bytes]:
-    return [msgpack.packb({"v": 1, "id": header["id"], "ok": True, "result": result, "arrays": []})]
-
-
 def test_silence_ends_with_the_timeout_and_is_told() -> None:
     with router(lambda header: None) as (url, seen):
         client = iplw.Client(url, timeout=0.3)
@@ -278,7 +228,7 @@ def test_a_busy_worker_is_not_dead(monkeypatch: pytest.MonkeyPatch) -> None:
 
     with router(answer) as (url, _):
         client = iplw.Client(url, timeout=0.5)
-        assert client._transport.do(Call("rollout_world", {"id": "w"}, lambda a: a, slack=30)) == {"results": []}
+        assert client._line.do(Call("rollout_world", {"id": "w"}, lambda a: a, slack=30)) == {"results": []}
     assert len(held) == 8, "longer than the timeout, but never silent"
 
 
@@ -337,3 +287,59 @@ def test_http_does_without_either() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.stdout == "3\n", done.stderr
+
+
+READY = b"\x04\x19\x05READY\x0bSocket-Type\x00\x00\x00\x06ROUTER"
+GREETING = b"\xff" + bytes(8) + b"\x7f\x03\x01" + b"NULL".ljust(20, b"\0") + bytes(32)
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        b"HTTP/1.1 400 Bad Request\r\n\r\n" + b" " * 64,
+        GREETING.replace(b"NULL", b"CURV") + READY,
+        GREETING + b"\x04\x09\x05ERROR\x02no",
+        GREETING + b"\x00\x02hi",
+        GREETING[:30],
+        b"",
+    ],
+)
+def test_who_is_no_router_is_not_talked_to(said: bytes) -> None:
+    def serve(connected: socket.socket, done: threading.Event) -> None:
+        connected.sendall(said)
+        done.wait(10)
+
+    with peer(serve) as port:
+        with pytest.raises(iplw.ServerUnavailable, match="no iplw server at tcp://"):
+            iplw.Client(f"tcp://127.0.0.1:{port}", timeout=0.5).worlds()
+
+
+def test_a_header_may_have_any_order_and_an_id_of_any_kind() -> None:
+    with iplw.Client("tcp://private") as client:
+        dealer: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
+        dealer.linger = 0
+        dealer.setsockopt(zmq.HEARTBEAT_IVL, 50)
+        dealer.rcvtimeo = 10_000
+        dealer.connect(client.url)
+        time.sleep(0.3)
+        header = {"args": {"id": "bowling-sim", "seed": 3}, "id": b"mine", "op": "reset_world", "v": 1, "raw": True}
+        dealer.send_multipart([msgpack.packb(header)])
+        head, observation = dealer.recv_multipart()
+        said = msgpack.unpackb(head)
+        dealer.close()
+        expected, info = client.world("bowling-sim").reset(seed=3)
+        assert (said["id"], said["ok"], said["result"]["info"]) == (b"mine", True, info)
+        assert observation == expected.tobytes()
+
+
+def test_a_connection_that_broke_is_not_used_again() -> None:
+    # Sockets come and go, and their file numbers with them.
+    for _ in range(8):
+        with router(lambda header: ok(header, {"worlds": []})) as (url, _):
+            client = iplw.Client(url, timeout=5)
+            assert client.worlds() == client.worlds() == []
+        start = time.monotonic()
+        with pytest.raises(iplw.ServerUnavailable, match="no iplw server"):
+            client.worlds()
+        assert time.monotonic() - start < 4
+        client.close()

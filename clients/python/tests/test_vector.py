@@ -12,6 +12,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import iplw
 from iplw.envs import PlacementEnv
+from iplw.families import FAMILIES
 from iplw.vector import PlacementVectorEnv
 
 URLS = [None, "tcp://private"]
@@ -162,7 +163,7 @@ def test_a_refused_step_has_not_happened(url: str | None) -> None:
     envs.close()
 
 
-@pytest.mark.parametrize("name", ["iplw/Bowling-v0", "iplw/Basketball-v0"])
+@pytest.mark.parametrize("name", FAMILIES)
 def test_gymnasium_makes_it(name: str, url: str | None) -> None:
     envs = gymnasium.make_vec(
         name, num_envs=4, vectorization_mode="vector_entry_point", url=url, autoreset_mode="SameStep"

@@ -6,29 +6,41 @@
     with iplw.Client() as client:  # or iplw.Client("http://127.0.0.1:8080")
         found = client.iplw("bowling", world="bowling-real").wait(progress=True)
 
-The files: `client` is the way in; `world`, `job`, `policy` are handles on what
-the server keeps (`handle` is what they share), `asking` a job that asks you what to measure; `envs` has
-the Gymnasium environments; `server` runs a private server; `http` speaks to one; `errors` is what they raise.
+    async with iplw.AsyncClient("tcp://127.0.0.1:5555") as client:  # the same methods, awaited
+        async with await client.create_world("bowling") as world:
+            observation, info = await world.reset(seed=1)
+
+The files, from the top down; each uses only those below it:
+
+| file | what |
+|---|---|
+| `envs`, `vector`, `registration`, `families` | Gymnasium's environments |
+| `aio`, `sync` | the client and its handles on worlds, jobs, policies, surfaces: written once, in `aio`; `generate.py` makes `sync` of it |
+| `runner` | the difference between the two: who does what blocks |
+| `calls`, `rollout`, `ranked`, `proposal`, `bar` | what is asked, and what answers mean; nothing here waits |
+| `connect`, `http`, `zeromq`, `transport` | how a call goes to the server and back; `codec` and `frames` write it down |
+| `call`, `operations` | a call; the table of operations, which `generate.py` makes of the OpenAPI document |
+| `server`, `errors` | a private server; what all of them raise |
 """
 
-from .aio import AsyncClient, AsyncJob, AsyncPolicy, AsyncWorld
-from .asking import Asking, Proposal
-from .client import Client
+from .aio import AsyncAsking, AsyncClient, AsyncJob, AsyncPolicy, AsyncSurface, AsyncWorld
 from .errors import IplwError, JobCancelled, JobFailed, Problem, ServerUnavailable
-from .job import Job
-from .policy import Policy, Ranked
+from .proposal import Proposal
+from .ranked import Ranked
 from .registration import register
 from .rollout import Rollout, Rollouts
+from .sync import Asking, Client, Job, Policy, Surface, World
 from .vector import PlacementVectorEnv, make_vec
-from .world import World
 
 __version__ = "0.1.0"
 
 __all__ = [
     "Asking",
+    "AsyncAsking",
     "AsyncClient",
     "AsyncJob",
     "AsyncPolicy",
+    "AsyncSurface",
     "AsyncWorld",
     "Client",
     "IplwError",
@@ -43,6 +55,7 @@ __all__ = [
     "Rollout",
     "Rollouts",
     "ServerUnavailable",
+    "Surface",
     "World",
     "make_vec",
     "register",

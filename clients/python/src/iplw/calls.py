@@ -1,18 +1,17 @@
-"""The calls behind the handles, for the client that waits and the one that awaits alike."""
+"""The calls behind the handles: what is asked, and how the answer is read. Nothing here waits."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
-from typing import Any, TypeAlias
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import Problem, ServerUnavailable
-from .operations import Call, given
+from .call import Call, given
+from .operations import OPERATIONS
+from .ranked import Ranked, ranked
 from .rollout import Action, Rollout, encode, encode_all, read_rollouts
-from .transport import Transport
 
 #: Observation and info, as Gymnasium's reset gives them.
 Start: TypeAlias = "tuple[NDArray[np.float64], dict[str, Any]]"
@@ -92,11 +91,6 @@ def render(
     return Call("render_world", args, _same, slack=10.0, repeat=view == "scene", binary=True)
 
 
-def create_world(settings: Mapping[str, Any], key: str | None) -> Call[dict[str, Any]]:
-    """Makes a world."""
-    return Call("create_world", settings, _same, key=key)
-
-
 def create_worlds(settings: Mapping[str, Any], count: int) -> Call[dict[str, Any]]:
     """Makes many worlds alike."""
     return Call("create_worlds", {**settings, "count": count}, _same, slack=SLACK * count)
@@ -134,24 +128,19 @@ def step_worlds(
     return Call("step_worlds", args, _same, slack=SLACK * len(worlds), raw=True)
 
 
-def quietly(transport: Transport, call: Call[Any]) -> None:
-    """Deletes what may be gone already, with its server or without."""
-    with suppress(ServerUnavailable):
-        try:
-            transport.do(call)
-        except Problem as problem:
-            if problem.status != 404:
-                raise
-
-
-def act(id: str, task: str, count: int) -> Call[dict[str, Any]]:
+def act(id: str, task: str, count: int) -> Call[list[Ranked]]:
     """A policy's best actions."""
-    return Call("act", {"id": id, "task": task, "count": count}, _same, slack=10.0)
+    return Call("act", {"id": id, "task": task, "count": count}, ranked, slack=10.0)
 
 
 def weights(id: str) -> Call[bytes]:
     """A policy's weights."""
     return Call("download_weights", {"id": id}, _same, binary=True)
+
+
+def draw(id: str) -> Call[bytes]:
+    """A surface's picture."""
+    return Call("draw_surface", {"id": id}, _same, binary=True)
 
 
 def upload(id: str, data: bytes) -> Call[Any]:
@@ -196,9 +185,9 @@ def trials(id: str, format: str) -> Call[bytes]:
     return Call("list_trials", {"id": id, "format": format}, _same, binary=True)
 
 
-def number_of(task: str) -> Call[dict[str, Any]]:
+def task(id: str) -> Call[dict[str, Any]]:
     """One task by its id, `bowling:017`."""
-    family, _, number = task.partition(":")
+    family, _, number = id.partition(":")
     return Call("get_task", {"family": family, "number": number}, _same)
 
 
@@ -207,9 +196,42 @@ def post(op: str, args: Mapping[str, Any], key: str | None = None) -> Call[dict[
     return Call(op, args, _same, key=key)
 
 
-def ids(tasks: Iterable[Mapping[str, Any]], split: str | None) -> list[str]:
-    """Ids of the tasks of a split, or of all."""
-    return [str(task["id"]) for task in tasks if split is None or task["split"] == split]
+def raw(op: str, args: Mapping[str, Any], key: str | None) -> Call[Any]:
+    """Any operation of the table, with arguments it takes; else a `ValueError`."""
+    if op not in OPERATIONS:
+        raise ValueError(f"operation is {op!r}; allowed: {', '.join(sorted(OPERATIONS))}")
+    operation = OPERATIONS[op]
+    if unknown := sorted(set(args) - set(operation.names)):
+        raise ValueError(f"{op} was given {unknown}; allowed: {', '.join(operation.names) or 'nothing'}")
+    if missing := sorted(set(operation.placed) - set(args)):
+        raise ValueError(f"{op} needs {', '.join(missing)}")
+    if key is not None and not operation.keyed:
+        raise ValueError(f"{op} was given a key; allowed: none, as it is not kept")
+    # What the method promises does not hold of everything: some reading is counted, some deleting has two steps.
+    return Call(op, args, _same, key=key, repeat=key is not None, binary=operation.binary)
+
+
+def starting(op: str, args: Mapping[str, Any], key: str | None) -> Call[dict[str, Any]]:
+    """The same of an operation that starts a job."""
+    call = raw(op, args, key)
+    if OPERATIONS[op].status != 202:
+        starts = sorted(name for name, operation in OPERATIONS.items() if operation.status == 202)
+        raise ValueError(f"{op} starts no job; allowed: {', '.join(starts)}")
+    return call
+
+
+class _Named(Protocol):
+    @property
+    def id(self) -> str: ...
+
+
+@overload
+def id_of(named: _Named | str) -> str: ...
+@overload
+def id_of(named: _Named | str | None) -> str | None: ...
+def id_of(named: _Named | str | None) -> str | None:
+    """The id of what a caller names, by a handle or the id itself."""
+    return named if named is None or isinstance(named, str) else named.id
 
 
 def _same(answer: Any) -> Any:

@@ -19,6 +19,8 @@ except ImportError:  # HTTP does without.
 
 #: Extension type of an array in MessagePack.
 ARRAY = 78
+#: Bytes set aside for packing: so many come quickly, msgpack's own 256 KiB from the system each time. It grows.
+_BUFFER = 65536
 #: What the server takes, as NumPy writes it.
 DTYPES = frozenset({"<f4", "<f8", "<i4", "<i8", "<u4", "<u8", "|u1", "|b1"})
 
@@ -36,7 +38,7 @@ def to_json(value: Any) -> bytes:
 def pack(value: Any) -> bytes:
     """MessagePack with arrays raw; whole numbers beyond 64 bits raise `ValueError`."""
     try:
-        packed: bytes = msgpack.packb(value, default=_extension)
+        packed: bytes = msgpack.packb(value, default=_extension, buf_size=_BUFFER)
     except OverflowError as error:
         raise ValueError(f"cannot send a whole number beyond 64 bits ({error})") from error
     return packed
@@ -82,7 +84,7 @@ _ENCODER = json.JSONEncoder(allow_nan=False, default=_listed)
 def _extension(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         array = plain(value)
-        return msgpack.ExtType(ARRAY, msgpack.packb([array.dtype.str, array.shape, array.tobytes()]))
+        return msgpack.ExtType(ARRAY, msgpack.packb([array.dtype.str, array.shape, array.tobytes()], buf_size=_BUFFER))
     return _listed(value)
 
 

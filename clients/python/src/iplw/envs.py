@@ -21,9 +21,8 @@ from gymnasium.core import RenderFrame
 from numpy.typing import NDArray
 
 from . import png
-from .client import Client
+from .sync import Client, World
 from .rollout import Action, Rollouts
-from .world import World
 
 Observation: TypeAlias = NDArray[Any]
 

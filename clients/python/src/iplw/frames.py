@@ -16,7 +16,7 @@ import numpy as np
 
 from . import codec
 from .errors import Problem
-from .operations import Call
+from .call import Call
 
 VERSION = 1
 

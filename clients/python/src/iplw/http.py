@@ -1,162 +1,110 @@
-"""HTTP: MessagePack in and out where it is installed, else JSON; refusals as exceptions, repeats only where they do no
-harm.
+"""HTTP by urllib3: MessagePack in and out where it is installed, else JSON.
+
+Connections are kept, TLS is `https://` with the system's certificates, and a proxy is the environment's
+(`HTTP_PROXY`, `HTTPS_PROXY`, `NO_PROXY`), never for a server on this machine.
 """
 
 from __future__ import annotations
 
 import json
-import math
 import os
 import re
-import time
-from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+import threading
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import suppress
 from functools import lru_cache
 from typing import Any
 from urllib.parse import quote, urlencode, urlsplit
+from urllib.request import getproxies, proxy_bypass
 
 import urllib3
-from urllib3.connectionpool import HTTPConnectionPool
-from urllib3.util import Timeout
+from urllib3.connection import HTTPConnection
+from urllib3.exceptions import ConnectTimeoutError, HTTPError, NewConnectionError, ReadTimeoutError
+from urllib3.util import Retry, Timeout
 
 from . import codec
+from .call import Call
 from .errors import Problem, ServerUnavailable
-from .exchange import Answer, Connection
-from .operations import OPERATIONS, Call
-from .transport import Event, Transport, closed, scheme_of
+from .operations import OPERATIONS
+from .transport import CONNECT, KEPT, Event, Lost, Stream, Transport, closed
 
 _JSON = "application/json"
 _PACKED = "application/msgpack"
+_CSV = "text/csv"
+_BYTES = "application/octet-stream"
 _ACCEPT_JSON = f"{_JSON}, application/problem+json"
 _ACCEPT_RAW = f"{_PACKED}; arrays=raw"
+#: Repeats are ours to decide. Made once: urllib3 would make one for every request.
+_ONCE = Retry(False, redirect=False)
+#: Refusals of a gateway, which knows nothing of what was asked.
+_GATEWAY = (502, 503, 504)
 #: What stands in a path as it is.
 _SAFE = re.compile(r"[A-Za-z0-9_.~:-]+").fullmatch
-#: Connections kept for the next requests.
-KEPT = 64
-#: Repeats of what may be repeated after a lost connection or a gateway's refusal.
-REPEATS = 2
 
 
 class Http(Transport):
-    """Kept connections to one server: our own for requests, urllib3's for TLS and for streams of events."""
+    """Kept connections to one server."""
+
+    _start = "iplw serve"
+    _what = "an iplw server"
 
     def __init__(self, url: str, timeout: float, advice: Callable[[], str] | None = None) -> None:
-        scheme = scheme_of(url)
         super().__init__(url.rstrip("/"), timeout, advice)
-        parts = urlsplit(self.url)
-        self._prefix = parts.path.rstrip("/")
-        self._where = (str(parts.hostname), parts.port or 80) if scheme == "http" else None
-        self._kept: deque[Connection] = deque()
-        self._streams: HTTPConnectionPool | None = None
+        self._pool: _Pool | None = None
         self._pid = os.getpid()
         self._closed = False
 
-    def send(self, call: Call[Any]) -> Any:
-        """The JSON or MessagePack answer (None if empty), or its bytes."""
-        address, headers, payload = request(call)
-        answer = self._request(call, address, payload, headers)
-        data = answer.data
-        if call.binary:
-            return data
-        if not data:
-            return None
-        try:
-            if answer.headers.get("content-type", "").startswith(_PACKED):
-                return codec.unpack(data)
-            # Decoded here, since json would first look for other encodings.
-            return json.loads(data.decode())
-        except ValueError as error:
-            raise ServerUnavailable(
-                f"{self.url} answered {call.op} with something other than JSON ({data[:60]!r}); "
-                "is it an iplw server?"
-            ) from error
-
-    def events(self, job: str, last_id: str = "", patience: float = math.inf) -> Iterator[Event]:
-        """A job's server-sent events until the stream ends; continues after the event `last_id`.
-
-        Silence for `patience` or the timeout, whichever is less, s, raises `ServerUnavailable`.
-        """
+    def events(self, job: str, last_id: str, patience: float) -> Stream:
+        """Server-sent events."""
         headers = {"Accept": "text/event-stream", "Cache-Control": "no-cache"}
         if last_id:
             headers["Last-Event-ID"] = last_id
         slack = min(0.0, max(patience, 0.01) - self.timeout)
         path = f"/v1/jobs/{_quoted(job)}/events"
-        try:
-            response = self._through_urllib3("GET", path, None, headers, slack, stream=True)
-            if response.status >= 300:
-                raise _problem(_whole(response))
-            try:
-                yield from _parse(response.stream(65536))
-            finally:
-                # The rest of the stream is of no use, so neither is its connection.
-                response.close()
-        except (urllib3.exceptions.HTTPError, OSError) as error:
-            raise self._unavailable("GET", path, error) from error
+        return _Events(
+            lambda: self._ask("GET", path, None, headers, slack, stream=True),
+            lambda error: self._unavailable(f"GET {path}", True, error),
+        )
 
     def close(self) -> None:
         """Drops the connections; a second call does nothing."""
         self._closed = True
-        if self._pid == os.getpid():
-            while self._kept:
-                self._kept.pop().close()
-            if self._streams is not None:
-                self._streams.close()
-        self._streams = None
+        pool, self._pool = self._pool, None
+        if pool is not None and self._pid == os.getpid():
+            pool.close()
 
-    def _request(
-        self, call: Call[Any], path: str, payload: bytes | None, headers: Mapping[str, str]
-    ) -> Answer:
-        method, repeats = OPERATIONS[call.op].method, 0
-        while True:
-            try:
-                answer = self._once(method, path, payload, headers, call.slack)
-            except (urllib3.exceptions.HTTPError, OSError) as error:
-                # Nobody there is nobody there; silence has cost its time already.
-                final = isinstance(error, (_Nobody, TimeoutError, urllib3.exceptions.TimeoutError))
-                if final or repeats == REPEATS or not call.repeatable:
-                    raise self._unavailable(method, path, error) from error
-            else:
-                if answer.status < 300:
-                    return answer
-                if answer.status not in (502, 503, 504) or repeats == REPEATS or not call.repeatable:
-                    raise _problem(answer)
-            repeats += 1
-            time.sleep(0.1)
-
-    def _once(
-        self, method: str, path: str, payload: bytes | None, headers: Mapping[str, str], slack: float
-    ) -> Answer:
-        self._mine()
-        if self._where is None:
-            return _whole(self._through_urllib3(method, path, payload, headers, slack))
-        connection = self._connection(self._where)
+    def _once(self, call: Call[Any], given_up: threading.Event | None) -> Any:
+        operation = OPERATIONS[call.op]
+        path, headers, payload = request(call)
+        what = f"{operation.method} {path}"
         try:
-            answer = connection.ask(method, self._prefix + path, headers, payload, self.timeout + slack)
-        except BaseException:
-            connection.close()
-            raise
-        if answer.keep and len(self._kept) < KEPT and not self._closed:
-            self._kept.append(connection)
-        else:
-            connection.close()
-        return answer
-
-    def _connection(self, where: tuple[str, int]) -> Connection:
-        while True:
-            try:
-                kept = self._kept.pop()
-            except IndexError:
-                break
-            if not kept.dropped():
-                return kept
-            kept.close()
+            response = self._ask(operation.method, path, payload, headers, call.slack)
+        except (HTTPError, OSError) as error:
+            lost = error
+            # Nobody there is nobody there; silence has cost its time already.
+            if _is_nobody(error) or _is_silence(error):
+                raise self._unavailable(what, call.repeatable, error) from error
+            raise Lost(lambda: self._unavailable(what, call.repeatable, lost)) from error
+        data = response.data
+        if response.status >= 300:
+            refused = problem(response)
+            raise Lost(lambda: refused) if response.status in _GATEWAY else refused
+        if not data:
+            # Headers that break off are taken for whole ones, without a body.
+            if operation.gives and response.status != 204:
+                raise Lost(lambda: self._broke(what, call.repeatable, "an empty answer"))
+            return None
+        if call.binary:
+            return data
         try:
-            return Connection(*where, min(self.timeout, 10.0))
-        except OSError as error:
-            raise _Nobody(str(error)) from error
+            if response.headers.get("content-type", "").startswith(_PACKED):
+                return codec.unpack(data)
+            # Decoded here, since json would first look for other encodings.
+            return json.loads(data.decode())
+        except ValueError as error:
+            raise self._nonsense(call.op, f"something other than JSON ({data[:60]!r})") from error
 
-    def _through_urllib3(
+    def _ask(
         self,
         method: str,
         path: str,
@@ -165,50 +113,112 @@ class Http(Transport):
         slack: float,
         stream: bool = False,
     ) -> urllib3.BaseHTTPResponse:
-        self._mine()
-        if self._streams is None:
-            self._streams = urllib3.connection_from_url(self.url, maxsize=KEPT)
-        return self._streams.urlopen(
+        pool = self._pool
+        if pool is None or self._pid != os.getpid():
+            if self._closed:
+                raise closed()
+            # A forked child must not talk over its parent's sockets.
+            pool, self._pid = _Pool(self.url), os.getpid()
+            self._pool = pool
+        return pool.open(
             method,
-            self._prefix + path,
+            pool.base + path,
             body=payload,
             headers=headers,
-            retries=False,
+            retries=_ONCE,
             redirect=False,
-            timeout=Timeout(connect=min(self.timeout, 10.0), read=self.timeout + slack),
+            timeout=Timeout(connect=min(self.timeout, CONNECT), read=self.timeout + slack),
             preload_content=not stream,
         )
 
-    def _mine(self) -> None:
-        if self._closed:
-            raise closed()
-        if self._pid != os.getpid():
-            # A forked child must not talk over its parent's sockets.
-            self._kept, self._streams, self._pid = deque(), None, os.getpid()
+    def _unavailable(self, what: str, repeatable: bool, error: Exception) -> ServerUnavailable:
+        if _is_silence(error):
+            return self._silent(what)
+        return self._nobody() if _is_nobody(error) else self._broke(what, repeatable, str(error))
 
-    def _unavailable(self, method: str, path: str, error: Exception) -> ServerUnavailable:
-        advice = self._advice() if self._advice else ""
-        if isinstance(error, (TimeoutError, urllib3.exceptions.ReadTimeoutError)):
-            what = f"no answer to {method} {path} from {self.url} within {self.timeout:g} s"
-            todo = advice or "give it longer with iplw.Client(timeout=...), or ask for less at once"
-        elif isinstance(
-            error,
-            (_Nobody, urllib3.exceptions.NewConnectionError, urllib3.exceptions.ConnectTimeoutError),
-        ):
-            what = f"no iplw server at {self.url}"
-            todo = advice or (
-                "start one with `iplw serve`, check the address, or leave `url` out to get a private server"
-            )
+
+class _Pool:
+    """urllib3's connections to one server, straight or through a proxy."""
+
+    def __init__(self, url: str) -> None:
+        parts = urlsplit(url)
+        host = str(parts.hostname)
+        here = host in ("localhost", "::1") or host.startswith("127.")
+        proxy = None if here or proxy_bypass(host) else getproxies().get(parts.scheme)
+        self.open: Callable[..., urllib3.BaseHTTPResponse]
+        if proxy:
+            manager = urllib3.ProxyManager(proxy, maxsize=KEPT)
+            #: What a path is put behind.
+            self.base = url
+            self.open, self.close = manager.urlopen, manager.clear
         else:
-            what = f"the connection to {self.url} broke during {method} {path} ({error})"
-            todo = (
-                advice or "check whether the server still runs; what was asked may or may not have happened"
-            )
-        return ServerUnavailable(f"{what}; {todo}")
+            pool = urllib3.connection_from_url(url, maxsize=KEPT)
+            if parts.scheme == "http":
+                pool.ConnectionCls = _Connection
+            self.base = parts.path.rstrip("/")
+            self.open, self.close = pool.urlopen, pool.close
 
 
-class _Nobody(OSError):
-    """No connection could be made."""
+class _Connection(HTTPConnection):
+    """Sends the head of a request and its body as one: two packets would wake the server twice."""
+
+    _held: list[bytes] | None = None
+
+    def request(self, *args: Any, **settings: Any) -> None:
+        self._held = []
+        try:
+            super().request(*args, **settings)
+        finally:
+            held, self._held = b"".join(self._held), None
+        self.send(held)
+
+    def send(self, data: Any) -> None:
+        if self._held is None:
+            super().send(data)
+        else:
+            self._held.append(data)
+
+
+class _Events(Stream):
+    """A response that goes on, as events."""
+
+    def __init__(
+        self,
+        ask: Callable[[], urllib3.BaseHTTPResponse],
+        unavailable: Callable[[Exception], ServerUnavailable],
+    ) -> None:
+        self._ask = ask
+        self._unavailable = unavailable
+        self._response: urllib3.BaseHTTPResponse | None = None
+        self._stopped = False
+        self._events = self._read()
+
+    def __next__(self) -> Event:
+        return next(self._events)
+
+    def stop(self) -> None:
+        self._stopped = True
+        if self._response is not None:
+            # It may have ended by itself.
+            with suppress(RuntimeError, ValueError, OSError):
+                self._response.shutdown()
+        # Whoever waits for the next event in another thread closes it.
+        with suppress(ValueError):
+            self._events.close()
+
+    def _read(self) -> Generator[Event]:
+        try:
+            self._response = response = self._ask()
+            try:
+                if response.status >= 300:
+                    raise problem(response)
+                if not self._stopped:
+                    yield from parse(response.stream(65536))
+            finally:
+                # The rest of the stream is of no use, so neither is its connection.
+                response.close()
+        except (HTTPError, OSError) as error:
+            raise self._unavailable(error) from error
 
 
 def request(call: Call[Any]) -> tuple[str, Mapping[str, str], bytes | None]:
@@ -223,10 +233,10 @@ def request(call: Call[Any]) -> tuple[str, Mapping[str, str], bytes | None]:
     headers = {"Accept": (_ACCEPT_RAW if call.raw else _PACKED) if packed else _ACCEPT_JSON}
     kind, payload = "", None
     if "csv" in rest:
-        kind, payload = "text/csv", str(rest.pop("csv")).encode()
-    elif isinstance(rest.get("body"), bytes):
-        kind, payload = "application/octet-stream", rest.pop("body")
-    elif operation.method == "POST" or (operation.method == "DELETE" and rest):
+        kind, payload = _CSV, str(rest.pop("csv")).encode()
+    elif _BYTES in operation.takes:
+        kind, payload = _BYTES, rest.pop("body")
+    elif operation.takes:
         kind, payload = (_PACKED, codec.pack(rest)) if packed else (_JSON, codec.to_json(rest))
         rest = {}
     if kind:
@@ -236,38 +246,21 @@ def request(call: Call[Any]) -> tuple[str, Mapping[str, str], bytes | None]:
     return address + ("?" + urlencode(rest) if rest else ""), headers, payload
 
 
-@lru_cache
-def _parts(path: str) -> list[tuple[str, str | None]]:
-    """`/v1/worlds/{id}/step` as `/v1/worlds/`, `{id}`, `/step`, with the names of what is to be put in."""
-    parts = path.replace("{", "\0{").replace("}", "}\0").split("\0")
-    return [(part, part[1:-1] if part.startswith("{") else None) for part in parts]
-
-
-def _quoted(part: str) -> str:
-    # Most ids need nothing done, and quote() takes its time.
-    return part if _SAFE(part) else quote(part, safe=":")
-
-
-def _whole(response: urllib3.BaseHTTPResponse) -> Answer:
+def problem(response: urllib3.BaseHTTPResponse) -> Problem:
+    """What a refusal says."""
+    said: Any = None
     data = b""
-    with suppress(urllib3.exceptions.HTTPError, OSError):
+    with suppress(HTTPError, OSError, ValueError):
         data = response.data
-    headers = {name.lower(): value for name, value in response.headers.items()}
-    return Answer(response.status, headers, data, True, response.reason or "")
+        packed = "msgpack" in response.headers.get("content-type", "")
+        said = codec.unpack(data) if packed else json.loads(data)
+    if isinstance(said, dict):
+        return Problem.from_json(response.status, said)
+    text = data.decode(errors="replace").strip()[:200]
+    return Problem(response.status, text or "the server gave no reason", title=response.reason or "")
 
 
-def _problem(answer: Answer) -> Problem:
-    problem: Any = None
-    with suppress(ValueError):
-        packed = "msgpack" in answer.headers.get("content-type", "")
-        problem = codec.unpack(answer.data) if packed else json.loads(answer.data)
-    if isinstance(problem, dict):
-        return Problem.from_json(answer.status, problem)
-    text = answer.data.decode(errors="replace").strip()[:200]
-    return Problem(answer.status, text or "the server gave no reason", title=answer.reason)
-
-
-def _parse(chunks: Iterator[bytes]) -> Iterator[Event]:
+def parse(chunks: Iterable[bytes]) -> Iterator[Event]:
     """Events out of a byte stream, by the rules of the WHATWG specification of server-sent events."""
     name, last_id = "message", ""
     data: list[str] = []
@@ -288,3 +281,23 @@ def _parse(chunks: Iterator[bytes]) -> Iterator[Event]:
                 data.append(value)
             elif field == "id":
                 last_id = value
+
+
+def _is_nobody(error: Exception) -> bool:
+    return isinstance(error, (NewConnectionError, ConnectTimeoutError))
+
+
+def _is_silence(error: Exception) -> bool:
+    return isinstance(error, (ReadTimeoutError, TimeoutError))
+
+
+@lru_cache
+def _parts(path: str) -> list[tuple[str, str | None]]:
+    """`/v1/worlds/{id}/step` as `/v1/worlds/`, `{id}`, `/step`, with the names of what is to be put in."""
+    parts = path.replace("{", "\0{").replace("}", "}\0").split("\0")
+    return [(part, part[1:-1] if part.startswith("{") else None) for part in parts]
+
+
+def _quoted(part: str) -> str:
+    # Most ids need nothing done, and quote() takes its time.
+    return part if _SAFE(part) else quote(part, safe=":")

@@ -1,98 +1,328 @@
-"""What a client can ask for: one row an operation, named as in the OpenAPI document, for every transport."""
+"""What the server can be asked for, named as in the OpenAPI document. Made by `generate.py` from it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
-
-T = TypeVar("T")
-
-
-@dataclass(frozen=True)
-class Operation:
-    """Where HTTP has it."""
-
-    method: str
-    #: `/v1/worlds/{id}`; what stands in braces is taken from the arguments.
-    path: str
-
-    @property
-    def repeatable(self) -> bool:
-        """Whether doing it again does no harm: reading and deleting may be sent again after a lost connection."""
-        return self.method in ("GET", "DELETE")
-
-
-@dataclass(slots=True)
-class Call(Generic[T]):
-    """One operation with its arguments, and how to read the answer."""
-
-    op: str
-    #: Path parameters, query parameters and body fields of the HTTP route, together.
-    args: Mapping[str, Any]
-    #: Makes what the caller gets of the answer.
-    read: Callable[[Any], T]
-    #: Makes the server carry the request out once, however often it arrives; it may then be repeated.
-    key: str | None = None
-    #: Seconds granted beyond the client's timeout.
-    slack: float = 0.0
-    #: False forbids repeating what the table allows.
-    repeat: bool = True
-    #: Whether numeric arrays of the answer are to come raw, where the transport can.
-    raw: bool = False
-    #: Whether the answer is bytes, given as they come.
-    binary: bool = False
-
-    @property
-    def repeatable(self) -> bool:
-        """Whether it may be sent again after a lost connection."""
-        return self.repeat and (self.key is not None or OPERATIONS[self.op].repeatable)
-
+from .operation import Operation
 
 OPERATIONS: dict[str, Operation] = {
-    "healthz": Operation("GET", "/healthz"),
-    "readyz": Operation("GET", "/readyz"),
-    "list_worlds": Operation("GET", "/v1/worlds"),
-    "create_world": Operation("POST", "/v1/worlds"),
-    "get_world": Operation("GET", "/v1/worlds/{id}"),
-    "delete_world": Operation("DELETE", "/v1/worlds/{id}"),
-    "reset_world": Operation("POST", "/v1/worlds/{id}/reset"),
-    "step_world": Operation("POST", "/v1/worlds/{id}/step"),
-    "rollout_world": Operation("POST", "/v1/worlds/{id}/rollout"),
-    "set_latents": Operation("POST", "/v1/worlds/{id}/set_latents"),
-    "render_world": Operation("GET", "/v1/worlds/{id}/render"),
-    "create_worlds": Operation("POST", "/v1/batch/worlds"),
-    "delete_worlds": Operation("DELETE", "/v1/batch/worlds"),
-    "reset_worlds": Operation("POST", "/v1/batch/reset"),
-    "step_worlds": Operation("POST", "/v1/batch/step"),
-    "list_families": Operation("GET", "/v1/tasks"),
-    "list_tasks": Operation("GET", "/v1/tasks/{family}"),
-    "get_task": Operation("GET", "/v1/tasks/{family}/{number}"),
-    "start_iplw": Operation("POST", "/v1/iplw"),
-    "list_proposals": Operation("GET", "/v1/iplw/{id}/proposals"),
-    "tell_trials": Operation("POST", "/v1/iplw/{id}/trials"),
-    "list_jobs": Operation("GET", "/v1/jobs"),
-    "get_job": Operation("GET", "/v1/jobs/{id}"),
-    "delete_job": Operation("DELETE", "/v1/jobs/{id}"),
-    "list_trials": Operation("GET", "/v1/jobs/{id}/trials"),
-    "list_policies": Operation("GET", "/v1/policies"),
-    "train_policy": Operation("POST", "/v1/policies"),
-    "get_policy": Operation("GET", "/v1/policies/{id}"),
-    "delete_policy": Operation("DELETE", "/v1/policies/{id}"),
-    "act": Operation("POST", "/v1/policies/{id}/act"),
-    "evaluate_policy": Operation("POST", "/v1/policies/{id}/evaluate"),
-    "download_weights": Operation("GET", "/v1/policies/{id}/weights"),
-    "upload_weights": Operation("PUT", "/v1/policies/{id}/weights"),
-    "start_diagnosis": Operation("POST", "/v1/diagnoses"),
-    "learn_policy": Operation("POST", "/v1/policies/{id}/learn"),
-    "list_surfaces": Operation("GET", "/v1/surfaces"),
-    "find_surface": Operation("POST", "/v1/surfaces"),
-    "get_surface": Operation("GET", "/v1/surfaces/{id}"),
-    "delete_surface": Operation("DELETE", "/v1/surfaces/{id}"),
-    "draw_surface": Operation("GET", "/v1/surfaces/{id}/picture"),
+    "healthz": Operation(
+        method="GET",
+        path="/healthz",
+        status=200,
+        gives=("application/json",),
+    ),
+    "metrics": Operation(
+        method="GET",
+        path="/metrics",
+        status=200,
+        gives=("text/plain",),
+    ),
+    "openapi": Operation(
+        method="GET",
+        path="/openapi.json",
+        status=200,
+        gives=("application/json",),
+    ),
+    "readyz": Operation(
+        method="GET",
+        path="/readyz",
+        status=200,
+        gives=("application/json",),
+    ),
+    "reset_worlds": Operation(
+        method="POST",
+        path="/v1/batch/reset",
+        status=200,
+        names=("mask", "seeds", "split", "tasks", "worlds"),
+        takes=("application/json",),
+        gives=("application/json",),
+    ),
+    "step_worlds": Operation(
+        method="POST",
+        path="/v1/batch/step",
+        status=200,
+        names=("actions", "autoreset", "split", "worlds"),
+        takes=("application/json",),
+        gives=("application/json",),
+    ),
+    "create_worlds": Operation(
+        method="POST",
+        path="/v1/batch/worlds",
+        status=201,
+        names=("budget", "count", "damping", "effects", "engine", "kind", "latents", "noise", "scene", "sealed", "seed", "seeds", "task"),
+        takes=("application/json",),
+        gives=("application/json",),
+        keyed=True,
+    ),
+    "delete_worlds": Operation(
+        method="DELETE",
+        path="/v1/batch/worlds",
+        status=204,
+        names=("worlds",),
+        takes=("application/json",),
+    ),
+    "start_diagnosis": Operation(
+        method="POST",
+        path="/v1/diagnoses",
+        status=202,
+        names=("job", "scene", "seed", "trials"),
+        takes=("application/json",),
+        gives=("application/json",),
+        keyed=True,
+    ),
+    "start_iplw": Operation(
+        method="POST",
+        path="/v1/iplw",
+        status=202,
+        names=("actions", "budget", "real", "residual", "rounds", "samples", "seed", "strategy", "surface", "task", "world"),
+        takes=("application/json",),
+        gives=("application/json",),
+        keyed=True,
+    ),
+    "list_proposals": Operation(
+        method="GET",
+        path="/v1/iplw/{id}/proposals",
+        status=200,
+        names=("id",),
+        gives=("application/json",),
+    ),
+    "tell_trials": Operation(
+        method="POST",
+        path="/v1/iplw/{id}/trials",
+        status=200,
+        names=("id", "failed", "round", "close", "replace", "trials", "csv"),
+        takes=("application/json", "text/csv"),
+        gives=("application/json",),
+        keyed=True,
+    ),
+    "list_jobs": Operation(
+        method="GET",
+        path="/v1/jobs",
+        status=200,
+        names=("limit", "cursor"),
+        gives=("application/json",),
+        items="jobs",
+    ),
+    "get_job": Operation(
+        method="GET",
+        path="/v1/jobs/{id}",
+        status=200,
+        names=("id",),
+        gives=("application/json",),
+    ),
+    "delete_job": Operation(
+        method="DELETE",
+        path="/v1/jobs/{id}",
+        status=202,
+        names=("id",),
+        gives=("application/json",),
+    ),
+    "list_trials": Operation(
+        method="GET",
+        path="/v1/jobs/{id}/trials",
+        status=200,
+        names=("id", "format", "limit", "cursor"),
+        gives=("application/json", "text/csv"),
+        items="trials",
+    ),
+    "list_policies": Operation(
+        method="GET",
+        path="/v1/policies",
+        status=200,
+        names=("limit", "cursor"),
+        gives=("application/json",),
+        items="policies",
+    ),
+    "train_policy": Operation(
+        method="POST",
+        path="/v1/policies",
+        status=202,
+        names=("batch_size", "batches", "effects", "latents", "seed", "task", "training"),
+        takes=("application/json",),
+        gives=("application/json",),
+        keyed=True,
+    ),
+    "get_policy": Operation(
+        method="GET",
+        path="/v1/policies/{id}",
+        status=200,
+        names=("id",),
+        gives=("application/json",),
+    ),
+    "delete_policy": Operation(
+        method="DELETE",
+        path="/v1/policies/{id}",
+        status=204,
+        names=("id",),
+    ),
+    "act": Operation(
+        method="POST",
+        path="/v1/policies/{id}/act",
+        status=200,
+        names=("id", "count", "task"),
+        takes=("application/json",),
+        gives=("application/json",),
+    ),
+    "evaluate_policy": Operation(
+        method="POST",
+        path="/v1/policies/{id}/evaluate",
+        status=202,
+        names=("id", "attempts", "ranking", "seed", "split", "world"),
+        takes=("application/json",),
+        gives=("application/json",),
+        keyed=True,
+    ),
+    "learn_policy": Operation(
+        method="POST",
+        path="/v1/policies/{id}/learn",
+        status=202,
+        names=("id", "attempts", "batch_size", "batches", "learning_rate", "seed", "world"),
+        takes=("application/json",),
+        gives=("application/json",),
+        keyed=True,
+    ),
+    "download_weights": Operation(
+        method="GET",
+        path="/v1/policies/{id}/weights",
+        status=200,
+        names=("id",),
+        gives=("application/octet-stream",),
+    ),
+    "upload_weights": Operation(
+        method="PUT",
+        path="/v1/policies/{id}/weights",
+        status=200,
+        names=("id", "body"),
+        takes=("application/octet-stream",),
+        gives=("application/json",),
+    ),
+    "list_surfaces": Operation(
+        method="GET",
+        path="/v1/surfaces",
+        status=200,
+        names=("limit", "cursor"),
+        gives=("application/json",),
+        items="surfaces",
+    ),
+    "find_surface": Operation(
+        method="POST",
+        path="/v1/surfaces",
+        status=202,
+        names=("actions", "factors", "points", "route", "seed", "task"),
+        takes=("application/json",),
+        gives=("application/json",),
+        keyed=True,
+    ),
+    "get_surface": Operation(
+        method="GET",
+        path="/v1/surfaces/{id}",
+        status=200,
+        names=("id",),
+        gives=("application/json",),
+    ),
+    "delete_surface": Operation(
+        method="DELETE",
+        path="/v1/surfaces/{id}",
+        status=204,
+        names=("id",),
+    ),
+    "draw_surface": Operation(
+        method="GET",
+        path="/v1/surfaces/{id}/picture",
+        status=200,
+        names=("id",),
+        gives=("image/svg+xml",),
+    ),
+    "list_families": Operation(
+        method="GET",
+        path="/v1/tasks",
+        status=200,
+        names=("limit", "cursor"),
+        gives=("application/json",),
+        items="families",
+    ),
+    "list_tasks": Operation(
+        method="GET",
+        path="/v1/tasks/{family}",
+        status=200,
+        names=("family", "limit", "cursor"),
+        gives=("application/json",),
+        items="tasks",
+    ),
+    "get_task": Operation(
+        method="GET",
+        path="/v1/tasks/{family}/{number}",
+        status=200,
+        names=("family", "number"),
+        gives=("application/json",),
+    ),
+    "list_worlds": Operation(
+        method="GET",
+        path="/v1/worlds",
+        status=200,
+        names=("limit", "cursor"),
+        gives=("application/json",),
+        items="worlds",
+    ),
+    "create_world": Operation(
+        method="POST",
+        path="/v1/worlds",
+        status=201,
+        names=("budget", "damping", "effects", "engine", "kind", "latents", "noise", "scene", "sealed", "seed", "task"),
+        takes=("application/json",),
+        gives=("application/json",),
+        keyed=True,
+    ),
+    "get_world": Operation(
+        method="GET",
+        path="/v1/worlds/{id}",
+        status=200,
+        names=("id",),
+        gives=("application/json",),
+    ),
+    "delete_world": Operation(
+        method="DELETE",
+        path="/v1/worlds/{id}",
+        status=204,
+        names=("id",),
+    ),
+    "render_world": Operation(
+        method="GET",
+        path="/v1/worlds/{id}/render",
+        status=200,
+        names=("id", "format", "view", "action", "task", "width"),
+        gives=("image/png", "image/svg+xml"),
+    ),
+    "reset_world": Operation(
+        method="POST",
+        path="/v1/worlds/{id}/reset",
+        status=200,
+        names=("id", "seed", "split", "task"),
+        takes=("application/json",),
+        gives=("application/json",),
+    ),
+    "rollout_world": Operation(
+        method="POST",
+        path="/v1/worlds/{id}/rollout",
+        status=200,
+        names=("id", "actions", "stop", "task", "trajectories"),
+        takes=("application/json",),
+        gives=("application/json",),
+    ),
+    "set_latents": Operation(
+        method="POST",
+        path="/v1/worlds/{id}/set_latents",
+        status=200,
+        names=("id", "density", "friction", "mass", "restitution"),
+        takes=("application/json",),
+        gives=("application/json",),
+    ),
+    "step_world": Operation(
+        method="POST",
+        path="/v1/worlds/{id}/step",
+        status=200,
+        names=("id", "action"),
+        takes=("application/json",),
+        gives=("application/json",),
+    ),
 }
-
-
-def given(**values: Any) -> dict[str, Any]:
-    """The arguments that are not None: what a request says, the rest being the server's default."""
-    return {key: value for key, value in values.items() if value is not None}

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import gymnasium
 
-#: Environment id -> task family.
-FAMILIES = {"iplw/Bowling-v0": "bowling", "iplw/Basketball-v0": "basketball"}
+from .families import FAMILIES
 
 
 def register() -> None:

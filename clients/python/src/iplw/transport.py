@@ -1,4 +1,4 @@
-"""How a client speaks to a server: one interface, chosen by the address.
+"""How a client speaks to a server: one interface; `connect` chooses by the address.
 
 | address | file | speaks |
 |---|---|---|
@@ -9,24 +9,31 @@
 from __future__ import annotations
 
 import random
+import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping
-from typing import Any, TypeVar
-from urllib.parse import urlsplit
+from collections.abc import Callable, Iterator
+from typing import Any
 
-from .errors import Problem, ServerUnavailable
-from .operations import Call
+from .call import Call
+from .errors import IplwError, Problem, ServerUnavailable
 
-T = TypeVar("T")
-#: Items of a list asked for at a time.
-_PAGE = 1000
+#: Longest time that making a connection may take, s, if the timeout is not shorter.
+CONNECT = 10.0
+#: Connections kept for the next requests.
+KEPT = 64
+#: Repeats of what may be repeated after a lost connection or a gateway's refusal, and the pause before each, s.
+REPEATS, REPEAT_AFTER = 2, 0.1
 #: First and longest pause before a busy server is asked again, s.
 _PAUSES = (0.005, 0.5)
 
 
 class Transport(ABC):
     """A way to one server; safe to use from several threads, and by a forked child."""
+
+    #: What starts a server that this transport reaches, and what it should reach.
+    _start: str
+    _what: str
 
     def __init__(self, url: str, timeout: float, advice: Callable[[], str] | None = None) -> None:
         if not timeout > 0:
@@ -37,44 +44,63 @@ class Transport(ABC):
         self.timeout = timeout
         self._advice = advice
 
-    def do(self, call: Call[T]) -> T:
-        """Carries one call out.
+    def send(self, call: Call[Any], given_up: threading.Event | None = None) -> Any:
+        """The answer as it came: lists and dicts, with arrays as NumPy has them where they came raw; or bytes.
 
-        A refusal raises `Problem`; no answer `ServerUnavailable`. A server that says it is busy has not begun, so
-        it is asked again while the timeout lasts.
+        A refusal raises `Problem`; no answer `ServerUnavailable`. Another thread may set `given_up` when it does not
+        want the answer any more; where the transport can, the server is told and the call ends.
         """
-        pause = None
+        repeats = REPEATS if call.repeatable else 0
         while True:
             try:
-                return call.read(self.send(call))
-            except Problem as problem:
-                pause = pause or Pause(self.timeout)
-                wait = pause.after(problem)
-                if wait is None:
-                    raise
-                time.sleep(wait)
+                return self._once(call, given_up)
+            except Lost as lost:
+                if repeats == 0:
+                    raise lost.told() from lost.__cause__
+            repeats -= 1
+            time.sleep(REPEAT_AFTER)
 
-    @abstractmethod
-    def send(self, call: Call[Any]) -> Any:
-        """The answer as it came: lists and dicts, with arrays as NumPy has them where they came raw; or bytes."""
+    def events(self, job: str, last_id: str, patience: float) -> Stream | None:
+        """A job's events after `last_id`, or None where the transport has none: then look from time to time.
 
-    def items(self, op: str, name: str, args: Mapping[str, Any] | None = None) -> Iterator[Any]:
-        """All items of the list `name`, page by page."""
-        cursor: str | None = None
-        while True:
-            answer = self.do(page(op, args or {}, cursor))
-            yield from answer[name]
-            cursor = answer.get("next")
-            if cursor is None:
-                return
-
-    def events(self, job: str, last_id: str, patience: float) -> Iterator[Event] | None:
-        """A job's events after `last_id`, or None where the transport has none: then look from time to time."""
+        Silence for `patience` or the timeout, whichever is less, s, raises `ServerUnavailable`.
+        """
         return None
 
     @abstractmethod
     def close(self) -> None:
         """Drops the connections; a second call does nothing."""
+
+    @abstractmethod
+    def _once(self, call: Call[Any], given_up: threading.Event | None) -> Any:
+        """`send` without repeats: what may be repeated raises `Lost`."""
+
+    def _nobody(self) -> ServerUnavailable:
+        todo = f"start one with `{self._start}`, check the address, or leave `url` out to get a private server"
+        return ServerUnavailable(f"no iplw server at {self.url}; {self._advised(todo)}")
+
+    def _broke(self, what: str, repeatable: bool, why: str = "") -> ServerUnavailable:
+        doubt = "" if repeatable else "; what was asked may or may not have happened"
+        todo = self._advised(f"check whether the server still runs{doubt}")
+        return ServerUnavailable(f"the connection to {self.url} broke during {what}{why and f' ({why})'}; {todo}")
+
+    def _silent(self, what: str) -> ServerUnavailable:
+        todo = self._advised("give it longer with iplw.Client(timeout=...), or ask for less at once")
+        return ServerUnavailable(f"no answer to {what} from {self.url} within {self.timeout:g} s; {todo}")
+
+    def _nonsense(self, what: str, why: str) -> ServerUnavailable:
+        return ServerUnavailable(f"{self.url} answered {what} with {why}; is it {self._what}?")
+
+    def _advised(self, todo: str) -> str:
+        return (self._advice() if self._advice else "") or todo
+
+
+class Lost(Exception):
+    """The connection was lost, or a gateway refused: trying again may help. `told` makes what to raise if not."""
+
+    def __init__(self, told: Callable[[], IplwError]) -> None:
+        super().__init__()
+        self.told = told
 
 
 class Event:
@@ -96,6 +122,14 @@ class Event:
         return hash((self.name, self.id, self.data))
 
 
+class Stream(Iterator[Event]):
+    """Events as they come."""
+
+    @abstractmethod
+    def stop(self) -> None:
+        """Ends it, also for another thread that waits for the next event."""
+
+
 class Pause:
     """When to ask a busy server again: soon, then less and less often, until the time is up."""
 
@@ -113,50 +147,6 @@ class Pause:
         return wait
 
 
-def connect(url: str, timeout: float, advice: Callable[[], str] | None = None) -> Transport:
-    """The transport for an address; without a scheme it is HTTP.
-
-    `advice`: what to tell someone whose request failed; asked only then.
-    """
-    scheme = scheme_of(url)
-    if scheme in ("tcp", "ipc"):
-        from .zeromq import ZeroMq
-
-        return ZeroMq(url, timeout, advice)
-    from .http import Http
-
-    return Http(url if "://" in url else "http://" + url, timeout, advice)
-
-
-def scheme_of(url: str) -> str:
-    """`http`, `https`, `tcp` or `ipc`; anything else is a `ValueError`."""
-    full = url if "://" in url else "http://" + url
-    parts = urlsplit(full)
-    fine = (
-        parts.scheme in ("http", "https", "tcp")
-        and parts.hostname
-        and (parts.scheme != "tcp" or _has_port(full))
-    )
-    if not fine and not (parts.scheme == "ipc" and len(full) > len("ipc://")):
-        raise ValueError(
-            f"url is {url!r}; allowed: an address like http://127.0.0.1:8080, tcp://127.0.0.1:5555 or ipc:///tmp/iplw"
-        )
-    return parts.scheme
-
-
-def page(op: str, args: Mapping[str, Any], cursor: str | None) -> Call[Any]:
-    """One page of a list."""
-    more = {} if cursor is None else {"cursor": cursor}
-    return Call(op, {**args, "limit": _PAGE, **more}, lambda answer: answer)
-
-
 def closed() -> ServerUnavailable:
     """What a closed client raises."""
     return ServerUnavailable("this client is closed; make a new iplw.Client()")
-
-
-def _has_port(url: str) -> bool:
-    try:
-        return urlsplit(url).port is not None
-    except ValueError:
-        return False

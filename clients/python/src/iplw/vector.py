@@ -20,9 +20,8 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from . import calls, envs
-from .client import Client
+from .sync import Client, World
 from .rollout import Action
-from .world import World
 
 #: Wire names of the modes.
 _MODES = {
@@ -81,10 +80,10 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         #: The connection, shared with nobody.
         self.client = Client(url, timeout=timeout)
         try:
-            made = self.client._transport.do(calls.create_worlds(settings, num_envs))
+            made = self.client._line.do(calls.create_worlds(settings, num_envs))
             #: Ids of the environments' worlds, in order.
             self.worlds: list[str] = list(made["worlds"])
-            self._first = World(self.client._transport, made["world"])
+            self._first = World(self.client._line, made["world"])
             self.single_observation_space = envs.observations(self._first, self._image_size)
             self.single_action_space = envs.actions(self._first, action)
             self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -114,7 +113,7 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             split = self._split
         everyone = bool(mask.all())
         call = calls.reset_worlds(self.worlds, draws, task, split, None if everyone else mask)
-        answer = self.client._transport.do(call)
+        answer = self.client._line.do(call)
         self._fresh &= ~mask
         self._start(mask)
         self._observations = np.where(
@@ -131,7 +130,7 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         """Carries out one action in each environment; one that is being reset ignores its action."""
         sent = self._checked(actions)
         split = None if self._mode is AutoresetMode.DISABLED else self._split
-        answer = self.client._transport.do(calls.step_worlds(self.worlds, sent, _MODES[self._mode], split))
+        answer = self.client._line.do(calls.step_worlds(self.worlds, sent, _MODES[self._mode], split))
         reset = np.asarray(answer["reset"], np.bool_)
         ended = np.asarray(answer["terminated"], np.bool_)
         truncated = np.asarray(answer["truncated"], np.bool_)
@@ -163,9 +162,9 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
                 'render() without a render mode; use gymnasium.make_vec(..., render_mode="rgb_array")'
             )
             return None
-        transport = self.client._transport
+        line = self.client._line
         return tuple(
-            envs.picture(World(transport, {"id": id}), envs.RENDER_SIZE, action)
+            envs.picture(World(line, {"id": id}), envs.RENDER_SIZE, action)
             for id, action in zip(self.worlds, self._acted)
         )
 
@@ -173,12 +172,12 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         """Sets latent factors of all worlds, or of each its own; a request for each world."""
         each = {name: np.broadcast_to(np.asarray(v, np.float64), self.num_envs) for name, v in latents.items()}
         for i, id in enumerate(self.worlds):
-            self.client._transport.do(calls.set_latents(id, {name: v[i] for name, v in each.items()}))
+            self.client._line.do(calls.set_latents(id, {name: v[i] for name, v in each.items()}))
 
     def close_extras(self, **_: Any) -> None:
         """Deletes the worlds and lets the server go."""
         with self.client:
-            calls.quietly(self.client._transport, calls.delete_worlds(self.worlds))
+            self.client._line.forget(calls.delete_worlds(self.worlds))
 
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
@@ -238,7 +237,7 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     def _picture(self, i: int, task: str) -> NDArray[np.uint8]:
         # A task's scene does not change, so neither does its picture.
         if task not in self._pictures:
-            world = World(self.client._transport, {"id": self.worlds[i]})
+            world = World(self.client._line, {"id": self.worlds[i]})
             self._pictures[task] = envs.picture(world, self._image_size or 0, task=task)
         return self._pictures[task]
 

@@ -6,17 +6,18 @@ from typing import Any, ClassVar
 
 from typing_extensions import Self
 
-from . import calls
-from .transport import Transport
+from .. import calls
+from .line import AsyncLine
 
 
-class Named:
+class AsyncHandle:
     """A handle on one resource. `data` is what the server last said about it."""
 
     #: The operation that asks for it.
     _look: ClassVar[str]
 
-    def __init__(self, data: dict[str, Any]) -> None:
+    def __init__(self, line: AsyncLine, data: dict[str, Any]) -> None:
+        self._line = line
         self.data = data
 
     @property
@@ -24,19 +25,11 @@ class Named:
         """The resource's id."""
         return str(self.data["id"])
 
+    async def refresh(self) -> Self:
+        """Looks again."""
+        self.data = await self._line.do(calls.get(self._look, self.id))
+        return self
+
     def __repr__(self) -> str:
         words = [self.id, *(str(self.data[key]) for key in ("kind", "state") if isinstance(self.data.get(key), str))]
         return f"<iplw.{type(self).__name__} {' '.join(words)}>"
-
-
-class Handle(Named):
-    """A handle that waits for its answers."""
-
-    def __init__(self, transport: Transport, data: dict[str, Any]) -> None:
-        super().__init__(data)
-        self._transport = transport
-
-    def refresh(self) -> Self:
-        """Looks again."""
-        self.data = self._transport.do(calls.get(self._look, self.id))
-        return self

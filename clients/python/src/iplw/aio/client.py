@@ -1,4 +1,4 @@
-"""The way in: one client speaks to one server, of your own or a private one."""
+"""The way in: a connection to a server, and the handles it gives."""
 
 from __future__ import annotations
 
@@ -7,19 +7,24 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, overload
 
-from . import calls, server
-from .asking import Asking
-from .job import Job
-from .operations import given
-from .policy import Policy
-from .transport import Transport, connect
-from .world import World
+from typing_extensions import Self
+
+from .. import calls, server
+from ..call import given
+from ..connect import connect
+from ..runner import AsyncRunner
+from .asking import AsyncAsking
+from .job import AsyncJob
+from .line import AsyncLine
+from .policy import AsyncPolicy
+from .surface import AsyncSurface
+from .world import AsyncWorld
 
 #: Addresses of a private server -> scheme.
 PRIVATE = {None: "http", "tcp://private": "tcp"}
 
 
-class Client:
+class AsyncClient:
     """A connection to an iplw server; also a context manager.
 
     `url`: `http://host:port`, or `tcp://host:port` or `ipc://path` for ZeroMQ, which needs `pip install
@@ -35,15 +40,20 @@ class Client:
         *,
         timeout: float = 30.0,
         binary: str | os.PathLike[str] | None = None,
+        concurrency: int = 32,  # async
     ) -> None:
+        """`concurrency`: most requests under way at once; more wait for their turn."""  # async
         #: The private server, if this client uses one.
         self.server: server.PrivateServer | None = None
+        runner = AsyncRunner(concurrency)  # async
+        # sync: runner = Runner()
         private = PRIVATE.get(url)
         if private is not None:
             self.server = server.acquire(binary)
         try:
             address = self.server.address(private) if self.server and private else str(url)
-            self._transport = connect(address, timeout, self.server.advice if self.server else None)
+            advice = self.server.advice if self.server else None
+            self._line = AsyncLine(connect(address, timeout, advice), runner)
         except BaseException:
             self._release()
             raise
@@ -51,17 +61,17 @@ class Client:
     @property
     def url(self) -> str:
         """The server's address."""
-        return self._transport.url
+        return self._line.url
 
-    def worlds(self) -> list[World]:
+    async def worlds(self) -> list[AsyncWorld]:
         """Every world on the server."""
-        return [World(self._transport, data) for data in self._transport.items("list_worlds", "worlds")]
+        return [AsyncWorld(self._line, data) for data in await self._line.items("list_worlds")]
 
-    def world(self, id: str) -> World:
+    async def world(self, id: str) -> AsyncWorld:
         """The world with this id; four are there from the start: `bowling-sim`, `bowling-real`, ..."""
-        return World(self._transport, self._transport.do(calls.get("get_world", id)))
+        return AsyncWorld(self._line, await self._line.do(calls.get("get_world", id)))
 
-    def create_world(
+    async def create_world(
         self,
         task: str | None = None,
         *,
@@ -76,7 +86,7 @@ class Client:
         sealed: bool | None = None,
         seed: int | None = None,
         key: str | None = None,
-    ) -> World:
+    ) -> AsyncWorld:
         """A new world of a task family (`bowling`), a task (`bowling:017`) or a scene of your own.
 
         With a `key` of your choice, asking twice makes one world.
@@ -96,32 +106,34 @@ class Client:
             sealed=sealed,
             seed=seed,
         )
-        return World(self._transport, self._transport.do(calls.create_world(body, key)))
+        return AsyncWorld(self._line, await self._line.do(calls.post("create_world", body, key)))
 
-    def tasks(self) -> list[dict[str, Any]]:
+    async def tasks(self) -> list[dict[str, Any]]:
         """The task families: name, about, number of tasks, split, action space."""
-        return list(self._transport.items("list_families", "families"))
+        return await self._line.items("list_families")
 
-    def family(self, name: str) -> dict[str, Any]:
+    async def family(self, name: str) -> dict[str, Any]:
         """One family with the id, split and certificate of each of its tasks."""
-        family = self._transport.do(calls.post("list_tasks", {"family": name, "limit": 1}))
-        family["tasks"] = list(self._transport.items("list_tasks", "tasks", {"family": name}))
+        family = await self._line.do(calls.post("list_tasks", {"family": name, "limit": 1}))
+        family["tasks"] = await self._line.items("list_tasks", family=name)
         return family
 
-    def task(self, id: str) -> dict[str, Any]:
+    async def task(self, id: str) -> dict[str, Any]:
         """One task, `bowling:017`: its split, scene and certificate."""
-        return self._transport.do(calls.number_of(id))
+        return await self._line.do(calls.task(id))
 
-    def task_ids(self, family: str, split: str | None = None) -> list[str]:
+    async def task_ids(self, family: str, split: str | None = None) -> list[str]:
         """Ids of a family's tasks, all or those of one split, in order."""
-        return calls.ids(self.family(family)["tasks"], split)
+        tasks = await self._line.items("list_tasks", family=family)
+        return [str(task["id"]) for task in tasks if split is None or task["split"] == split]
 
     @overload
-    def iplw(
+    async def iplw(
         self,
         task: str,
         *,
         real: Literal["ask_tell"],
+        surface: str | None = None,
         strategy: str | None = None,
         residual: str | None = None,
         rounds: int | None = None,
@@ -130,14 +142,15 @@ class Client:
         seed: int | None = None,
         budget: int | None = None,
         key: str | None = None,
-    ) -> Asking: ...
+    ) -> AsyncAsking: ...
     @overload
-    def iplw(
+    async def iplw(
         self,
         task: str,
         *,
-        world: World | str | None = None,
+        world: AsyncWorld | str | None = None,
         real: Mapping[str, Any] | None = None,
+        surface: AsyncSurface | str | None = None,
         strategy: str | None = None,
         residual: str | None = None,
         rounds: int | None = None,
@@ -146,13 +159,14 @@ class Client:
         seed: int | None = None,
         budget: int | None = None,
         key: str | None = None,
-    ) -> Job: ...
-    def iplw(
+    ) -> AsyncJob: ...
+    async def iplw(
         self,
         task: str,
         *,
-        world: World | str | None = None,
+        world: AsyncWorld | str | None = None,
         real: Mapping[str, Any] | Literal["ask_tell"] | None = None,
+        surface: AsyncSurface | str | None = None,
         strategy: str | None = None,
         residual: str | None = None,
         rounds: int | None = None,
@@ -161,17 +175,18 @@ class Client:
         seed: int | None = None,
         budget: int | None = None,
         key: str | None = None,
-    ) -> Job:
+    ) -> AsyncJob:
         """The workflow: explore, measure on the real world, estimate latents. As a job.
 
         `world` is a real world on the server, whose interactions are counted there; `real` describes one
-        instead: `{"damping": 0.8}`; with `real="ask_tell"` it is yours, and the job asks what to measure. With a
-        `key` of your choice, asking twice starts one job.
+        instead: `{"damping": 0.8}`; with `real="ask_tell"` it is yours, and the job asks what to measure. `surface`
+        says which latents matter. With a `key` of your choice, asking twice starts one job.
         """
         body = given(
             task=task,
-            world=world.id if isinstance(world, World) else world,
+            world=calls.id_of(world),
             real=real,
+            surface=calls.id_of(surface),
             strategy=strategy,
             residual=residual,
             rounds=rounds,
@@ -180,9 +195,9 @@ class Client:
             seed=seed,
             budget=budget,
         )
-        return _job(self._transport, self._transport.do(calls.post("start_iplw", body, key)))
+        return self._job(await self._line.do(calls.post("start_iplw", body, key)))
 
-    def train(
+    async def train(
         self,
         task: str,
         *,
@@ -193,8 +208,8 @@ class Client:
         batch_size: int | None = None,
         seed: int | None = None,
         key: str | None = None,
-    ) -> Job:
-        """Trains a policy in simulation, as a job; `client.policy(job.wait()["policy"])` is the policy.
+    ) -> AsyncJob:
+        """Trains a policy in simulation, as a job; its result's `policy` is the policy's id.
 
         `training` is `fixed` (these latents) or `randomised` (latents drawn anew for each task).
         """
@@ -207,24 +222,22 @@ class Client:
             batch_size=batch_size,
             seed=seed,
         )
-        return Job(self._transport, self._transport.do(calls.post("train_policy", body, key)))
+        return self._job(await self._line.do(calls.post("train_policy", body, key)))
 
-    def diagnose(
+    async def diagnose(
         self,
         scene: Mapping[str, Any] | None = None,
         trials: str | None = None,
         *,
-        job: Job | str | None = None,
+        job: AsyncJob | str | None = None,
         seed: int | None = None,
         key: str | None = None,
-    ) -> Job:
+    ) -> AsyncJob:
         """What the simulation gets wrong, by name, as a job: of a scene and trials as CSV, or of a job's trials."""
-        body = given(
-            scene=scene, trials=trials, job=job.id if isinstance(job, Job) else job, seed=seed
-        )
-        return Job(self._transport, self._transport.do(calls.post("start_diagnosis", body, key)))
+        body = given(scene=scene, trials=trials, job=calls.id_of(job), seed=seed)
+        return self._job(await self._line.do(calls.post("start_diagnosis", body, key)))
 
-    def find_surface(
+    async def find_surface(
         self,
         task: str,
         *,
@@ -234,56 +247,76 @@ class Client:
         actions: int | None = None,
         seed: int | None = None,
         key: str | None = None,
-    ) -> Job:
-        """Which latent factors a family's performance depends on, as a job."""
+    ) -> AsyncJob:
+        """Which latent factors a family's performance depends on, as a job; its result's `surface` is an id."""
         body = given(
             task=task, factors=factors, points=points, route=route, actions=actions, seed=seed
         )
-        return Job(self._transport, self._transport.do(calls.post("find_surface", body, key)))
+        return self._job(await self._line.do(calls.post("find_surface", body, key)))
 
-    def policies(self) -> list[Policy]:
+    async def surfaces(self) -> list[AsyncSurface]:
+        """Every surface on the server."""
+        return [AsyncSurface(self._line, data) for data in await self._line.items("list_surfaces")]
+
+    async def surface(self, id: str) -> AsyncSurface:
+        """The surface with this id."""
+        return AsyncSurface(self._line, await self._line.do(calls.get("get_surface", id)))
+
+    async def policies(self) -> list[AsyncPolicy]:
         """Every policy on the server."""
-        return [Policy(self._transport, data) for data in self._transport.items("list_policies", "policies")]
+        return [AsyncPolicy(self._line, data) for data in await self._line.items("list_policies")]
 
-    def policy(self, id: str) -> Policy:
+    async def policy(self, id: str) -> AsyncPolicy:
         """The policy with this id."""
-        return Policy(self._transport, self._transport.do(calls.get("get_policy", id)))
+        return AsyncPolicy(self._line, await self._line.do(calls.get("get_policy", id)))
 
-    def upload_policy(self, id: str, weights: bytes | str | Path) -> Policy:
+    async def upload_policy(self, id: str, weights: bytes | str | Path) -> AsyncPolicy:
         """Creates or replaces the policy `id` from safetensors bytes or a file of them."""
         data = weights if isinstance(weights, bytes) else Path(weights).read_bytes()
-        self._transport.do(calls.upload(id, data))
-        return self.policy(id)
+        await self._line.do(calls.upload(id, data))
+        return await self.policy(id)
 
-    def jobs(self) -> list[Job]:
+    async def jobs(self) -> list[AsyncJob]:
         """Every job on the server."""
-        return [_job(self._transport, data) for data in self._transport.items("list_jobs", "jobs")]
+        return [self._job(data) for data in await self._line.items("list_jobs")]
 
-    def job(self, id: str) -> Job:
+    async def job(self, id: str) -> AsyncJob:
         """The job with this id."""
-        return _job(self._transport, self._transport.do(calls.get("get_job", id)))
+        return self._job(await self._line.do(calls.get("get_job", id)))
 
-    def close(self) -> None:
+    async def call(self, op: str, *, key: str | None = None, **args: Any) -> Any:
+        """Any operation of the OpenAPI document by its id, with what its path, query and body take: the answer as is.
+
+        Of a list, one page. Repeated after a lost connection only with a `key`. An operation or argument that there
+        is not is a `ValueError` that names what there is.
+        """
+        return await self._line.do(calls.raw(op, args, key))
+
+    async def start(self, op: str, *, key: str | None = None, **args: Any) -> AsyncJob:
+        """As `call`, of an operation that starts a job: the job."""
+        return self._job(await self._line.do(calls.starting(op, args, key)))
+
+    async def close(self) -> None:
         """Drops the connection and gives the private server back; a second call does nothing."""
-        self._transport.close()
-        self._release()
+        self._line.close()
+        if self.server is not None:
+            await self._line.run(self._release)
 
-    def __enter__(self) -> Client:
+    async def __aenter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self.close()
+    async def __aexit__(self, *_: object) -> None:
+        await self.close()
 
     def __repr__(self) -> str:
         private = f", private server {self.server.pid}" if self.server else ""
-        return f"<iplw.Client {self.url}{private}>"
+        return f"<iplw.{type(self).__name__} {self.url}{private}>"
+
+    def _job(self, data: dict[str, Any]) -> AsyncJob:
+        asks = (data.get("config") or {}).get("real") == "ask_tell"
+        return AsyncAsking(self._line, data) if asks else AsyncJob(self._line, data)
 
     def _release(self) -> None:
         held, self.server = self.server, None
         if held is not None:
             server.release(held)
-
-
-def _job(transport: Transport, data: dict[str, Any]) -> Job:
-    asks = (data.get("config") or {}).get("real") == "ask_tell"
-    return Asking(transport, data) if asks else Job(transport, data)

@@ -1,3 +1,4 @@
+# Made by `generate.py` from `aio/world.py`; change that.
 """A world on the server: reset, step, roll out batches, look."""
 
 from __future__ import annotations
@@ -5,19 +6,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import Self
 
-from . import calls
-from .handle import Handle, Named
+from .. import calls
+from ..rollout import Action, Rollout, Rollouts
+from .handle import Handle
 from .job import Job
-from .rollout import Action, Rollout, Rollouts
 
 
-class WorldData(Named):
-    """What is known of a world without asking."""
+class World(Handle):
+    """A handle on one world; also a context manager that deletes it."""
 
     _look = "get_world"
+    _closed = False
 
     @property
     def kind(self) -> str:
@@ -40,30 +42,25 @@ class WorldData(Named):
         """How many discrete actions there are."""
         return int(self.data["action_space"]["count"])
 
-
-class World(WorldData, Handle):
-    """A handle on one world."""
-
-    _closed = False
-
     @property
     def interactions(self) -> int:
         """Valid attempts on this world so far; asks the server."""
-        return int(self.refresh().data["interactions"])
+        self.refresh()
+        return int(self.data["interactions"])
 
     def reset(
         self, *, seed: int | None = None, task: str | None = None, split: str | None = None
-    ) -> tuple[NDArray[np.float64], dict[str, Any]]:
+    ) -> calls.Start:
         """Starts an episode on `task`, or on one drawn from `split` by `seed`: (observation, info)."""
-        return self._transport.do(calls.reset(self.id, seed, task, split))
+        return self._line.do(calls.reset(self.id, seed, task, split))
 
-    def step(self, action: Action) -> tuple[NDArray[np.float64], float, bool, bool, dict[str, Any]]:
+    def step(self, action: Action) -> calls.Step:
         """Acts once: (observation, reward, terminated, truncated, info).
 
         An action that cannot be placed leaves the episode open: `info["valid"]` is False and
         `info["reason"]` says why.
         """
-        return self._transport.do(calls.step(self.id, action))
+        return self._line.do(calls.step(self.id, action))
 
     def rollout(
         self,
@@ -81,21 +78,24 @@ class World(WorldData, Handle):
         """
         results: list[Rollout] = []
         for call in calls.rollouts(self.id, actions, task, trajectories, stop, batch):
-            part = self._transport.do(call)
+            part = self._line.do(call)
             results.extend(part)
         return Rollouts(results)
 
-    def evaluate(self, ranking: Mapping[str, Sequence[Action] | NDArray[Any]], *, attempts: int = 100) -> Job:
+    def evaluate(
+        self, ranking: Mapping[str, Sequence[Action] | NDArray[Any]], *, attempts: int = 100
+    ) -> Job:
         """AUCCESS of a policy of your own, as a job: its actions for each task, best first, are tried here.
 
         `ranking` maps task ids to (n, dimension) actions; those that cannot be placed do not count. Attempts on a
         real world are interactions.
         """
-        return Job(self._transport, self._transport.do(calls.evaluate_ranking(self.id, ranking, attempts)))
+        answer = self._line.do(calls.evaluate_ranking(self.id, ranking, attempts))
+        return Job(self._line, answer)
 
-    def set_latents(self, **latents: float) -> World:
+    def set_latents(self, **latents: float) -> Self:
         """Sets some of density (or mass), friction, restitution. A sealed world refuses with a `Problem`."""
-        self.data = self._transport.do(calls.set_latents(self.id, latents))
+        self.data = self._line.do(calls.set_latents(self.id, latents))
         return self
 
     def render(
@@ -111,16 +111,16 @@ class World(WorldData, Handle):
 
         Filming an action on a real world counts as an interaction.
         """
-        return self._transport.do(calls.render(self.id, format, view, action, task, width))
+        return self._line.do(calls.render(self.id, format, view, action, task, width))
 
     def close(self) -> None:
         """Deletes the world; a second call does nothing, nor does a world or server that is already gone."""
         if self._closed:
             return
         self._closed = True
-        calls.quietly(self._transport, calls.get("delete_world", self.id))
+        self._line.forget(calls.get("delete_world", self.id))
 
-    def __enter__(self) -> World:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:

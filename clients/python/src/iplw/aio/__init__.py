@@ -1,0 +1,10 @@
+"""The client and its handles."""
+
+from .asking import AsyncAsking
+from .client import AsyncClient
+from .job import AsyncJob
+from .policy import AsyncPolicy
+from .surface import AsyncSurface
+from .world import AsyncWorld
+
+__all__ = ["AsyncAsking", "AsyncClient", "AsyncJob", "AsyncPolicy", "AsyncSurface", "AsyncWorld"]

@@ -1,0 +1,132 @@
+"""Long work on the server: wait for it, watch it, cancel it."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import AsyncGenerator
+from contextlib import aclosing
+from pathlib import Path
+from typing import Any
+
+from .. import calls
+from ..bar import Bar
+from ..errors import JobCancelled, JobFailed, Problem, ServerUnavailable
+from .handle import AsyncHandle
+
+#: Longest time between two looks at a job where events do not come through, s; often at first, for the short ones.
+POLL = 0.25
+_ENDED = frozenset({"succeeded", "failed", "cancelled"})
+
+
+class AsyncJob(AsyncHandle):
+    """A handle on one job."""
+
+    _look = "get_job"
+
+    @property
+    def kind(self) -> str:
+        """`iplw`, `train` or `evaluate`."""
+        return str(self.data["kind"])
+
+    @property
+    def state(self) -> str:
+        """`queued`, `running`, `waiting`, `succeeded`, `failed` or `cancelled`, as of the last look."""
+        return str(self.data["state"])
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing more will happen, as of the last look."""
+        return self.state in _ENDED
+
+    @property
+    def eta(self) -> float | None:
+        """Seconds left at the rate so far, as of the last look; None while not known."""
+        left = (self.data.get("progress") or {}).get("eta_s")
+        return None if left is None else float(left)
+
+    def result(self) -> dict[str, Any]:
+        """The result of an ended job; raises as `wait` does, `RuntimeError` if it has not ended."""
+        if self.state == "cancelled":
+            raise JobCancelled(self.id)
+        if self.state == "failed":
+            error = self.data.get("error")
+            raise JobFailed(self.id, Problem.from_json(500, error) if isinstance(error, dict) else None)
+        if self.state != "succeeded":
+            raise RuntimeError(f"job {self.id} is {self.state}; wait() for it first")
+        result = self.data.get("result")
+        return result if isinstance(result, dict) else {}
+
+    async def wait(self, progress: bool = False, timeout: float | None = None) -> dict[str, Any]:
+        """The job's result, once it has one.
+
+        `progress` draws a bar on stderr. Raises `JobFailed`, `JobCancelled`, or, after `timeout` seconds,
+        `TimeoutError` (the job goes on; wait again or cancel it).
+        """
+        bar = Bar() if progress else None
+        try:
+            async with aclosing(self.follow(timeout)) as states:
+                async for data in states:
+                    if bar:
+                        bar.draw(data)
+        finally:
+            if bar:
+                bar.finish()
+        return self.result()
+
+    async def follow(self, timeout: float | None = None) -> AsyncGenerator[dict[str, Any]]:
+        """What the server says of the job, `data`, again and again until it ends.
+
+        By events if they come through, else by looking. After `timeout` seconds, `TimeoutError`.
+        """
+        deadline = math.inf if timeout is None else time.monotonic() + timeout
+        last_id, pause = "", POLL / 16
+        while not self.ended:
+            seen = last_id
+            try:
+                patience = deadline - time.monotonic()
+                async with aclosing(self._line.events(self.id, last_id, patience)) as events:
+                    async for event in events:
+                        last_id = event.id or last_id
+                        self.data = json.loads(event.data)
+                        yield self.data
+                        if self.ended:
+                            return
+                        self._in_time(deadline)
+            except (ServerUnavailable, ValueError):
+                # Silence, a proxy that holds events back, or no server at all: looking tells which.
+                pass
+            except Problem as problem:
+                if problem.status not in (404, 405, 406, 429, 501, 503):
+                    raise
+            await self.refresh()
+            yield self.data
+            if self.ended:
+                return
+            self._in_time(deadline)
+            if last_id == seen:
+                await self._line.sleep(pause)
+                pause = min(2 * pause, POLL)
+
+    async def cancel(self) -> None:
+        """Asks the server to stop the job; does nothing to one that has ended."""
+        await self.refresh()
+        if not self.ended:
+            await self._line.do(calls.cancel(self.id))
+
+    async def trials(self) -> list[dict[str, Any]]:
+        """What an estimation has measured: `trial`, `proposal`, `task`, `action`, `t`, `bodies`, ..."""
+        return await self._line.items("list_trials", id=self.id)
+
+    async def save_trials(self, directory: str | Path) -> None:
+        """Writes `trials.csv` and the `scene.json` that goes with it, as `iplw measure` does."""
+        folder = Path(directory)
+        folder.mkdir(parents=True, exist_ok=True)
+        for format, name in (("csv", "trials.csv"), ("scene", "scene.json")):
+            file = await self._line.do(calls.trials(self.id, format))
+            (folder / name).write_bytes(file)
+
+    def _in_time(self, deadline: float) -> None:
+        if time.monotonic() > deadline:
+            raise TimeoutError(f"job {self.id} has not ended in time; it goes on: wait() again or cancel() it")

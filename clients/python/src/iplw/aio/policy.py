@@ -1,0 +1,63 @@
+"""A trained policy on the server: what it would do, how good it is, its weights."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from .. import calls
+from ..call import given
+from ..ranked import Ranked
+from .handle import AsyncHandle
+from .job import AsyncJob
+from .world import AsyncWorld
+
+
+class AsyncPolicy(AsyncHandle):
+    """A handle on one policy."""
+
+    _look = "get_policy"
+
+    async def act(self, task: str, count: int = 10) -> list[Ranked]:
+        """The policy's `count` best actions on a task, best first."""
+        return await self._line.do(calls.act(self.id, task, count))
+
+    async def evaluate(
+        self, world: AsyncWorld | str, *, split: str = "test", attempts: int = 100
+    ) -> AsyncJob:
+        """AUCCESS on a world's tasks, as a job. Attempts on a real world are interactions."""
+        answer = await self._line.do(calls.evaluate(self.id, calls.id_of(world), split, attempts))
+        return AsyncJob(self._line, answer)
+
+    async def learn(
+        self,
+        world: AsyncWorld | str,
+        *,
+        attempts: int | None = None,
+        batches: int | None = None,
+        batch_size: int | None = None,
+        learning_rate: float | None = None,
+        seed: int | None = None,
+        key: str | None = None,
+    ) -> AsyncJob:
+        """Learns on in a world, as a job whose result names the new policy; attempts are counted there."""
+        body = given(
+            id=self.id,
+            world=calls.id_of(world),
+            attempts=attempts,
+            batches=batches,
+            batch_size=batch_size,
+            learning_rate=learning_rate,
+            seed=seed,
+        )
+        return AsyncJob(self._line, await self._line.do(calls.post("learn_policy", body, key)))
+
+    async def download(self, file: str | Path | None = None) -> bytes:
+        """The weights as safetensors bytes; also written to `file`, if given."""
+        weights = await self._line.do(calls.weights(self.id))
+        if file is not None:
+            Path(file).write_bytes(weights)
+        return weights
+
+    async def delete(self) -> None:
+        """Removes the policy from the server."""
+        await self._line.do(calls.get("delete_policy", self.id))

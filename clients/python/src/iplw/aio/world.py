@@ -1,0 +1,126 @@
+"""A world on the server: reset, step, roll out batches, look."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from numpy.typing import NDArray
+from typing_extensions import Self
+
+from .. import calls
+from ..rollout import Action, Rollout, Rollouts
+from .handle import AsyncHandle
+from .job import AsyncJob
+
+
+class AsyncWorld(AsyncHandle):
+    """A handle on one world; also a context manager that deletes it."""
+
+    _look = "get_world"
+    _closed = False
+
+    @property
+    def kind(self) -> str:
+        """`sim` or `real`."""
+        return str(self.data["kind"])
+
+    @property
+    def latents(self) -> dict[str, float] | None:
+        """Density, friction and restitution; None if the world is sealed."""
+        latents: dict[str, float] | None = self.data["latents"]
+        return latents
+
+    @property
+    def dimension(self) -> int:
+        """Numbers in an action vector."""
+        return int(self.data["action_space"]["dimension"])
+
+    @property
+    def actions(self) -> int:
+        """How many discrete actions there are."""
+        return int(self.data["action_space"]["count"])
+
+    # sync: @property
+    async def interactions(self) -> int:
+        """Valid attempts on this world so far; asks the server."""
+        await self.refresh()
+        return int(self.data["interactions"])
+
+    async def reset(
+        self, *, seed: int | None = None, task: str | None = None, split: str | None = None
+    ) -> calls.Start:
+        """Starts an episode on `task`, or on one drawn from `split` by `seed`: (observation, info)."""
+        return await self._line.do(calls.reset(self.id, seed, task, split))
+
+    async def step(self, action: Action) -> calls.Step:
+        """Acts once: (observation, reward, terminated, truncated, info).
+
+        An action that cannot be placed leaves the episode open: `info["valid"]` is False and
+        `info["reason"]` says why.
+        """
+        return await self._line.do(calls.step(self.id, action))
+
+    async def rollout(
+        self,
+        actions: Sequence[Action] | NDArray[Any],
+        *,
+        task: str | None = None,
+        trajectories: bool = False,
+        stop: bool = True,
+        batch: int = 1024,
+    ) -> Rollouts:
+        """Rolls out many actions on one task (default: the episode's), each from the start, as one batch.
+
+        More than `batch` actions go out in several requests; if one is refused, those before it have
+        happened. `stop=False` goes on after the goal is reached.
+        """
+        results: list[Rollout] = []
+        for call in calls.rollouts(self.id, actions, task, trajectories, stop, batch):
+            part = await self._line.do(call)
+            results.extend(part)
+        return Rollouts(results)
+
+    async def evaluate(
+        self, ranking: Mapping[str, Sequence[Action] | NDArray[Any]], *, attempts: int = 100
+    ) -> AsyncJob:
+        """AUCCESS of a policy of your own, as a job: its actions for each task, best first, are tried here.
+
+        `ranking` maps task ids to (n, dimension) actions; those that cannot be placed do not count. Attempts on a
+        real world are interactions.
+        """
+        answer = await self._line.do(calls.evaluate_ranking(self.id, ranking, attempts))
+        return AsyncJob(self._line, answer)
+
+    async def set_latents(self, **latents: float) -> Self:
+        """Sets some of density (or mass), friction, restitution. A sealed world refuses with a `Problem`."""
+        self.data = await self._line.do(calls.set_latents(self.id, latents))
+        return self
+
+    async def render(
+        self,
+        *,
+        format: str = "png",
+        view: str = "scene",
+        action: Action | None = None,
+        task: str | None = None,
+        width: int | None = None,
+    ) -> bytes:
+        """A picture as PNG or SVG: the `scene`, or an action's `filmstrip` or `animation` (SVG only).
+
+        Filming an action on a real world counts as an interaction.
+        """
+        return await self._line.do(calls.render(self.id, format, view, action, task, width))
+
+    async def close(self) -> None:
+        """Deletes the world; a second call does nothing, nor does a world or server that is already gone."""
+        if self._closed:
+            return
+        self._closed = True
+        await self._line.forget(calls.get("delete_world", self.id))
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.close()

@@ -1,0 +1,40 @@
+"""The transport for an address."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from urllib.parse import urlsplit
+
+from .http import Http
+from .transport import Transport
+
+
+def connect(url: str, timeout: float, advice: Callable[[], str] | None = None) -> Transport:
+    """The transport for an address, nothing sent yet; without a scheme it is HTTP, a senseless one a `ValueError`.
+
+    `advice`: what to tell someone whose request failed; asked only then.
+    """
+    full = url if "://" in url else "http://" + url
+    if not _fine(full):
+        raise ValueError(
+            f"url is {url!r}; allowed: an address like http://127.0.0.1:8080, tcp://127.0.0.1:5555 or ipc:///tmp/iplw"
+        )
+    if full.startswith(("tcp:", "ipc:")):
+        # HTTP does without what this needs.
+        from .zeromq import ZeroMq
+
+        return ZeroMq(full, timeout, advice)
+    return Http(full, timeout, advice)
+
+
+def _fine(url: str) -> bool:
+    parts = urlsplit(url)
+    try:
+        port = parts.port
+    except ValueError:
+        return False
+    if parts.scheme == "ipc":
+        return len(url) > len("ipc://")
+    if parts.scheme == "tcp":
+        return bool(parts.hostname) and port is not None
+    return parts.scheme in ("http", "https") and bool(parts.hostname)

@@ -1,0 +1,11 @@
+# Made by `generate.py` from `aio/__init__.py`; change that.
+"""The client and its handles."""
+
+from .asking import Asking
+from .client import Client
+from .job import Job
+from .policy import Policy
+from .surface import Surface
+from .world import World
+
+__all__ = ["Asking", "Client", "Job", "Policy", "Surface", "World"]

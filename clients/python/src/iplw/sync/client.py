@@ -1,0 +1,320 @@
+# Made by `generate.py` from `aio/client.py`; change that.
+"""The way in: a connection to a server, and the handles it gives."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal, overload
+
+from typing_extensions import Self
+
+from .. import calls, server
+from ..call import given
+from ..connect import connect
+from ..runner import Runner
+from .asking import Asking
+from .job import Job
+from .line import Line
+from .policy import Policy
+from .surface import Surface
+from .world import World
+
+#: Addresses of a private server -> scheme.
+PRIVATE = {None: "http", "tcp://private": "tcp"}
+
+
+class Client:
+    """A connection to an iplw server; also a context manager.
+
+    `url`: `http://host:port`, or `tcp://host:port` or `ipc://path` for ZeroMQ, which needs `pip install
+    'iplw[zmq]'`. Without one it starts a private server, shared by all such clients of this process and stopped
+    when the last of them closes or the process ends, in whichever way; `tcp://private` is the same, spoken to over
+    ZeroMQ. `timeout` is in seconds, for each request; batches get more by their size. Requests that only read or
+    delete, or that carry a `key`, are repeated after a lost connection, others never.
+    """
+
+    def __init__(
+        self,
+        url: str | None = None,
+        *,
+        timeout: float = 30.0,
+        binary: str | os.PathLike[str] | None = None,
+    ) -> None:
+        #: The private server, if this client uses one.
+        self.server: server.PrivateServer | None = None
+        runner = Runner()
+        private = PRIVATE.get(url)
+        if private is not None:
+            self.server = server.acquire(binary)
+        try:
+            address = self.server.address(private) if self.server and private else str(url)
+            advice = self.server.advice if self.server else None
+            self._line = Line(connect(address, timeout, advice), runner)
+        except BaseException:
+            self._release()
+            raise
+
+    @property
+    def url(self) -> str:
+        """The server's address."""
+        return self._line.url
+
+    def worlds(self) -> list[World]:
+        """Every world on the server."""
+        return [World(self._line, data) for data in self._line.items("list_worlds")]
+
+    def world(self, id: str) -> World:
+        """The world with this id; four are there from the start: `bowling-sim`, `bowling-real`, ..."""
+        return World(self._line, self._line.do(calls.get("get_world", id)))
+
+    def create_world(
+        self,
+        task: str | None = None,
+        *,
+        scene: Mapping[str, Any] | None = None,
+        kind: str | None = None,
+        engine: str | None = None,
+        latents: Mapping[str, float] | None = None,
+        effects: Sequence[Mapping[str, Any]] | None = None,
+        damping: float | None = None,
+        noise: float | None = None,
+        budget: int | None = None,
+        sealed: bool | None = None,
+        seed: int | None = None,
+        key: str | None = None,
+    ) -> World:
+        """A new world of a task family (`bowling`), a task (`bowling:017`) or a scene of your own.
+
+        With a `key` of your choice, asking twice makes one world.
+
+        Close it, or use it as a context manager; else it goes when it has been idle for long.
+        """
+        body = given(
+            task=task,
+            scene=scene,
+            kind=kind,
+            engine=engine,
+            latents=latents,
+            effects=effects,
+            damping=damping,
+            noise=noise,
+            budget=budget,
+            sealed=sealed,
+            seed=seed,
+        )
+        return World(self._line, self._line.do(calls.post("create_world", body, key)))
+
+    def tasks(self) -> list[dict[str, Any]]:
+        """The task families: name, about, number of tasks, split, action space."""
+        return self._line.items("list_families")
+
+    def family(self, name: str) -> dict[str, Any]:
+        """One family with the id, split and certificate of each of its tasks."""
+        family = self._line.do(calls.post("list_tasks", {"family": name, "limit": 1}))
+        family["tasks"] = self._line.items("list_tasks", family=name)
+        return family
+
+    def task(self, id: str) -> dict[str, Any]:
+        """One task, `bowling:017`: its split, scene and certificate."""
+        return self._line.do(calls.task(id))
+
+    def task_ids(self, family: str, split: str | None = None) -> list[str]:
+        """Ids of a family's tasks, all or those of one split, in order."""
+        tasks = self._line.items("list_tasks", family=family)
+        return [str(task["id"]) for task in tasks if split is None or task["split"] == split]
+
+    @overload
+    def iplw(
+        self,
+        task: str,
+        *,
+        real: Literal["ask_tell"],
+        surface: str | None = None,
+        strategy: str | None = None,
+        residual: str | None = None,
+        rounds: int | None = None,
+        actions: int | None = None,
+        samples: int | None = None,
+        seed: int | None = None,
+        budget: int | None = None,
+        key: str | None = None,
+    ) -> Asking: ...
+    @overload
+    def iplw(
+        self,
+        task: str,
+        *,
+        world: World | str | None = None,
+        real: Mapping[str, Any] | None = None,
+        surface: Surface | str | None = None,
+        strategy: str | None = None,
+        residual: str | None = None,
+        rounds: int | None = None,
+        actions: int | None = None,
+        samples: int | None = None,
+        seed: int | None = None,
+        budget: int | None = None,
+        key: str | None = None,
+    ) -> Job: ...
+    def iplw(
+        self,
+        task: str,
+        *,
+        world: World | str | None = None,
+        real: Mapping[str, Any] | Literal["ask_tell"] | None = None,
+        surface: Surface | str | None = None,
+        strategy: str | None = None,
+        residual: str | None = None,
+        rounds: int | None = None,
+        actions: int | None = None,
+        samples: int | None = None,
+        seed: int | None = None,
+        budget: int | None = None,
+        key: str | None = None,
+    ) -> Job:
+        """The workflow: explore, measure on the real world, estimate latents. As a job.
+
+        `world` is a real world on the server, whose interactions are counted there; `real` describes one
+        instead: `{"damping": 0.8}`; with `real="ask_tell"` it is yours, and the job asks what to measure. `surface`
+        says which latents matter. With a `key` of your choice, asking twice starts one job.
+        """
+        body = given(
+            task=task,
+            world=calls.id_of(world),
+            real=real,
+            surface=calls.id_of(surface),
+            strategy=strategy,
+            residual=residual,
+            rounds=rounds,
+            actions=actions,
+            samples=samples,
+            seed=seed,
+            budget=budget,
+        )
+        return self._job(self._line.do(calls.post("start_iplw", body, key)))
+
+    def train(
+        self,
+        task: str,
+        *,
+        training: str | None = None,
+        latents: Mapping[str, float] | None = None,
+        effects: Sequence[Mapping[str, Any]] | None = None,
+        batches: int | None = None,
+        batch_size: int | None = None,
+        seed: int | None = None,
+        key: str | None = None,
+    ) -> Job:
+        """Trains a policy in simulation, as a job; its result's `policy` is the policy's id.
+
+        `training` is `fixed` (these latents) or `randomised` (latents drawn anew for each task).
+        """
+        body = given(
+            task=task,
+            training=training,
+            latents=latents,
+            effects=effects,
+            batches=batches,
+            batch_size=batch_size,
+            seed=seed,
+        )
+        return self._job(self._line.do(calls.post("train_policy", body, key)))
+
+    def diagnose(
+        self,
+        scene: Mapping[str, Any] | None = None,
+        trials: str | None = None,
+        *,
+        job: Job | str | None = None,
+        seed: int | None = None,
+        key: str | None = None,
+    ) -> Job:
+        """What the simulation gets wrong, by name, as a job: of a scene and trials as CSV, or of a job's trials."""
+        body = given(scene=scene, trials=trials, job=calls.id_of(job), seed=seed)
+        return self._job(self._line.do(calls.post("start_diagnosis", body, key)))
+
+    def find_surface(
+        self,
+        task: str,
+        *,
+        factors: Sequence[str] | None = None,
+        points: int | None = None,
+        route: str | None = None,
+        actions: int | None = None,
+        seed: int | None = None,
+        key: str | None = None,
+    ) -> Job:
+        """Which latent factors a family's performance depends on, as a job; its result's `surface` is an id."""
+        body = given(
+            task=task, factors=factors, points=points, route=route, actions=actions, seed=seed
+        )
+        return self._job(self._line.do(calls.post("find_surface", body, key)))
+
+    def surfaces(self) -> list[Surface]:
+        """Every surface on the server."""
+        return [Surface(self._line, data) for data in self._line.items("list_surfaces")]
+
+    def surface(self, id: str) -> Surface:
+        """The surface with this id."""
+        return Surface(self._line, self._line.do(calls.get("get_surface", id)))
+
+    def policies(self) -> list[Policy]:
+        """Every policy on the server."""
+        return [Policy(self._line, data) for data in self._line.items("list_policies")]
+
+    def policy(self, id: str) -> Policy:
+        """The policy with this id."""
+        return Policy(self._line, self._line.do(calls.get("get_policy", id)))
+
+    def upload_policy(self, id: str, weights: bytes | str | Path) -> Policy:
+        """Creates or replaces the policy `id` from safetensors bytes or a file of them."""
+        data = weights if isinstance(weights, bytes) else Path(weights).read_bytes()
+        self._line.do(calls.upload(id, data))
+        return self.policy(id)
+
+    def jobs(self) -> list[Job]:
+        """Every job on the server."""
+        return [self._job(data) for data in self._line.items("list_jobs")]
+
+    def job(self, id: str) -> Job:
+        """The job with this id."""
+        return self._job(self._line.do(calls.get("get_job", id)))
+
+    def call(self, op: str, *, key: str | None = None, **args: Any) -> Any:
+        """Any operation of the OpenAPI document by its id, with what its path, query and body take: the answer as is.
+
+        Of a list, one page. Repeated after a lost connection only with a `key`. An operation or argument that there
+        is not is a `ValueError` that names what there is.
+        """
+        return self._line.do(calls.raw(op, args, key))
+
+    def start(self, op: str, *, key: str | None = None, **args: Any) -> Job:
+        """As `call`, of an operation that starts a job: the job."""
+        return self._job(self._line.do(calls.starting(op, args, key)))
+
+    def close(self) -> None:
+        """Drops the connection and gives the private server back; a second call does nothing."""
+        self._line.close()
+        if self.server is not None:
+            self._line.run(self._release)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        private = f", private server {self.server.pid}" if self.server else ""
+        return f"<iplw.{type(self).__name__} {self.url}{private}>"
+
+    def _job(self, data: dict[str, Any]) -> Job:
+        asks = (data.get("config") or {}).get("real") == "ask_tell"
+        return Asking(self._line, data) if asks else Job(self._line, data)
+
+    def _release(self) -> None:
+        held, self.server = self.server, None
+        if held is not None:
+            server.release(held)
