@@ -57,10 +57,12 @@ def hold(urls: Sequence[str], pid: int, seconds: float) -> dict[str, Any]:
     """The figures of a run."""
     with iplw.Client(urls[0], timeout=60) as client:
         worlds = [client.create_world("bowling").id for _ in range(SESSIONS)]
-        end = time.time() + seconds
         context = multiprocessing.get_context("spawn")
         share = CLIENTS // PROCESSES
         with context.Pool(PROCESSES) as pool:
+            # The clock starts once every process has: what they import takes seconds on a busy machine.
+            pool.map(time.sleep, [0.2] * PROCESSES, chunksize=1)
+            end = time.time() + seconds
             parts = [
                 pool.apply_async(clients, (urls, worlds, range(k * share, (k + 1) * share), end))
                 for k in range(PROCESSES)

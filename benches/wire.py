@@ -12,7 +12,6 @@ others see `wire_peers.py`.
 |---|---|
 | step | `World.step`: from the action as an array to observation, reward and info |
 | bare | the step's own message sent to a server that sends it back: by urllib3 over HTTP, by pyzmq over ZeroMQ |
-| bare, our own client | the same over the connections that our client has |
 | packing | what of a step needs no wire: the request put together, an answer taken apart |
 """
 
@@ -37,10 +36,8 @@ import zmq
 from gymnasium.vector import AutoresetMode
 
 import iplw
-from iplw import calls, codec, frames, http, zmtp
-from iplw.exchange import Connection
+from iplw import World, calls, codec, frames, http
 from iplw.vector import PlacementVectorEnv
-from iplw.world import World
 
 SCENE = {
     "format": "iplw.scene/1",
@@ -107,17 +104,17 @@ def wire(arguments: argparse.Namespace) -> dict[str, float]:
         clients = {name: iplw.Client(ours[name], timeout=60) for name in ("http", "tcp")}
         for name, bares in bares_of.items():
             client = clients[name]
-            made = client._transport.do(calls.create_worlds({"scene": SCENE}, arguments.steps))
+            made = client._line.do(calls.create_worlds({"scene": SCENE}, arguments.steps))
             ids = made["worlds"]
-            worlds = [World(client._transport, {"id": id}) for id in ids]
-            client._transport.do(calls.reset_worlds(ids, [0] * len(ids), None, None, None))
+            worlds = [World(client._line, {"id": id}) for id in ids]
+            client._line.do(calls.reset_worlds(ids, [0] * len(ids), None, None, None))
             for _ in range(200):
                 for bare in bares:
                     bare()
             for world in worlds[:100]:
                 world.step(ACTION)
             # In turns, as the machine's pace changes, but not one by one: a server asked seldom sleeps in between.
-            names = [f"{name} step", f"{name} bare", f"{name} bare, our own client", f"{name} packing"]
+            names = [f"{name} step", f"{name} bare", f"{name} packing"]
             took: dict[str, list[float]] = {row: [] for row in names}
             rest = iter(worlds[100:])
             steps = [lambda: next(rest).step(ACTION), *bares]
@@ -130,7 +127,7 @@ def wire(arguments: argparse.Namespace) -> dict[str, float]:
             # The median, as others on the machine make some of them long.
             row |= {name: 1e6 * statistics.median(times) for name, times in took.items()}
             row[f"{name} step in a batch of {BATCH}"] = batched(client, ids[:BATCH])
-            client._transport.do(calls.delete_worlds(ids))
+            client._line.do(calls.delete_worlds(ids))
             client.close()
     return row
 
@@ -140,9 +137,9 @@ def batched(client: iplw.Client, ids: list[str], batches: int = 30) -> float:
     actions = np.random.default_rng(0).random((len(ids), 3))
     took = []
     for _ in range(batches):
-        client._transport.do(calls.reset_worlds(ids, [0] * len(ids), None, None, None))
+        client._line.do(calls.reset_worlds(ids, [0] * len(ids), None, None, None))
         start = time.perf_counter()
-        client._transport.do(calls.step_worlds(ids, actions, "disabled", None))
+        client._line.do(calls.step_worlds(ids, actions, "disabled", None))
         took.append(time.perf_counter() - start)
     return 1e6 * statistics.median(took) / len(ids)
 
@@ -210,13 +207,7 @@ IN_BATCH = f"step in a batch of {BATCH}"
 HTTP_PEERS = ["openenv", "flask", "flask_urllib3"]
 RATIOS: dict[str, Callable[[dict[str, float]], float]] = {
     "HTTP step / bare request (at most 1.3)": lambda r: r["http step"] / r["http bare"],
-    "HTTP step / bare request by our own client": lambda r: r["http step"] / r["http bare, our own client"],
-    "HTTP bare and packing / bare, our own client": lambda r: (r["http bare, our own client"] + r["http packing"])
-    / r["http bare, our own client"],
     "ZeroMQ step / bare echo (at most 1.3)": lambda r: r["tcp step"] / r["tcp bare"],
-    "ZeroMQ step / bare echo by our own client": lambda r: r["tcp step"] / r["tcp bare, our own client"],
-    "ZeroMQ echo and packing / echo, our own client": lambda r: (r["tcp bare, our own client"] + r["tcp packing"])
-    / r["tcp bare, our own client"],
     "best HTTP peer / HTTP step": lambda r: min(r[p] for p in HTTP_PEERS) / r["http step"],
     "best HTTP peer / ZeroMQ step (at least 3)": lambda r: min(r[p] for p in HTTP_PEERS) / r["tcp step"],
     "dm_env_rpc / ZeroMQ step": lambda r: r["dm_env_rpc"] / r["tcp step"],
@@ -258,8 +249,6 @@ def bare_http_of(url: str) -> list[Callable[[], Any]]:
     """A step's request to a handler that sends its body back, over a connection kept alive; and packing alone."""
     pool = urllib3.connection_from_url(url)
     path, headers, body = http.request(CALL)
-    host, _, port = url.removeprefix("http://").partition(":")
-    line = Connection(host, int(port), 10)
     said = codec.pack(ANSWER)
 
     def packing() -> Any:
@@ -269,7 +258,6 @@ def bare_http_of(url: str) -> list[Callable[[], Any]]:
 
     return [
         lambda: pool.urlopen("POST", path, body=body, headers=headers, retries=False).data,
-        lambda: line.ask("POST", path, headers, body, 10).data,
         packing,
     ]
 
@@ -279,7 +267,6 @@ def bare_zmq_of(url: str) -> list[Callable[[], Any]]:
     dealer: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
     dealer.linger = 0
     dealer.connect(url)
-    line = zmtp.Connection(url, 10)
     message = frames.request(1000, CALL)
     said = codec.pack({"v": 1, "id": 1000, "ok": True, "result": ANSWER, "arrays": []})
 
@@ -287,16 +274,12 @@ def bare_zmq_of(url: str) -> list[Callable[[], Any]]:
         dealer.send_multipart(message)
         return dealer.recv_multipart()
 
-    def ask_by_ours() -> Any:
-        line.send(message)
-        return line.receive()
-
     def packing() -> Any:
         call = calls.step("w00000000-1000", ACTION)
         frames.request(1000, call)
         return call.read(frames.answer(frames.header([said]), [said], False))
 
-    return [ask, ask_by_ours, packing]
+    return [ask, packing]
 
 
 @contextmanager
