@@ -18,7 +18,6 @@ use super::noise::{Smooth, smooth};
 use super::stats::{median, slope};
 use crate::reality::Trial;
 use crate::task::Scene;
-use crate::task::scene::Shape;
 use crate::trajectory::{Track, Trajectory};
 use crate::world::effect::{self, Active};
 
@@ -487,7 +486,7 @@ fn rolls(touches: &[Option<Touch>], rows: &[(f64, [f64; 2])]) -> Vec<(usize, usi
 /// What a disc touches; `None` for other shapes, which turn as they touch.
 fn surface(trial: &Trial, body: usize, fixed: usize, normal: [f64; 2], level: f64) -> Option<Surface> {
     let (own, other) = (&trial.scene.bodies[body], &trial.scene.statics[fixed]);
-    let Shape::Disc { radius } = own.shape else { return None };
+    let radius = own.shape.disc_radius()?;
     let (mass, inertia) = own.mass_properties(None);
     Some(Surface {
         normal,
@@ -571,17 +570,12 @@ struct Touch {
 fn touches(trial: &Trial, body: usize, rows: &[(f64, [f64; 2])]) -> Vec<Option<Touch>> {
     let mut out = vec![None; rows.len()];
     let scene = &trial.scene;
-    let Some(shape) = scene.bodies[body].shape.convex() else { return out };
-    let extent = match &scene.bodies[body].shape {
-        Shape::Disc { radius } => *radius,
-        _ => {
-            let b = shape.bounds();
-            0.5 * (b[2] - b[0]).max(b[3] - b[1])
-        }
-    };
+    let Some(shape) = scene.bodies[body].shape.pieces() else { return out };
+    let extent = shape.disc_radius().unwrap_or_else(|| shape.half_size());
     let near = 0.15 * extent;
     for (f, fixed) in scene.statics.iter().enumerate() {
-        let gap = |p: [f64; 2]| fixed.gap_to(&shape.placed(p, 0.0));
+        let solid = fixed.placed();
+        let gap = |p: [f64; 2]| solid.gap_to(&shape.placed(p, 0.0));
         let gaps: Vec<f64> = rows.iter().map(|(_, p)| gap(*p)).collect();
         let h = 1e-3 * extent;
         let normal = |p: [f64; 2]| {
@@ -599,12 +593,12 @@ fn touches(trial: &Trial, body: usize, rows: &[(f64, [f64; 2])]) -> Vec<Option<T
         });
     }
     for (k, other) in trial.observed.bodies.iter().enumerate().filter(|(k, _)| *k != body) {
-        let Some(theirs) = scene.bodies[k].shape.convex() else { continue };
+        let Some(theirs) = scene.bodies[k].shape.pieces() else { continue };
         let at = |t: f64| trial.observed.times.iter().position(|s| *s == t);
         let gaps: Vec<f64> = rows
             .iter()
             .map(|(t, p)| match at(*t).and_then(|i| seen(other, i)) {
-                Some(q) => crate::task::geometry::gap(&shape.placed(*p, 0.0), &theirs.placed(q, 0.0)),
+                Some(q) => shape.placed(*p, 0.0).gap_to(&theirs.placed(q, 0.0)),
                 None => f64::INFINITY,
             })
             .collect();

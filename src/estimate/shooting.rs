@@ -30,7 +30,6 @@ use super::refine::Field;
 use crate::error::Result;
 use crate::progress::Progress;
 use crate::reality::Trial;
-use crate::task::scene::Shape;
 use crate::trajectory::{Track, Trajectory};
 
 /// Observations after the start in a stretch whose start is not fully known: enough to see the motion before and
@@ -228,8 +227,7 @@ fn guesses(trial: &Trial, body: usize, from: usize) -> Vec<Start> {
         let (behind, dt) = between(from - 1, from);
         velocities.push([behind[0] + g[0] * dt / 2.0, behind[1] + g[1] * dt / 2.0]);
     }
-    let shape = trial.scene.body(&track.name).map(|b| &b.shape);
-    let radius = if let Some(Shape::Disc { radius }) = shape { Some(*radius) } else { None };
+    let radius = trial.scene.body(&track.name).and_then(|b| b.shape.disc_radius());
     let turned = (track.angle[from + 1] - track.angle[from]) / dt;
     velocities.retain(|v| v.iter().all(|v| v.is_finite()));
     let start = |v: [f64; 2], omega: f64| Start { velocity: v, omega, ..at };

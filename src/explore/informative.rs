@@ -432,7 +432,7 @@ mod tests {
             let (tasks, _) = drawn("bowling", 1, 1);
             let mut scene = tasks[0].scene.clone();
             scene.bodies.truncate(1);
-            scene.bodies[0].shape = crate::task::scene::Shape::Disc { radius: 1.0 };
+            scene.bodies[0].shape = crate::task::shape::Disc { radius: 1.0 }.into();
             scene.bodies[0].position = Some([20.0, 1.0 + height]);
             scene.bodies[0].velocity = velocity;
             (scene.goal, scene.action, scene.steps) = (None, None, 480);

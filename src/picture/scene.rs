@@ -3,8 +3,9 @@
 use std::fmt::Write;
 
 use super::svg::{colour, darker, escape, is_light, points, px};
-use crate::task::geometry::Bounds;
-use crate::task::scene::{Goal, Shape, Static};
+use crate::task::geometry::{Bounds, Convex, join};
+use crate::task::scene::Goal;
+use crate::task::solid::Solid;
 use crate::task::{Scene, scene::Body};
 use crate::trajectory::Trajectory;
 
@@ -77,9 +78,9 @@ impl View {
         let reach = [b[0] - WIDEST * size, b[1] - WIDEST * size, b[2] + WIDEST * size, b[3] + WIDEST * size];
         let moving = b;
         for fixed in &scene.statics {
-            match fixed.shape.convex() {
-                Some(shape) => {
-                    let s = shape.placed(fixed.position, fixed.angle).bounds();
+            match fixed.placed() {
+                Solid::Bounded(pieces) => {
+                    let s = pieces.bounds();
                     let fits = s[0] >= reach[0] && s[1] >= reach[1] && s[2] <= reach[2] && s[3] <= reach[3];
                     if fits {
                         b = join(b, s);
@@ -94,8 +95,8 @@ impl View {
                         }
                     }
                 }
-                None => {
-                    let p = nearest_on_halfspace(fixed, [(moving[0] + moving[2]) / 2.0, moving[1]]);
+                Solid::HalfPlane { normal, offset } => {
+                    let p = nearest_on_line(normal, offset, [(moving[0] + moving[2]) / 2.0, moving[1]]);
                     if p[0] >= reach[0] && p[1] >= reach[1] && p[0] <= reach[2] && p[1] <= reach[3] {
                         b = join(b, [p[0], p[1], p[0], p[1]]);
                     }
@@ -145,15 +146,7 @@ pub(super) fn draw_statics(out: &mut String, scene: &Scene, view: &View) {
         let wanted = goal_names(scene).contains(&fixed.name.as_str());
         let (stroke, pen) = if wanted { ("#111111", 2.5) } else { ("#7A818A", 0.8) };
         let paint = format!("fill=\"#A9B0B8\" stroke=\"{stroke}\" stroke-width=\"{}\"", px(view.pen(pen)));
-        match &fixed.shape {
-            Shape::Halfspace { .. } => {
-                let seen = halfspace_seen(fixed, view);
-                if seen.len() > 2 {
-                    let _ = write!(out, "<polygon points=\"{}\" {paint}/>", points(&seen));
-                }
-            }
-            shape => draw_shape(out, shape, fixed.position, fixed.angle, view, &paint, "#A9B0B8"),
-        }
+        draw_solid(out, &fixed.placed(), view, &paint, "#A9B0B8");
         out.push_str("</g>\n");
     }
     if let Some(Goal::Inside { region, .. }) = &scene.goal {
@@ -191,7 +184,7 @@ pub(super) fn draw_body(
     let paint =
         format!("fill=\"{fill}\"{opacity} stroke=\"{stroke}\" stroke-width=\"{}\"", px(view.pen(pen)));
     let _ = write!(out, "<g><title>{}</title>", escape(&body.name));
-    draw_shape(out, &body.shape, position, angle, view, &paint, fill);
+    draw_solid(out, &body.shape.solid().placed(position, angle), view, &paint, fill);
     if let Some(radius) = spoke(body, view) {
         let (sin, cos) = libm::sincos(angle);
         let (from, to) =
@@ -233,24 +226,26 @@ pub(super) fn goal_names(scene: &Scene) -> Vec<&str> {
 
 /// Length of the line that shows a disc's angle, m; none where it would be too small to see.
 fn spoke(body: &Body, view: &View) -> Option<f64> {
-    match body.shape {
-        Shape::Disc { radius } if radius * view.scale > 2.5 => Some(radius * 0.82),
-        _ => None,
+    let radius = body.shape.disc_radius().filter(|radius| radius * view.scale > 2.5);
+    radius.map(|radius| radius * 0.82)
+}
+
+/// A solid of the world's frame, as far as it is seen.
+fn draw_solid(out: &mut String, solid: &Solid, view: &View, paint: &str, fill: &str) {
+    match solid {
+        Solid::Bounded(pieces) => pieces.0.iter().for_each(|c| draw_piece(out, c, view, paint, fill)),
+        Solid::HalfPlane { normal, offset } => {
+            let seen = half_plane_seen(*normal, *offset, view);
+            if seen.len() > 2 {
+                let _ = write!(out, "<polygon points=\"{}\" {paint}/>", points(&seen));
+            }
+        }
     }
 }
 
-fn draw_shape(
-    out: &mut String,
-    shape: &Shape,
-    position: [f64; 2],
-    angle: f64,
-    view: &View,
-    paint: &str,
-    fill: &str,
-) {
-    let Some(core) = shape.convex() else { return };
-    let placed: Vec<[f64; 2]> = core.placed(position, angle).points.iter().map(|p| view.at(*p)).collect();
-    let _ = match (placed.as_slice(), core.radius * view.scale) {
+fn draw_piece(out: &mut String, piece: &Convex, view: &View, paint: &str, fill: &str) {
+    let corners: Vec<[f64; 2]> = piece.points.iter().map(|p| view.at(*p)).collect();
+    let _ = match (corners.as_slice(), piece.radius * view.scale) {
         ([c], r) => write!(
             out,
             "<circle cx=\"{}\" cy=\"{}\" r=\"{}\" {paint}/>",
@@ -295,8 +290,8 @@ const SMALLEST: f64 = 1.5;
 
 fn draw_names(out: &mut String, scene: &Scene, view: &View) {
     for b in &scene.bodies {
-        let (Some(position), Some(core)) = (b.position, b.shape.convex()) else { continue };
-        let box_ = core.placed(position, b.angle).bounds();
+        let Some(placed) = b.placed() else { continue };
+        let box_ = placed.bounds();
         let p = view.at([(box_[0] + box_[2]) / 2.0, box_[3]]);
         let size = view.pen(13.0).max(8.0);
         let _ = writeln!(
@@ -311,12 +306,9 @@ fn draw_names(out: &mut String, scene: &Scene, view: &View) {
     }
 }
 
-/// The part of a halfspace within the view, px.
-fn halfspace_seen(fixed: &Static, view: &View) -> Vec<[f64; 2]> {
-    let Shape::Halfspace { normal, offset } = &fixed.shape else { return Vec::new() };
-    let above = |p: [f64; 2]| {
-        normal[0] * (p[0] - fixed.position[0]) + normal[1] * (p[1] - fixed.position[1]) - offset
-    };
+/// The part of a half plane within the view, px.
+fn half_plane_seen(normal: [f64; 2], offset: f64, view: &View) -> Vec<[f64; 2]> {
+    let above = |p: [f64; 2]| normal[0] * p[0] + normal[1] * p[1] - offset;
     // A little beyond the picture, so that only the surface shows an outline.
     let pad = 0.02 * (view.bounds[2] - view.bounds[0]);
     let b = view.bounds;
@@ -341,9 +333,8 @@ fn halfspace_seen(fixed: &Static, view: &View) -> Vec<[f64; 2]> {
     seen
 }
 
-fn nearest_on_halfspace(fixed: &Static, p: [f64; 2]) -> [f64; 2] {
-    let Shape::Halfspace { normal, offset } = &fixed.shape else { return p };
-    let above = normal[0] * (p[0] - fixed.position[0]) + normal[1] * (p[1] - fixed.position[1]) - offset;
+fn nearest_on_line(normal: [f64; 2], offset: f64, p: [f64; 2]) -> [f64; 2] {
+    let above = normal[0] * p[0] + normal[1] * p[1] - offset;
     [p[0] - above * normal[0], p[1] - above * normal[1]]
 }
 
@@ -356,12 +347,12 @@ fn focus(scene: &Scene, film: Option<&Trajectory>) -> Bounds {
         }
     };
     for b in &scene.bodies {
-        let Some(core) = b.shape.convex() else { continue };
-        if let Some(position) = b.position {
-            add(core.placed(position, b.angle).bounds());
+        let Some(pieces) = b.shape.pieces() else { continue };
+        if let Some(placed) = b.placed() {
+            add(placed.bounds());
         }
         if let Some(track) = film.and_then(|f| f.track(&b.name)) {
-            let r = core.bounds();
+            let r = pieces.bounds();
             let reach = r.iter().fold(0.0f64, |m, v| m.max(v.abs()));
             for (x, y) in track.x.iter().zip(&track.y) {
                 add([x - reach, y - reach, x + reach, y + reach]);
@@ -374,15 +365,12 @@ fn focus(scene: &Scene, film: Option<&Trajectory>) -> Bounds {
     found.unwrap_or_else(|| scene.extent())
 }
 
-fn join(a: Bounds, b: Bounds) -> Bounds {
-    [a[0].min(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].max(b[3])]
-}
-
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
     use crate::picture::png::{svg_to_png, svg_to_rgb};
     use crate::task::FAMILIES;
+    use crate::task::shape::{Halfspace, Polygon, Segment, Shape};
     use resvg::usvg::roxmltree::Document;
 
     /// A hall 10 m square with a goal, one of each shape, and names that try to break out.
@@ -408,14 +396,14 @@ pub(super) mod tests {
     fn mirrored(scene: &Scene) -> Scene {
         let flip = |p: [f64; 2]| [10.0 - p[0], p[1]];
         let shape = |s: &Shape| match s {
-            Shape::Polygon { vertices } => {
-                Shape::Polygon { vertices: vertices.iter().rev().map(|v| [-v[0], v[1]]).collect() }
+            Shape::Polygon(Polygon { vertices }) => {
+                Polygon { vertices: vertices.iter().rev().map(|v| [-v[0], v[1]]).collect() }.into()
             }
-            Shape::Segment { from, to, radius } => {
-                Shape::Segment { from: [-from[0], from[1]], to: [-to[0], to[1]], radius: *radius }
+            Shape::Segment(Segment { from, to, radius }) => {
+                Segment { from: [-from[0], from[1]], to: [-to[0], to[1]], radius: *radius }.into()
             }
-            Shape::Halfspace { normal, offset } => {
-                Shape::Halfspace { normal: [-normal[0], normal[1]], offset: *offset }
+            Shape::Halfspace(Halfspace { normal, offset }) => {
+                Halfspace { normal: [-normal[0], normal[1]], offset: *offset }.into()
             }
             other => other.clone(),
         };
@@ -423,7 +411,7 @@ pub(super) mod tests {
         for b in &mut m.bodies {
             b.position = b.position.map(flip);
             // A disc's line points along its x axis, which the mirror turns round.
-            let round = matches!(b.shape, Shape::Disc { .. });
+            let round = b.shape.disc_radius().is_some();
             b.angle = if round { std::f64::consts::PI - b.angle } else { -b.angle };
             b.shape = shape(&b.shape);
         }
@@ -466,6 +454,19 @@ pub(super) mod tests {
             check_svg(&scene_svg(&(family.candidates)(0)[0], &Style::default()));
         }
         check_svg(&scene_svg(&Scene::empty(), &Style::default()));
+    }
+
+    #[test]
+    fn every_shape_is_drawn_as_body_and_as_static() {
+        for shape in Shape::samples() {
+            let mut scene = hall();
+            scene.statics[0].shape = shape.clone();
+            if shape.bounds().is_some() {
+                scene.bodies[0].shape = shape.clone();
+            }
+            let svg = scene_svg(&scene, &Style::default());
+            assert!(!svg.contains("</title></g>"), "{shape:?}: {svg}");
+        }
     }
 
     #[test]

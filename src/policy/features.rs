@@ -13,8 +13,10 @@
 //! however large, gives an input that is not.
 
 use crate::task::action::Quantity;
-use crate::task::geometry::{Bounds, Convex, gap};
-use crate::task::scene::{Goal, Shape};
+use crate::task::geometry::Bounds;
+use crate::task::scene::Goal;
+use crate::task::shape::Disc;
+use crate::task::solid::{Pieces, Solid};
 use crate::task::{Scene, Task, ValidAction};
 
 /// Version of the features; a policy runs only on the one it was trained on.
@@ -47,7 +49,7 @@ struct Thing {
     half: [f64; 2],
     /// m/s
     velocity: [f64; 2],
-    shape: Convex,
+    solid: Solid,
 }
 
 /// Scene features of a task.
@@ -81,22 +83,24 @@ impl Features {
         }
         let mut named: Vec<(&str, Thing)> = Vec::new();
         for body in scene.bodies.iter().filter(|b| !targets.contains(&b.name)) {
-            if let (Some(position), Some(shape)) = (body.position, body.shape.convex()) {
-                named.push((&body.name, Thing::new(shape.placed(position, body.angle), body.velocity)));
+            if let (Some(position), Some(placed)) = (body.position, body.placed()) {
+                let thing = Thing::new(Solid::Bounded(placed), position, body.velocity);
+                named.push((&body.name, thing));
             }
         }
         for fixed in scene.statics.iter().filter(|s| !targets.contains(&s.name)) {
-            if let Some(shape) = fixed.shape.convex() {
-                let thing = Thing::new(shape.placed(fixed.position, fixed.angle), [0.0; 2]);
-                // A wall's middle lies on or beyond the border.
-                let [x, y] = thing.centre;
-                if x > frame[0] && x < frame[2] && y > frame[1] && y < frame[3] {
-                    named.push((&fixed.name, thing));
-                }
+            let solid = fixed.placed();
+            let ground = solid.bounds().is_none();
+            let thing = Thing::new(solid, fixed.position, [0.0; 2]);
+            // A wall's middle lies on or beyond the border; ground, which has no middle, is a border itself.
+            let [x, y] = thing.centre;
+            if !ground && x > frame[0] && x < frame[2] && y > frame[1] && y < frame[3] {
+                named.push((&fixed.name, thing));
             }
         }
         if let Some(Goal::Inside { region, .. }) = &scene.goal {
-            named.insert(0, ("", Thing::new(Convex { points: region.clone(), radius: 0.0 }, [0.0; 2])));
+            let region = Solid::Bounded(Pieces::one(region.clone(), 0.0));
+            named.insert(0, ("", Thing::new(region, [0.0; 2], [0.0; 2])));
         }
         named.truncate(MOST_OBJECTS);
         let mut pair = None;
@@ -168,7 +172,7 @@ impl Features {
             let (mut shape, mut position, mut angle, mut velocity) = match (body, fixed) {
                 (Some(b), _) => (b.shape.clone(), b.position.unwrap_or([0.0; 2]), b.angle, b.velocity),
                 (None, Some(s)) => (s.shape.clone(), s.position, s.angle, [0.0; 2]),
-                (None, None) => (Shape::Disc { radius: 0.0 }, [0.0; 2], 0.0, [0.0; 2]),
+                (None, None) => (Disc { radius: 0.0 }.into(), [0.0; 2], 0.0, [0.0; 2]),
             };
             let components = space.iter().flat_map(|s| &s.components).zip(action.values());
             for (component, v) in components.filter(|(c, _)| c.target == *name) {
@@ -176,7 +180,7 @@ impl Features {
                 match component.set {
                     Quantity::X => position[0] = value,
                     Quantity::Y => position[1] = value,
-                    Quantity::Radius => shape = Shape::Disc { radius: value },
+                    Quantity::Radius => shape = Disc { radius: value }.into(),
                     Quantity::Angle => angle = value,
                     Quantity::Vx => velocity[0] = value,
                     Quantity::Vy => velocity[1] = value,
@@ -184,8 +188,7 @@ impl Features {
                     Quantity::Omega => {}
                 }
             }
-            let core = shape.convex().unwrap_or(Convex { points: vec![[0.0; 2]], radius: 0.0 });
-            Thing::new(core.placed(position, angle), velocity)
+            Thing::new(shape.solid().placed(position, angle), position, velocity)
         };
         self.targets.iter().map(place).collect()
     }
@@ -263,7 +266,7 @@ impl Features {
         let dx = (target.centre[0] - object.centre[0]) * ahead;
         let dy = target.centre[1] - object.centre[1];
         let apart = (dx * dx + dy * dy).sqrt().max(1e-9);
-        let between = gap(&target.shape, &object.shape);
+        let between = target.solid.gap(&object.solid);
         let (over, up) = (dx / reach, dy / reach);
         // Where a thing falling straight down would meet the other: sine and cosine from its top.
         let hit = over.clamp(-1.0, 1.0);
@@ -302,13 +305,15 @@ impl Features {
 }
 
 impl Thing {
-    fn new(shape: Convex, velocity: [f64; 2]) -> Thing {
-        let b = shape.bounds();
+    /// `position`: where it stands, if it has no bounds.
+    fn new(solid: Solid, position: [f64; 2], velocity: [f64; 2]) -> Thing {
+        let [x, y] = position;
+        let b = solid.bounds().unwrap_or([x, y, x, y]);
         Thing {
             centre: [(b[0] + b[2]) / 2.0, (b[1] + b[3]) / 2.0],
             half: [(b[2] - b[0]) / 2.0, (b[3] - b[1]) / 2.0],
             velocity,
-            shape,
+            solid,
         }
     }
     /// A disc's radius; for others the mean of the half extents.
@@ -334,6 +339,8 @@ fn soft(v: f64) -> f32 {
 mod tests {
     use super::*;
     use crate::policy::toy;
+    use crate::task::action::Component;
+    use crate::task::scene::{Shape, Static};
     use crate::task::{FAMILIES, Split, custom};
 
     fn check(task: &Task) -> [usize; 2] {
@@ -400,6 +407,32 @@ mod tests {
         assert!(miss(0.5).abs() < 1e-6 && miss(0.6) > 0.1 && miss(0.4) < -0.1);
     }
 
+    /// Whatever shape an object or what the action places has, it is looked at and the numbers are in range.
+    #[test]
+    fn every_shape_is_looked_at() {
+        for shape in Shape::samples() {
+            let mut task = toy::task(0.3);
+            let named = |name: &str| Static {
+                name: name.into(),
+                shape: shape.clone(),
+                friction: 1.0,
+                restitution: 1.0,
+                position: [5.0, 5.0],
+                angle: 0.0,
+            };
+            task.scene.statics = vec![named("object"), named("target")];
+            let space = task.scene.action.as_mut().unwrap();
+            let set = |set| Component { target: "target".into(), set, low: 1.0, high: 9.0 };
+            space.components = vec![set(Quantity::X), set(Quantity::Y)];
+            let look = |v: f64| {
+                let action = task.actions().validate(&[0.5, v]).unwrap();
+                action_features(&task, &action)
+            };
+            assert!(look(0.1).iter().all(|v| (-1.0..=1.0).contains(v)), "{shape:?}");
+            assert_ne!(look(0.1)[2..], look(0.9)[2..], "{shape:?}");
+        }
+    }
+
     /// Everything twice as large, with all lengths in the same ratios, looks the same.
     #[test]
     fn size_does_not_matter() {
@@ -407,9 +440,8 @@ mod tests {
         let mut large = small.clone();
         for body in &mut large.scene.bodies {
             body.position = body.position.map(|p| p.map(|v| 2.0 * v));
-            if let Shape::Disc { radius } = &mut body.shape {
-                *radius *= 2.0;
-            }
+            let radius = body.shape.disc_radius().unwrap();
+            body.shape = Disc { radius: 2.0 * radius }.into();
         }
         let space = large.scene.action.as_mut().unwrap();
         space.bounds = space.bounds.map(|b| b.map(|v| 2.0 * v));

@@ -3,14 +3,15 @@
 
 use super::data::{Dataset, Example};
 use crate::task::action::{ActionSpace, Component, Discrete, Quantity};
-use crate::task::scene::{Body, Goal, Scene, Shape};
+use crate::task::scene::{Body, Goal, Scene};
+use crate::task::shape::Disc;
 use crate::task::{Split, Task, ValidAction};
 
 /// A 10 m wide scene with a ball at `x` (share of the width) and a partner on the roomier side.
 pub fn task(x: f64) -> Task {
     let ball = |name: &str, position: Option<[f64; 2]>| Body {
         name: name.into(),
-        shape: Shape::Disc { radius: 0.5 },
+        shape: Disc { radius: 0.5 }.into(),
         mass: None,
         density: None,
         friction: 0.5,

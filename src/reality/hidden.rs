@@ -131,8 +131,8 @@ impl HiddenWorld {
         let normal =
             Normal::new(0.0, self.config.noise).expect("noise is validated to be finite and not negative");
         for track in &mut trajectory.bodies {
-            let shape = scene.body(&track.name).and_then(|b| b.shape.convex()).map(|s| s.bounds());
-            let rim = shape.map_or(1.0, |b| (b[2] - b[0]).min(b[3] - b[1]) / 2.0);
+            let pieces = scene.body(&track.name).and_then(|b| b.shape.pieces());
+            let rim = pieces.map_or(1.0, |p| p.smallest_extent() / 2.0);
             for i in 1..track.len() {
                 track.x[i] += normal.sample(&mut stream);
                 track.y[i] += normal.sample(&mut stream);

@@ -6,8 +6,7 @@
 //! features, and after a step the same features tell the final state.
 
 use crate::task::action::Quantity;
-use crate::task::geometry::{Bounds, Convex};
-use crate::task::scene::Shape;
+use crate::task::geometry::Bounds;
 use crate::task::{ActionSpace, Scene};
 use crate::trajectory::Trajectory;
 
@@ -63,7 +62,7 @@ struct Thing {
     name: String,
     /// m
     position: [f64; 2],
-    /// Disc radius, or half the larger side of the shape's box, m.
+    /// Disc radius, or half the larger side of the box around it, m.
     radius: f64,
 }
 
@@ -73,15 +72,13 @@ fn observed(scene: &Scene) -> Vec<Thing> {
     let free = |name: &str| !scene.action.as_ref().is_some_and(|a| decides(a, name));
     let bodies = scene.bodies.iter().filter(|b| free(&b.name)).filter_map(|b| {
         let position = b.position?;
-        Some(Thing { name: b.name.clone(), position, radius: half_size(&b.shape.convex()?) })
+        Some(Thing { name: b.name.clone(), position, radius: b.shape.pieces()?.half_size() })
     });
     let statics = scene.statics.iter().filter(|s| free(&s.name)).filter_map(|s| {
-        let b = s.shape.convex()?.placed(s.position, s.angle).bounds();
+        // What has no bounds is within none.
+        let b = s.placed().bounds()?;
         let inside = b[0] >= bounds[0] && b[1] >= bounds[1] && b[2] <= bounds[2] && b[3] <= bounds[3];
-        let radius = match s.shape {
-            Shape::Disc { radius } => radius,
-            _ => (b[2] - b[0]).max(b[3] - b[1]) / 2.0,
-        };
+        let radius = s.shape.disc_radius().unwrap_or_else(|| (b[2] - b[0]).max(b[3] - b[1]) / 2.0);
         inside.then(|| Thing {
             name: s.name.clone(),
             position: [(b[0] + b[2]) / 2.0, (b[1] + b[3]) / 2.0],
@@ -96,7 +93,7 @@ fn observed(scene: &Scene) -> Vec<Thing> {
         things.push(Thing {
             name: body.name.clone(),
             position: body.position.unwrap_or(middle),
-            radius: body.shape.convex().map_or(0.0, |c| half_size(&c)),
+            radius: body.shape.pieces().map_or(0.0, |p| p.half_size()),
         });
     }
     things
@@ -111,11 +108,6 @@ fn decides(space: &ActionSpace, name: &str) -> bool {
 /// The box positions are shares of.
 fn frame(scene: &Scene) -> Bounds {
     scene.action.as_ref().and_then(|a| a.bounds).unwrap_or_else(|| scene.extent())
-}
-
-fn half_size(shape: &Convex) -> f64 {
-    let b = shape.bounds();
-    (b[2] - b[0]).max(b[3] - b[1]) / 2.0
 }
 
 #[cfg(test)]
@@ -151,7 +143,7 @@ mod tests {
         let mut scene = catalogue.family("bowling").unwrap().tasks[0].scene.clone();
         let bounds = scene.action.as_ref().unwrap().bounds.unwrap();
         scene.bodies[0].position = Some([bounds[2] / 2.0, bounds[3] / 4.0]);
-        scene.bodies[0].shape = Shape::Disc { radius: bounds[2] / 10.0 };
+        scene.bodies[0].shape = crate::task::shape::Disc { radius: bounds[2] / 10.0 }.into();
         let seen = observe(&scene, None);
         for (value, expected) in seen.iter().zip([0.5, 0.25, 0.1]) {
             assert!((value - expected).abs() < 1e-12, "{seen:?}");

@@ -1,12 +1,12 @@
 //! Actions: a vector in the unit cube that sets named quantities of a scene, and the discrete set of them.
 //!
 //! An action outside the unit cube is bad input. An action inside it that cannot be placed (overlap, out of
-//! bounds) is an outcome: [`Placement::Invalid`].
+//! bounds) is an outcome: see [`placement`](super::placement).
 
 use serde::{Deserialize, Serialize};
 
-use super::geometry::{Bounds, Convex, gap};
-use super::scene::{FAR, Scene, Shape};
+use super::geometry::Bounds;
+use super::limits::FAR;
 use crate::error::{Error, Result, within};
 
 /// What an action sets, and which actions the discrete set holds.
@@ -72,15 +72,6 @@ pub enum Discrete {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ValidAction(Vec<f64>);
 
-/// What became of an action.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Placement {
-    /// The scene with the action carried out, ready to roll.
-    Valid(Box<Scene>),
-    /// The action cannot be placed; why, in words.
-    Invalid(String),
-}
-
 /// Most discrete actions a task may have.
 const MOST_ACTIONS: usize = 1_000_000;
 /// Most components of an action vector.
@@ -139,28 +130,17 @@ impl ActionSpace {
         }))
     }
 
-    /// Carries the action out on `scene` (whose own action space this is).
-    pub fn place(&self, scene: &Scene, action: &ValidAction) -> Placement {
-        let mut placed = scene.clone();
-        for (component, v) in self.components.iter().zip(&action.0) {
-            component.write(&mut placed, component.value(*v));
+    /// Checks the dimension, before the components, which need the scene: see [`placement`](super::placement).
+    pub(super) fn validate_dimension(&self) -> Result<()> {
+        if (1..=MOST_COMPONENTS).contains(&self.dimension()) {
+            return Ok(());
         }
-        match self.collision(&placed) {
-            Some(reason) => Placement::Invalid(reason),
-            None => Placement::Valid(Box::new(placed)),
-        }
+        let value = format!("{} components", self.dimension());
+        Err(Error::input("components", value, format!("1 to {MOST_COMPONENTS} components")))
     }
 
-    /// Checks the space against the scene it belongs to.
-    pub(super) fn validate_for(&self, scene: &Scene) -> Result<()> {
-        if !(1..=MOST_COMPONENTS).contains(&self.dimension()) {
-            let value = format!("{} components", self.dimension());
-            return Err(Error::input("components", value, format!("1 to {MOST_COMPONENTS} components")));
-        }
-        for (i, c) in self.components.iter().enumerate() {
-            let place = format!("components[{i}]");
-            c.validate(scene).map_err(|e| e.under(&place))?;
-        }
+    /// Checks the bounds and the discrete set.
+    pub(super) fn validate_extent(&self) -> Result<()> {
         for (i, v) in self.bounds.iter().flatten().enumerate() {
             within(&format!("bounds[{i}]"), *v, -FAR, FAR)?;
         }
@@ -192,31 +172,6 @@ impl ActionSpace {
             )),
         }
     }
-
-    /// Why what was placed cannot stand where it is, if so.
-    fn collision(&self, placed: &Scene) -> Option<String> {
-        let mut names: Vec<&str> = self.components.iter().map(|c| c.target.as_str()).collect();
-        names.sort_unstable();
-        names.dedup();
-        let shapes = placed_shapes(placed);
-        for name in names {
-            let (_, shape) = shapes.iter().find(|(n, _)| *n == name)?;
-            if let Some(b) = self.bounds {
-                let s = shape.bounds();
-                if s[0] < b[0] || s[1] < b[1] || s[2] > b[2] || s[3] > b[3] {
-                    return Some(format!("{name} leaves the scene"));
-                }
-            }
-            if let Some((other, _)) = shapes.iter().find(|(n, other)| *n != name && gap(shape, other) < 0.0) {
-                return Some(format!("{name} overlaps {other}"));
-            }
-            let halfspaces = placed.statics.iter().filter(|s| matches!(s.shape, Shape::Halfspace { .. }));
-            if let Some(s) = halfspaces.into_iter().find(|s| s.gap_to(shape) < 0.0) {
-                return Some(format!("{name} overlaps {}", s.name));
-            }
-        }
-        None
-    }
 }
 
 impl Default for Discrete {
@@ -237,71 +192,6 @@ impl Component {
     pub fn value(&self, v: f64) -> f64 {
         self.low + v * (self.high - self.low)
     }
-
-    fn write(&self, scene: &mut Scene, value: f64) {
-        if let Some(body) = scene.bodies.iter_mut().find(|b| b.name == self.target) {
-            let position = body.position.get_or_insert([0.0, 0.0]);
-            match self.set {
-                Quantity::X => position[0] = value,
-                Quantity::Y => position[1] = value,
-                Quantity::Radius => body.shape = Shape::Disc { radius: value },
-                Quantity::Angle => body.angle = value,
-                Quantity::Vx => body.velocity[0] = value,
-                Quantity::Vy => body.velocity[1] = value,
-                Quantity::Omega => body.angular_velocity = value,
-            }
-        } else if let Some(fixed) = scene.statics.iter_mut().find(|s| s.name == self.target) {
-            match self.set {
-                Quantity::X => fixed.position[0] = value,
-                Quantity::Y => fixed.position[1] = value,
-                Quantity::Radius => fixed.shape = Shape::Disc { radius: value },
-                Quantity::Angle => fixed.angle = value,
-                // Refused by `validate`: a static has no velocity.
-                Quantity::Vx | Quantity::Vy | Quantity::Omega => {}
-            }
-        }
-    }
-
-    fn validate(&self, scene: &Scene) -> Result<()> {
-        scene.named("target", &self.target, true)?;
-        let limit = match self.set {
-            Quantity::Vx | Quantity::Vy => 400.0,
-            Quantity::Omega => 1e4,
-            Quantity::X | Quantity::Y | Quantity::Radius | Quantity::Angle => 1e5,
-        };
-        within("low", self.low, -limit, limit)?;
-        within("high", self.high, self.low, limit)?;
-        let body = scene.body(&self.target);
-        let moving = matches!(self.set, Quantity::Vx | Quantity::Vy | Quantity::Omega);
-        if moving && body.is_none() {
-            return Err(Error::input("set", format!("{:?}", self.set), "x, y, radius or angle for a static"));
-        }
-        if self.set == Quantity::Radius {
-            let shape = body
-                .map(|b| &b.shape)
-                .or_else(|| scene.statics.iter().find(|s| s.name == self.target).map(|s| &s.shape));
-            if !matches!(shape, Some(Shape::Disc { .. })) {
-                return Err(Error::input("set", "radius", "x, y or angle, unless the target is a disc"));
-            }
-            if self.low <= 0.0 {
-                return Err(Error::input("low", self.low, "a radius above 0 m"));
-            }
-        }
-        Ok(())
-    }
-}
-
-/// All bounded shapes that have a place, by name.
-fn placed_shapes(scene: &Scene) -> Vec<(&str, Convex)> {
-    let bodies = scene
-        .bodies
-        .iter()
-        .filter_map(|b| Some((b.name.as_str(), b.shape.convex()?.placed(b.position?, b.angle))));
-    let statics = scene
-        .statics
-        .iter()
-        .filter_map(|s| Some((s.name.as_str(), s.shape.convex()?.placed(s.position, s.angle))));
-    bodies.chain(statics).collect()
 }
 
 /// Point `index` of the R_d sequence: fractional parts of (index + 1) / phi^(j + 1), phi^(d+1) = phi + 1.

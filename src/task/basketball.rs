@@ -11,7 +11,8 @@
 use rand::seq::SliceRandom;
 
 use super::action::{ActionSpace, Component, Discrete, Quantity};
-use super::scene::{Body, FORMAT, Goal, Scene, Shape, Static};
+use super::scene::{Body, FORMAT, Goal, Scene, Static};
+use super::shape::{Disc, Rectangle};
 use super::{Family, RealPhysics, Selection, assemble};
 
 /// The family's row in the registry.
@@ -56,7 +57,7 @@ fn scene(x: f64, bottom: f64) -> Scene {
     let [half, depth, side] = BASKET;
     let part = |name: &str, centre: [f64; 2], half_width: f64, half_height: f64| Static {
         name: name.into(),
-        shape: Shape::Box { half_width, half_height },
+        shape: Rectangle { half_width, half_height }.into(),
         friction: 0.5,
         restitution: 0.2,
         position: centre,
@@ -74,7 +75,7 @@ fn scene(x: f64, bottom: f64) -> Scene {
     }
     statics.push(Static {
         name: "plank".into(),
-        shape: Shape::Box { half_width: PLANK[0], half_height: PLANK[1] },
+        shape: Rectangle { half_width: PLANK[0], half_height: PLANK[1] }.into(),
         friction: 0.5,
         restitution: 0.5,
         position: [LINES[0] / 2.0, LINES[1] / 2.0],
@@ -88,7 +89,7 @@ fn scene(x: f64, bottom: f64) -> Scene {
         gravity: [0.0, -9.8],
         bodies: vec![Body {
             name: "ball".into(),
-            shape: Shape::Disc { radius: BALL },
+            shape: Disc { radius: BALL }.into(),
             mass: None,
             density: Some(1.0),
             friction: 0.5,

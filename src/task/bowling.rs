@@ -13,7 +13,8 @@
 use rand::seq::SliceRandom;
 
 use super::action::{ActionSpace, Component, Discrete, Quantity};
-use super::scene::{Body, FORMAT, Goal, Scene, Shape};
+use super::scene::{Body, FORMAT, Goal, Scene};
+use super::shape::Disc;
 use super::{Family, RealPhysics, Selection, assemble};
 
 /// The family's row in the registry.
@@ -111,7 +112,7 @@ fn scene(x: [f64; 2], diameter: [f64; 2], bottom: f64) -> Scene {
 fn movable(name: &str, radius: f64, position: Option<[f64; 2]>) -> Body {
     Body {
         name: name.into(),
-        shape: Shape::Disc { radius },
+        shape: Disc { radius }.into(),
         mass: None,
         density: Some(1.0),
         friction: 1.0,

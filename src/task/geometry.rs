@@ -94,6 +94,11 @@ pub fn signed_area(corners: &[[f64; 2]]) -> f64 {
     (0..n).map(|i| cross(corners[i], corners[(i + 1) % n])).sum::<f64>() / 2.0
 }
 
+/// The smallest box around both.
+pub fn join(a: Bounds, b: Bounds) -> Bounds {
+    [a[0].min(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].max(b[3])]
+}
+
 fn core_distance(a: &Convex, b: &Convex) -> f64 {
     if let ([p], [q]) = (a.points.as_slice(), b.points.as_slice()) {
         return distance(*p, *q);

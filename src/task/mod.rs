@@ -1,19 +1,28 @@
 //! What is asked: scenes, what may be placed in them, goals, and the registry of task families.
 //!
-//! A family is one file and one row in [`FAMILIES`]. Nothing here moves.
+//! A family is one file and one row in [`FAMILIES`], a shape one file and one row in [`shape`]. Nothing here moves.
 
 pub mod action;
 mod basketball;
+mod body;
 mod bowling;
 mod custom;
 pub mod geometry;
+mod goal;
+mod limits;
+mod placement;
 pub mod scene;
+mod setting;
+pub mod shape;
+pub mod solid;
+mod validate;
 
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
-pub use action::{ActionSpace, Placement, ValidAction};
+pub use action::{ActionSpace, ValidAction};
 pub use custom::custom;
+pub use placement::Placement;
 pub use scene::Scene;
 
 /// Every built-in task family.
@@ -190,7 +199,7 @@ fn walls(side: f64, thickness: f64, friction: f64, restitution: f64) -> Vec<scen
     let (near, far) = (-thickness / 2.0, side + thickness / 2.0);
     let wall = |name: &str, position: [f64; 2], half_width: f64, half_height: f64| scene::Static {
         name: name.into(),
-        shape: scene::Shape::Box { half_width, half_height },
+        shape: shape::Rectangle { half_width, half_height }.into(),
         friction,
         restitution,
         position,

@@ -1,7 +1,8 @@
 //! Watching a goal while a rollout runs: the same rule for every engine.
 
-use crate::task::geometry::{Convex, gap, polygon_contains};
+use crate::task::geometry::polygon_contains;
 use crate::task::scene::{Goal, Scene};
+use crate::task::solid::Pieces;
 
 /// A goal with names resolved to indices.
 #[derive(Clone, Debug)]
@@ -80,12 +81,12 @@ impl Watch {
     }
 }
 
-/// Whether the condition holds, given each body's pose and each party's shape in the body's or world's frame.
+/// Whether the condition holds, given each body's pose and shape, and its gap to a static.
 pub fn holds<'a>(
     condition: &Condition,
     pose: impl Fn(usize) -> ([f64; 2], f64),
-    gap_to_static: impl Fn(usize, &Convex) -> f64,
-    shape: impl Fn(usize) -> &'a Convex,
+    gap_to_static: impl Fn(usize, &Pieces) -> f64,
+    shape: impl Fn(usize) -> &'a Pieces,
 ) -> bool {
     let placed = |i: usize| {
         let (position, angle) = pose(i);
@@ -94,13 +95,16 @@ pub fn holds<'a>(
     match condition {
         Condition::Inside { body, region } => polygon_contains(region, pose(*body).0),
         Condition::Contact { parties, tolerance } => match *parties {
-            [Party::Body(a), Party::Body(b)] if shape(a).is_disc() && shape(b).is_disc() => {
-                // What `gap` says of two discs, without making the placed shapes: this runs every step.
-                let ([ax, ay], [bx, by]) = (pose(a).0, pose(b).0);
-                let (dx, dy) = (ax - bx, ay - by);
-                (dx * dx + dy * dy).sqrt() - (shape(a).radius + shape(b).radius) <= *tolerance
+            [Party::Body(a), Party::Body(b)] => {
+                if let (Some(one), Some(other)) = (shape(a).disc_radius(), shape(b).disc_radius()) {
+                    // What `gap_to` says of two discs, without making the placed shapes: this runs every step.
+                    let ([ax, ay], [bx, by]) = (pose(a).0, pose(b).0);
+                    let (dx, dy) = (ax - bx, ay - by);
+                    (dx * dx + dy * dy).sqrt() - (one + other) <= *tolerance
+                } else {
+                    placed(a).gap_to(&placed(b)) <= *tolerance
+                }
             }
-            [Party::Body(a), Party::Body(b)] => gap(&placed(a), &placed(b)) <= *tolerance,
             [Party::Body(a), Party::Static(s)] | [Party::Static(s), Party::Body(a)] => {
                 gap_to_static(s, &placed(a)) <= *tolerance
             }

@@ -1,14 +1,14 @@
 //! A rollout with everything decided: what both engines integrate, so that a scene means the same in each.
 
 use super::Rollout;
-use super::effect::{self, Act, Active, Constants, Motion, Placing, Surroundings, Touch};
+use super::effect::{self, Act, Active, Constants, Motion, Placing, Sensor, Surroundings, Touch};
 use super::goal::GoalSpec;
 use super::observe::{Schedule, View};
 use crate::error::{Error, Result};
 use crate::task::Scene;
 use crate::task::action::Quantity;
-use crate::task::geometry::Convex;
-use crate::task::scene::{EffectTerm, Shape};
+use crate::task::scene::{Body, EffectTerm, Static};
+use crate::task::solid::{Pieces, Solid};
 
 /// Numbers only; no names to look up, no options left open.
 #[derive(Clone)]
@@ -40,19 +40,21 @@ pub struct Prepared {
 #[derive(Clone, Debug)]
 pub struct PreparedBody {
     pub name: String,
-    /// Convex core and radius, body frame.
-    pub shape: Convex,
+    /// Body frame.
+    pub shape: Pieces,
     /// kg
     pub mass: f64,
-    /// kg m^2, about the centroid
+    /// kg m^2, about the centre of mass
     pub inertia: f64,
+    /// Centre of mass, body frame, m.
+    pub centre: [f64; 2],
     pub friction: f64,
     pub restitution: f64,
-    /// m
+    /// Of the frame's origin, m.
     pub position: [f64; 2],
     /// rad
     pub angle: f64,
-    /// m/s
+    /// Of the frame's origin, m/s.
     pub velocity: [f64; 2],
     /// rad/s
     pub omega: f64,
@@ -62,119 +64,38 @@ pub struct PreparedBody {
 #[derive(Clone, Debug)]
 pub struct PreparedStatic {
     pub name: String,
-    pub shape: PreparedShape,
+    /// World frame.
+    pub shape: Solid,
     pub friction: f64,
     pub restitution: f64,
-}
-
-/// A static's shape, world frame.
-#[derive(Clone, Debug)]
-pub enum PreparedShape {
-    /// Convex core and radius.
-    Convex(Convex),
-    /// Everything below `normal . p = offset`.
-    Halfspace { normal: [f64; 2], offset: f64 },
 }
 
 /// Decides everything about a rollout; errors name the field that stands in the way.
 pub fn prepare(rollout: &Rollout) -> Result<Prepared> {
     let scene = rollout.scene;
-    let latents = &rollout.latents;
-    latents.validate()?;
-    let around = Surroundings { time_step: scene.time_step, gravity: scene.gravity };
-    let (mut effects, mut motions, mut touches) = (Vec::new(), Vec::new(), Vec::new());
-    let (mut sensors, mut placings) = (Vec::new(), Vec::new());
-    for active in active(rollout)? {
-        let neutral = active.is_neutral();
-        let Active { effect, values } = active;
-        match effect.act {
-            Act::Motion(law) => {
-                effects.push(effect.name);
-                motions.push((law, law.constants(&values, &around)));
-            }
-            Act::Contact(law) => {
-                effects.push(effect.name);
-                touches.push((law, law.constants(&values, &around)));
-            }
-            Act::Sensor(_) | Act::Action(_) if neutral => {}
-            Act::Sensor(sensor) => sensors.push((sensor, sensor.constants(&values, &around))),
-            Act::Action(placing) => placings.push((placing, placing.constants(&values, &around))),
-        }
-    }
-    let view = View::new(sensors, f64::from(scene.observe_every) * scene.time_step);
+    rollout.latents.validate()?;
+    let laws = Laws::of(rollout)?;
+    let view = View::new(laws.sensors, f64::from(scene.observe_every) * scene.time_step);
     let schedule = match &view {
         Some(view) => view.schedule(scene.time_step, scene.steps, scene.observe_every)?,
         None => Schedule::Every(scene.observe_every),
     };
-    let mut bodies = Vec::with_capacity(scene.bodies.len());
-    for (i, body) in scene.bodies.iter().enumerate() {
-        let carries = scene.carries_latents(&body.name);
-        let (mass, inertia) = body.mass_properties(latents.density.filter(|_| carries));
-        let Some(position) = body.position else {
-            let allowed = if scene.action.as_ref().is_some_and(|a| a.places(&body.name)) {
-                "an action that places it, or a position in the scene"
-            } else {
-                "a position in m, needed for a rollout"
-            };
-            return Err(Error::input(format!("bodies[{i}].position"), "missing", allowed));
-        };
-        bodies.push(PreparedBody {
-            name: body.name.clone(),
-            shape: body.shape.convex().ok_or_else(|| {
-                Error::input(
-                    format!("bodies[{i}].shape"),
-                    "a halfspace",
-                    "a bounded shape for a movable body",
-                )
-            })?,
-            mass,
-            inertia,
-            friction: latents.friction.filter(|_| carries).unwrap_or(body.friction),
-            restitution: latents.restitution.filter(|_| carries).unwrap_or(body.restitution),
-            position: carried_out(scene, &placings, &body.name, position),
-            angle: body.angle,
-            velocity: body.velocity,
-            omega: body.angular_velocity,
-        });
-    }
-    let statics = scene
-        .statics
-        .iter()
-        .map(|s| {
-            let carries = scene.carries_latents(&s.name);
-            let position = carried_out(scene, &placings, &s.name, s.position);
-            let shape = match (&s.shape, s.shape.convex()) {
-                (Shape::Halfspace { normal, offset }, _) => {
-                    let shift = normal[0] * position[0] + normal[1] * position[1];
-                    PreparedShape::Halfspace { normal: *normal, offset: offset + shift }
-                }
-                (_, Some(shape)) => PreparedShape::Convex(shape.placed(position, s.angle)),
-                (_, None) => unreachable!("every shape but a halfspace has a convex core"),
-            };
-            PreparedStatic {
-                name: s.name.clone(),
-                shape,
-                friction: latents.friction.filter(|_| carries).unwrap_or(s.friction),
-                restitution: latents.restitution.filter(|_| carries).unwrap_or(s.restitution),
-            }
-        })
-        .collect();
-    let smallest = bodies
-        .iter()
-        .map(|b| {
-            let s = b.shape.bounds();
-            (s[2] - s[0]).min(s[3] - s[1])
-        })
-        .fold(f64::INFINITY, f64::min);
+    let bodies = scene.bodies.iter().enumerate().map(|(i, body)| {
+        let body = prepare_body(rollout, body, &laws.placings);
+        body.map_err(|e| e.under(&format!("bodies[{i}]")))
+    });
+    let bodies = bodies.collect::<Result<Vec<PreparedBody>>>()?;
+    let statics = scene.statics.iter().map(|s| prepare_static(rollout, s, &laws.placings)).collect();
+    let smallest = bodies.iter().map(|b| b.shape.smallest_extent()).fold(f64::INFINITY, f64::min);
     Ok(Prepared {
         gravity: scene.gravity,
         time_step: scene.time_step,
         steps: scene.steps,
         schedule,
         view,
-        effects,
-        motions,
-        touches,
+        effects: laws.names,
+        motions: laws.motions,
+        touches: laws.touches,
         goal: scene.goal.as_ref().map(|goal| GoalSpec::new(goal, scene)),
         stop: scene.stops_at_goal() && rollout.stop,
         touch: 0.005 * smallest.min(1.0),
@@ -193,6 +114,95 @@ pub fn is_like(rollout: &Rollout, other: &Rollout) -> bool {
         && rollout.effects.iter().zip(other.effects).all(same)
         && rollout.latents.validate().is_ok()
         && active(rollout).is_ok_and(|all| all.iter().all(simulated))
+}
+
+/// The effects of a rollout by what they act on, in the order in which they act, with their constants.
+#[derive(Default)]
+struct Laws {
+    /// Names of those that engines know of.
+    names: Vec<&'static str>,
+    motions: Vec<(&'static dyn Motion, Constants)>,
+    touches: Vec<(&'static dyn Touch, Constants)>,
+    sensors: Vec<(&'static dyn Sensor, Constants)>,
+    placings: Vec<(&'static dyn Placing, Constants)>,
+}
+
+impl Laws {
+    fn of(rollout: &Rollout) -> Result<Laws> {
+        let scene = rollout.scene;
+        let around = Surroundings { time_step: scene.time_step, gravity: scene.gravity };
+        let mut laws = Laws::default();
+        for active in active(rollout)? {
+            let neutral = active.is_neutral();
+            let Active { effect, values } = active;
+            match effect.act {
+                Act::Motion(law) => {
+                    laws.names.push(effect.name);
+                    laws.motions.push((law, law.constants(&values, &around)));
+                }
+                Act::Contact(law) => {
+                    laws.names.push(effect.name);
+                    laws.touches.push((law, law.constants(&values, &around)));
+                }
+                Act::Sensor(_) | Act::Action(_) if neutral => {}
+                Act::Sensor(sensor) => laws.sensors.push((sensor, sensor.constants(&values, &around))),
+                Act::Action(placing) => laws.placings.push((placing, placing.constants(&values, &around))),
+            }
+        }
+        Ok(laws)
+    }
+}
+
+/// Errors name the body's field.
+fn prepare_body(
+    rollout: &Rollout,
+    body: &Body,
+    placings: &[(&'static dyn Placing, Constants)],
+) -> Result<PreparedBody> {
+    let (scene, latents) = (rollout.scene, &rollout.latents);
+    let carries = scene.carries_latents(&body.name);
+    let (mass, inertia) = body.mass_properties(latents.density.filter(|_| carries));
+    let Some(position) = body.position else {
+        let allowed = if scene.action.as_ref().is_some_and(|a| a.places(&body.name)) {
+            "an action that places it, or a position in the scene"
+        } else {
+            "a position in m, needed for a rollout"
+        };
+        return Err(Error::input("position", "missing", allowed));
+    };
+    let Some(shape) = body.shape.pieces() else {
+        let value = format!("a {}", body.shape.name());
+        return Err(Error::input("shape", value, "a bounded shape for a movable body"));
+    };
+    Ok(PreparedBody {
+        name: body.name.clone(),
+        shape,
+        mass,
+        inertia,
+        centre: body.shape.moments().centre,
+        friction: latents.friction.filter(|_| carries).unwrap_or(body.friction),
+        restitution: latents.restitution.filter(|_| carries).unwrap_or(body.restitution),
+        position: carried_out(scene, placings, &body.name, position),
+        angle: body.angle,
+        velocity: body.velocity,
+        omega: body.angular_velocity,
+    })
+}
+
+fn prepare_static(
+    rollout: &Rollout,
+    fixed: &Static,
+    placings: &[(&'static dyn Placing, Constants)],
+) -> PreparedStatic {
+    let (scene, latents) = (rollout.scene, &rollout.latents);
+    let carries = scene.carries_latents(&fixed.name);
+    let position = carried_out(scene, placings, &fixed.name, fixed.position);
+    PreparedStatic {
+        name: fixed.name.clone(),
+        shape: fixed.shape.solid().placed(position, fixed.angle),
+        friction: latents.friction.filter(|_| carries).unwrap_or(fixed.friction),
+        restitution: latents.restitution.filter(|_| carries).unwrap_or(fixed.restitution),
+    }
 }
 
 /// Where the thing named `name` ends up that was to stand at `asked`, if an action placed it.

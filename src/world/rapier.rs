@@ -3,6 +3,10 @@
 //! Source: rapier2d 0.36.1 (TGS-soft with sub-steps, f32). Semantics as in [`super`]: products of
 //! coefficients, effects before gravity once per step.
 //!
+//! A body's position is its frame's origin, and so is the point whose velocity is given and observed; rapier's
+//! velocities, and what effects and contacts act on, are those of the centre of mass. For a body that turns about a
+//! centre of mass elsewhere the two differ by v(origin) = v(centre) - omega x (centre - origin).
+//!
 //! Laws of contact (effects of the form `Act::Contact`) act through rapier's hook on solver contacts, which
 //! sets a contact's restitution and the slip its friction drives at from the velocities at the beginning of
 //! the step; what rolls is slowed after the step, by the impulses that rapier reports. Without such laws
@@ -17,10 +21,11 @@ use rapier2d::prelude::*;
 
 use super::effect::{Answer, Meeting, Moving, rolled_off};
 use super::goal::{self, Watch};
-use super::prepare::{Prepared, PreparedBody, PreparedShape};
+use super::prepare::{Prepared, PreparedBody};
 use super::record::{Recorder, State};
 use crate::error::{Error, Result};
-use crate::task::geometry::{Convex, gap};
+use crate::task::geometry::Convex;
+use crate::task::solid::Solid;
 use crate::trajectory::{End, Trajectory};
 
 /// Integrates one rollout.
@@ -49,7 +54,7 @@ pub fn run(prepared: &Prepared) -> Result<Trajectory> {
             let holds = goal::holds(
                 &spec.condition,
                 |i| (states[i].position, states[i].angle),
-                |s, shape| gap_to_static(&prepared.statics[s].shape, shape),
+                |s, shape| prepared.statics[s].shape.gap_to(shape),
                 |i| &prepared.bodies[i].shape,
             );
             if watch.advance(holds, needed) {
@@ -72,6 +77,8 @@ struct World {
     physics: PhysicsWorld,
     /// In the order of the prepared bodies.
     bodies: Vec<RigidBodyHandle>,
+    /// Centre of mass of each body, its own frame.
+    centres: Vec<Vector>,
     /// Body angle, unwrapped by following small turns.
     angles: Vec<f64>,
     time_step: f64,
@@ -100,46 +107,45 @@ impl World {
             let rigid = RigidBodyBuilder::dynamic()
                 .translation(vector(body.position))
                 .rotation(body.angle as f32)
-                .linvel(vector(body.velocity))
+                .linvel(vector(velocity_of_centre(body)))
                 .angvel(body.omega as f32)
                 .can_sleep(false)
                 .build();
             let handle = physics.bodies.insert(rigid);
-            let builder = collider(&body.shape, &format!("bodies[{i}]"))?;
-            let collider = surface(builder, body.friction, body.restitution, i);
-            let collider = collider.mass_properties(mass_properties(body)).active_hooks(hooks);
-            physics.colliders.insert_with_parent(collider, handle, &mut physics.bodies);
+            for (n, piece) in body.shape.0.iter().enumerate() {
+                let builder = collider(piece, &format!("bodies[{i}]"))?;
+                // The first piece carries the whole body's mass.
+                let mass = if n == 0 { mass_properties(body) } else { MassProperties::default() };
+                let collider = surface(builder, body.friction, body.restitution, i).mass_properties(mass);
+                physics.colliders.insert_with_parent(
+                    collider.active_hooks(hooks),
+                    handle,
+                    &mut physics.bodies,
+                );
+            }
             bodies.push(handle);
         }
         for (i, fixed) in prepared.statics.iter().enumerate() {
-            let builder = match &fixed.shape {
-                PreparedShape::Convex(shape) => {
-                    // Corners about the shape's own middle: far from the origin an f32 cannot tell them apart.
-                    let (centre, own) = centred(shape);
-                    collider(&own, &format!("statics[{i}]"))?.translation(vector(centre))
-                }
-                PreparedShape::Halfspace { normal, offset } => {
-                    let at = [normal[0] * offset, normal[1] * offset];
-                    halfspace(*normal).translation(vector(at))
-                }
-            };
             let index = prepared.bodies.len() + i;
-            physics.colliders.insert(surface(builder, fixed.friction, fixed.restitution, index));
+            for builder in standing(&fixed.shape, &format!("statics[{i}]"))? {
+                physics.colliders.insert(surface(builder, fixed.friction, fixed.restitution, index));
+            }
         }
         let angles = prepared.bodies.iter().map(|b| b.angle).collect();
         let loaded = vec![false; prepared.bodies.len() * prepared.statics.len()];
-        Ok(World { physics, bodies, angles, time_step: prepared.time_step, loaded })
+        let centres = prepared.bodies.iter().map(|b| vector(b.centre)).collect();
+        Ok(World { physics, bodies, centres, angles, time_step: prepared.time_step, loaded })
     }
 
-    /// Lets the motion effects act on every body.
+    /// Lets the motion effects act on every body, at its centre of mass.
     fn kick(&mut self, prepared: &Prepared, step: u32) {
         if prepared.motions.is_empty() {
             return;
         }
         let time = f64::from(step) * self.time_step;
-        for handle in &self.bodies {
+        for (handle, centre) in self.bodies.iter().zip(&self.centres) {
             let body = &mut self.physics.bodies[*handle];
-            let (at, v) = (body.translation(), body.linvel());
+            let (at, v) = (body.translation() + arm(body, *centre), body.linvel());
             let mut moving = Moving {
                 time,
                 x: at.x.into(),
@@ -165,9 +171,10 @@ impl World {
             let index = |c: ColliderHandle| self.physics.colliders[c].user_data as usize;
             let (first, second) = (index(pair.collider1), index(pair.collider2));
             let (body, fixed) = (first.min(second), first.max(second));
-            if body >= count || fixed < count || !prepared.bodies[body].shape.is_disc() {
+            if body >= count || fixed < count {
                 continue;
             }
+            let Some(radius) = prepared.bodies[body].shape.disc_radius() else { continue };
             for manifold in &contacts.manifolds {
                 let impulse: f64 = manifold.points.iter().map(|p| f64::from(p.data.impulse)).sum();
                 let slot = body * prepared.statics.len() + fixed - count;
@@ -183,7 +190,6 @@ impl World {
                     let tangent = Vector::new(-normal.y, normal.x);
                     let rigid = &mut self.physics.bodies[self.bodies[body]];
                     let (v, spin) = (rigid.linvel(), rigid.angvel());
-                    let radius = prepared.bodies[body].shape.radius;
                     let [lost, turn] = rolled_off(v.dot(tangent).into(), spin.into(), radius, off);
                     rigid.set_linvel(v - tangent * lost as f32, false);
                     rigid.set_angvel(spin - turn as f32, false);
@@ -202,12 +208,12 @@ impl World {
 
     fn states(&mut self) -> Vec<State> {
         let mut states = Vec::with_capacity(self.bodies.len());
-        for (handle, angle) in self.bodies.iter().zip(&mut self.angles) {
+        for ((handle, centre), angle) in self.bodies.iter().zip(&self.centres).zip(&mut self.angles) {
             let body = &self.physics.bodies[*handle];
             let wrapped = f64::from(body.rotation().angle());
             let turn = (wrapped - *angle + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU);
             *angle += turn - std::f64::consts::PI;
-            let (at, v) = (body.translation(), body.linvel());
+            let (at, v) = (body.translation(), velocity_of_origin(body, *centre));
             states.push(State {
                 position: [at.x.into(), at.y.into()],
                 angle: *angle,
@@ -244,7 +250,8 @@ impl World {
                     if i >= count {
                         return Vector::ZERO;
                     }
-                    let centre = self.physics.bodies[self.bodies[i]].translation();
+                    let body = &self.physics.bodies[self.bodies[i]];
+                    let centre = body.translation() + arm(body, self.centres[i]);
                     let (v, spin) = before[i];
                     v + Vector::new(-(at.y - centre.y), at.x - centre.x) * spin
                 };
@@ -302,6 +309,21 @@ fn surface(builder: ColliderBuilder, friction: f64, restitution: f64, index: usi
         .user_data(index as u128)
 }
 
+/// The colliders of a static where it stands; `owner` as for [`collider`].
+fn standing(solid: &Solid, owner: &str) -> Result<Vec<ColliderBuilder>> {
+    match solid {
+        // Corners about the piece's own middle: far from the origin an f32 cannot tell them apart.
+        Solid::Bounded(pieces) => {
+            let middles = pieces.0.iter().map(centred);
+            middles.map(|(centre, own)| Ok(collider(&own, owner)?.translation(vector(centre)))).collect()
+        }
+        Solid::HalfPlane { normal, offset } => {
+            let at = [normal[0] * offset, normal[1] * offset];
+            Ok(vec![halfspace(*normal).translation(vector(at))])
+        }
+    }
+}
+
 /// The mean of a shape's corners, and the shape moved so that it is at the origin.
 fn centred(shape: &Convex) -> ([f64; 2], Convex) {
     let count = shape.points.len() as f64;
@@ -331,36 +353,32 @@ fn halfspace(normal: [f64; 2]) -> ColliderBuilder {
 }
 
 fn mass_properties(body: &PreparedBody) -> MassProperties {
-    let centre = match body.shape.points.as_slice() {
-        [p] => *p,
-        points => centroid(points),
-    };
-    MassProperties::new(vector(centre), body.mass as f32, body.inertia as f32)
+    MassProperties::new(vector(body.centre), body.mass as f32, body.inertia as f32)
 }
 
-/// Centroid of a segment or convex polygon.
-fn centroid(points: &[[f64; 2]]) -> [f64; 2] {
-    if points.len() == 2 {
-        return [(points[0][0] + points[1][0]) / 2.0, (points[0][1] + points[1][1]) / 2.0];
+/// What rapier calls a body's velocity at the start: that of the centre of mass, m/s.
+fn velocity_of_centre(body: &PreparedBody) -> [f64; 2] {
+    if body.centre == [0.0; 2] {
+        return body.velocity;
     }
-    let (mut area, mut sum) = (0.0, [0.0, 0.0]);
-    for i in 0..points.len() {
-        let (a, b) = (points[i], points[(i + 1) % points.len()]);
-        let cross = a[0] * b[1] - a[1] * b[0];
-        area += cross / 2.0;
-        sum = [sum[0] + cross * (a[0] + b[0]) / 6.0, sum[1] + cross * (a[1] + b[1]) / 6.0];
-    }
-    [sum[0] / area, sum[1] / area]
+    let (sin, cos) = libm::sincos(body.angle);
+    let [x, y] = body.centre;
+    let arm = [cos * x - sin * y, sin * x + cos * y];
+    [body.velocity[0] - body.omega * arm[1], body.velocity[1] + body.omega * arm[0]]
 }
 
-fn gap_to_static(fixed: &PreparedShape, shape: &Convex) -> f64 {
-    match fixed {
-        PreparedShape::Convex(own) => gap(own, shape),
-        PreparedShape::Halfspace { normal, offset } => {
-            let below = |p: &[f64; 2]| normal[0] * p[0] + normal[1] * p[1] - offset;
-            shape.points.iter().map(below).fold(f64::INFINITY, f64::min) - shape.radius
-        }
+/// What we call a body's velocity: that of its frame's origin, m/s.
+fn velocity_of_origin(body: &RigidBody, centre: Vector) -> Vector {
+    if centre == Vector::ZERO {
+        return body.linvel();
     }
+    let arm = arm(body, centre);
+    body.linvel() - Vector::new(-arm.y, arm.x) * body.angvel()
+}
+
+/// From a body's origin to its centre of mass, world frame, m.
+fn arm(body: &RigidBody, centre: Vector) -> Vector {
+    *body.rotation() * centre
 }
 
 fn vector(v: [f64; 2]) -> Vector {

@@ -3,6 +3,7 @@
 
 use iplw::reality::{HiddenConfig, HiddenWorld, Reality, standard};
 use iplw::task::scene::{Body, EffectTerm, Goal, Shape, Static};
+use iplw::task::shape::{Disc, Rectangle, Segment};
 use iplw::task::{Placement, Scene, family};
 use iplw::trajectory::{Track, Trajectory};
 use iplw::world::{Engine, Latents, Level, Rollout, Settings, effect, observe, simulate, simulate_map_set};
@@ -381,7 +382,7 @@ fn laws_of_contact_hold_between_bodies_too() {
 #[test]
 fn boxes_bounce_deader_too_and_do_not_roll() {
     let mut scene = bouncing([0.0, -4.0], 0.0, 0.8);
-    scene.bodies[0].shape = Shape::Box { half_width: 0.5, half_height: 0.5 };
+    scene.bodies[0].shape = Shape::Box(Rectangle { half_width: 0.5, half_height: 0.5 });
     let after = |name: &str, parameters: &[(&str, f64)]| {
         last(&roll(&seen_by(&scene, name, parameters), Engine::Rapier).bodies[0].vy)
     };
@@ -802,7 +803,7 @@ fn empty(dt: f64, seconds: f64) -> Scene {
 fn ball(name: &str, radius: f64, position: [f64; 2], velocity: [f64; 2]) -> Body {
     Body {
         name: name.into(),
-        shape: Shape::Disc { radius },
+        shape: Shape::Disc(Disc { radius }),
         mass: None,
         density: Some(1.0),
         friction: 0.8,
@@ -817,7 +818,7 @@ fn ball(name: &str, radius: f64, position: [f64; 2], velocity: [f64; 2]) -> Body
 fn floor() -> Static {
     Static {
         name: "floor".into(),
-        shape: Shape::Segment { from: [-500.0, -1.0], to: [500.0, -1.0], radius: 1.0 },
+        shape: Shape::Segment(Segment { from: [-500.0, -1.0], to: [500.0, -1.0], radius: 1.0 }),
         friction: 1.0,
         restitution: 1.0,
         position: [0.0, 0.0],

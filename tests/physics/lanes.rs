@@ -2,6 +2,7 @@
 //! it shares with the general engine; agreement with Pymunk.
 
 use iplw::task::scene::{Body, Goal, Shape, Static};
+use iplw::task::shape::{Disc, Halfspace, Polygon, Rectangle, Segment};
 use iplw::task::{Placement, Scene, family};
 use iplw::trajectory::{End, Trajectory};
 use iplw::world::{Engine, Latents, Level, Rollout, chosen, effect, simulate, simulate_map, simulate_map_at};
@@ -51,7 +52,7 @@ fn auto_takes_lanes_for_discs_only() {
     let mut scene = box_scene(vec![disc("a", 0.5, [0.0, 3.0], [0.0, 0.0])]);
     let engine = |scene: &Scene, engine| chosen(engine, &rollouts(std::slice::from_ref(scene))[0]);
     assert_eq!(engine(&scene, Engine::Auto).unwrap(), Engine::Lanes);
-    scene.bodies[0].shape = Shape::Box { half_width: 0.5, half_height: 0.5 };
+    scene.bodies[0].shape = Shape::Box(Rectangle { half_width: 0.5, half_height: 0.5 });
     assert_eq!(engine(&scene, Engine::Auto).unwrap(), Engine::Rapier);
     assert!(engine(&scene, Engine::Lanes).is_err());
 }
@@ -144,9 +145,9 @@ fn fast_discs_do_not_pass_through() {
         angle: 0.0,
     };
     let shapes = [
-        Shape::Segment { from: [-5.0, 0.0], to: [5.0, 0.0], radius: 0.0 },
-        Shape::Box { half_width: 5.0, half_height: 0.005 },
-        Shape::Disc { radius: 0.01 },
+        Shape::Segment(Segment { from: [-5.0, 0.0], to: [5.0, 0.0], radius: 0.0 }),
+        Shape::Box(Rectangle { half_width: 5.0, half_height: 0.005 }),
+        Shape::Disc(Disc { radius: 0.01 }),
     ];
     for shape in shapes {
         for k in 0..40 {
@@ -174,7 +175,7 @@ fn fast_discs_slide_on() {
         (ball.friction, ball.restitution) = (0.0, 0.3);
         let mut scene = box_scene(vec![ball]);
         scene.statics.truncate(1);
-        scene.statics[0].shape = Shape::Box { half_width: 100.0, half_height: 0.5 };
+        scene.statics[0].shape = Shape::Box(Rectangle { half_width: 100.0, half_height: 0.5 });
         scene.steps = 480;
         let t = simulate(&rollouts(&[scene]), Engine::Lanes).unwrap().remove(0);
         let way = t.bodies[0].x.last().unwrap();
@@ -287,7 +288,7 @@ fn mixed_scenes() -> Vec<Scene> {
 fn box_scene(bodies: Vec<Body>) -> Scene {
     let wall = |name: &str, x: f64, y: f64, half_width: f64, half_height: f64| Static {
         name: name.into(),
-        shape: Shape::Box { half_width, half_height },
+        shape: Shape::Box(Rectangle { half_width, half_height }),
         friction: 0.8,
         restitution: 0.8,
         position: [x, y],
@@ -309,7 +310,7 @@ fn box_scene(bodies: Vec<Body>) -> Scene {
 fn disc(name: &str, radius: f64, position: [f64; 2], velocity: [f64; 2]) -> Body {
     Body {
         name: name.into(),
-        shape: Shape::Disc { radius },
+        shape: Shape::Disc(Disc { radius }),
         mass: None,
         density: Some(1.0),
         friction: 0.5,
@@ -349,12 +350,12 @@ prop_compose! {
         let fixed = |name: &str, shape, position, angle| Static {
             name: name.into(), shape, position, angle, friction: 0.9, restitution: 0.7,
         };
-        let triangle = Shape::Polygon { vertices: vec![[-0.5, -0.3], [0.6, -0.2], [0.1, 0.5]] };
+        let triangle = Shape::Polygon(Polygon { vertices: vec![[-0.5, -0.3], [0.6, -0.2], [0.1, 0.5]] });
         scene.statics.push(fixed("triangle", triangle, [-2.0, 0.8], angle));
-        let bar = Shape::Segment { from: [-0.7, 0.0], to: [0.7, 0.1], radius: 0.05 };
+        let bar = Shape::Segment(Segment { from: [-0.7, 0.0], to: [0.7, 0.1], radius: 0.05 });
         scene.statics.push(fixed("bar", bar, [0.7, 1.1], -angle / 3.0));
-        scene.statics.push(fixed("post", Shape::Disc { radius: 0.3 }, [3.0, 0.7], 0.0));
-        let slope = Shape::Halfspace { normal: [-0.6, 0.8], offset: -3.0 };
+        scene.statics.push(fixed("post", Shape::Disc(Disc { radius: 0.3 }), [3.0, 0.7], 0.0));
+        let slope = Shape::Halfspace(Halfspace { normal: [-0.6, 0.8], offset: -3.0 });
         scene.statics.push(fixed("slope", slope, [0.0, 0.0], 0.0));
         scene.damping = Some(damping);
         scene
@@ -374,12 +375,12 @@ fn mirror(scene: &Scene) -> Scene {
         s.position = flip(s.position);
         s.angle = -s.angle;
         match &mut s.shape {
-            Shape::Polygon { vertices } => {
+            Shape::Polygon(Polygon { vertices }) => {
                 *vertices = vertices.iter().rev().map(|p| flip(*p)).collect();
             }
-            Shape::Segment { from, to, .. } => (*from, *to) = (flip(*from), flip(*to)),
-            Shape::Halfspace { normal, .. } => *normal = flip(*normal),
-            Shape::Disc { .. } | Shape::Box { .. } => {}
+            Shape::Segment(Segment { from, to, .. }) => (*from, *to) = (flip(*from), flip(*to)),
+            Shape::Halfspace(Halfspace { normal, .. }) => *normal = flip(*normal),
+            Shape::Disc(_) | Shape::Box(_) => {}
         }
     }
     out

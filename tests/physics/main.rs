@@ -8,4 +8,5 @@ mod effects;
 mod fuzz_scene;
 mod lanes;
 mod properties;
+mod shapes;
 mod tasks;

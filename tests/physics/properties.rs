@@ -4,6 +4,7 @@
 use crate::fuzz_one::{Fate, check_scene};
 use iplw::rng::stream;
 use iplw::task::scene::{Body, Goal, Shape, Static};
+use iplw::task::shape::{Disc, Halfspace, Polygon, Rectangle, Segment};
 use iplw::task::{Placement, Scene, family};
 use iplw::trajectory::{Track, Trajectory};
 use iplw::world::{Engine, Latents, Rollout, simulate};
@@ -179,15 +180,15 @@ prop_compose! {
         for (i, (kind, u)) in meetings.into_iter().enumerate() {
             let x = 60.0 * i as f64;
             let own = pusher(&format!("b{i}"), x, u);
-            let post = Shape::Disc { radius: 0.3 };
+            let post = Shape::Disc(Disc { radius: 0.3 });
             let shape = match kind {
                 0 => {
                     scene.bodies.push(thrown(&format!("o{i}"), x, u));
                     post.clone()
                 }
-                1 => Shape::Box { half_width: 20.0, half_height: 0.5 },
-                2 => Shape::Segment { from: [-20.0, 0.2 * u[7]], to: [20.0, 0.0], radius: 0.1 },
-                3 => Shape::Polygon { vertices: vec![[-20.0, -1.0], [20.0, -1.0], [0.0, u[7].abs()]] },
+                1 => Shape::Box(Rectangle { half_width: 20.0, half_height: 0.5 }),
+                2 => Shape::Segment(Segment { from: [-20.0, 0.2 * u[7]], to: [20.0, 0.0], radius: 0.1 }),
+                3 => Shape::Polygon(Polygon { vertices: vec![[-20.0, -1.0], [20.0, -1.0], [0.0, u[7].abs()]] }),
                 _ => post.clone(),
             };
             // Under a colliding pair there is nothing to meet.
@@ -251,7 +252,7 @@ prop_compose! {
         }
         let normal = [0.6, 0.8];
         scene.statics.push(Static {
-            name: "slope".into(), shape: Shape::Halfspace { normal, offset: -1.0 }, friction: 100.0,
+            name: "slope".into(), shape: Shape::Halfspace(Halfspace { normal, offset: -1.0 }), friction: 100.0,
             restitution: 1.0, position: [0.0, 0.0], angle: 0.0,
         });
         if scene.validate().is_err() {
@@ -275,20 +276,20 @@ fn any_shape() -> impl Strategy<Value = (Shape, f64)> {
     let ratio = || prop_oneof![Just(1.0), log(-3.0, 0.0)];
     prop_oneof![
         // Both engines take discs: as many scenes of discs alone as of all shapes would be rare otherwise.
-        4 => log(-6.0, 4.0).prop_map(|radius| (Shape::Disc { radius }, radius)),
+        4 => log(-6.0, 4.0).prop_map(|radius| (Shape::Disc(Disc { radius }), radius)),
         1 => (log(-3.0, 4.0), ratio()).prop_map(|(w, r)| {
-            (Shape::Box { half_width: w, half_height: w * r }, 1.5 * w)
+            (Shape::Box(Rectangle { half_width: w, half_height: w * r }), 1.5 * w)
         }),
         1 => (log(-3.0, 4.0), ratio()).prop_map(|(w, r)| {
             let radius = (w * r).max(1e-6);
-            (Shape::Segment { from: [-w, 0.0], to: [w, 0.3 * w], radius }, 2.5 * w)
+            (Shape::Segment(Segment { from: [-w, 0.0], to: [w, 0.3 * w], radius }), 2.5 * w)
         }),
         1 => (log(-3.0, 4.0), 3usize..32, ratio()).prop_map(|(w, n, r)| {
             let corner = |k: usize| {
                 let (sin, cos) = (std::f64::consts::TAU * k as f64 / n as f64).sin_cos();
                 [w * cos, w * r.max(0.03) * sin]
             };
-            (Shape::Polygon { vertices: (0..n).map(corner).collect() }, w)
+            (Shape::Polygon(Polygon { vertices: (0..n).map(corner).collect() }), w)
         }),
     ]
 }
@@ -298,19 +299,19 @@ fn scaled(shape: &Shape, by: f64) -> Shape {
     let length = |v: f64| (v * by).max(1e-6);
     let point = |p: &[f64; 2]| [p[0] * by, p[1] * by];
     match shape {
-        Shape::Disc { radius } => Shape::Disc { radius: length(*radius) },
-        Shape::Box { half_width, half_height } => {
-            Shape::Box { half_width: length(*half_width), half_height: length(*half_height) }
+        Shape::Disc(Disc { radius }) => Shape::Disc(Disc { radius: length(*radius) }),
+        Shape::Box(Rectangle { half_width, half_height }) => {
+            Shape::Box(Rectangle { half_width: length(*half_width), half_height: length(*half_height) })
         }
-        Shape::Segment { from, to, radius } => {
-            Shape::Segment { from: point(from), to: point(to), radius: length(*radius) }
+        Shape::Segment(Segment { from, to, radius }) => {
+            Shape::Segment(Segment { from: point(from), to: point(to), radius: length(*radius) })
         }
         // Polygons below a millimetre may have triangles of no legal area.
-        Shape::Polygon { vertices } => {
+        Shape::Polygon(Polygon { vertices }) => {
             let extent = vertices.iter().map(|v| v[0]).fold(0.0, f64::max);
             match extent * by < 1e-3 {
-                true => Shape::Disc { radius: length(extent) },
-                false => Shape::Polygon { vertices: vertices.iter().map(point).collect() },
+                true => Shape::Disc(Disc { radius: length(extent) }),
+                false => Shape::Polygon(Polygon { vertices: vertices.iter().map(point).collect() }),
             }
         }
         other => other.clone(),
@@ -368,7 +369,7 @@ fn thrown(name: &str, x: f64, u: [f64; 8]) -> Body {
 fn disc(name: &str, radius: f64, position: [f64; 2], velocity: [f64; 2]) -> Body {
     Body {
         name: name.into(),
-        shape: Shape::Disc { radius },
+        shape: Shape::Disc(Disc { radius }),
         mass: None,
         density: Some(1.0),
         friction: 0.5,

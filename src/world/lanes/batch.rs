@@ -9,13 +9,15 @@ use super::kernel;
 use super::rest::{LOOK_EVERY, Snapshot};
 use super::simd::{Mask, Register, V, Wide};
 use super::{Feed, Settings};
+use crate::task::geometry::Convex;
 use crate::task::geometry::polygon_contains;
+use crate::task::solid::Solid;
 use crate::trajectory::{End, Trajectory};
 use crate::world::effect::{Constants, LANES, MOST_PARAMETERS, Motion, MovingLanes, Touch};
 use crate::world::goal::{Condition, Party};
 use crate::world::observe::Schedule;
-use crate::world::prepare::{Prepared, PreparedShape};
-use crate::world::record::{Recorder, State};
+use crate::world::prepare::{Prepared, PreparedBody};
+use crate::world::record::{APART_STEPS, Recorder, State};
 
 /// Everything about up to [`LANES`] rollouts at work.
 pub struct Batch {
@@ -86,8 +88,10 @@ pub struct BodyLanes {
     pub any_carried: bool,
 }
 
-/// A static in every lane.
+/// A piece of a static in every lane.
 pub struct StaticLanes {
+    /// Number of the static it is a piece of.
+    pub owner: usize,
     /// Rounding radius, m.
     pub radius: V,
     pub core: Core,
@@ -115,8 +119,10 @@ pub struct EdgeLanes {
 pub struct Pair {
     /// Index of a body.
     pub first: usize,
-    /// Index of a body, or of a static after all bodies.
+    /// Index of a body, or of a piece of a static after all bodies.
     pub second: usize,
+    /// Index of a body, or of a static after all bodies.
+    pub other: usize,
     /// Sum of both bodies' `travel` below which they cannot touch.
     pub limit: V,
     /// Unit normal from first to second, or from the static to the body.
@@ -173,9 +179,10 @@ enum ConditionLanes {
         second: usize,
         reach2: V,
     },
+    /// The static's pieces.
     DiscStatic {
         body: usize,
-        fixed: usize,
+        fixed: Vec<usize>,
         tolerance: V,
     },
     /// Polygon and the box around it, by lane.
@@ -270,37 +277,15 @@ impl Batch {
             rolling: V::all(0.0),
             any_carried: false,
         };
-        let statics = prepared
-            .statics
-            .iter()
-            .map(|s| StaticLanes {
-                radius: V::all(0.0),
-                core: match &s.shape {
-                    PreparedShape::Halfspace { .. } => {
-                        Core::Plane { nx: V::all(0.0), ny: V::all(0.0), offset: V::all(0.0) }
-                    }
-                    PreparedShape::Convex(c) if c.points.len() == 1 => {
-                        Core::Point { x: V::all(0.0), y: V::all(0.0) }
-                    }
-                    PreparedShape::Convex(c) => {
-                        let blank = EdgeLanes {
-                            ax: V::all(0.0),
-                            ay: V::all(0.0),
-                            nx: V::all(0.0),
-                            ny: V::all(0.0),
-                            length: V::all(0.0),
-                        };
-                        Core::Polygon(vec![blank; c.points.len()])
-                    }
-                },
-            })
-            .collect();
+        let statics: Vec<StaticLanes> =
+            pieces(prepared).map(|(owner, piece)| StaticLanes::new(owner, piece.corners())).collect();
         let mut pairs = Vec::new();
         for first in 0..count {
-            pairs.extend((first + 1..count).map(|second| Pair::new(first, second)));
+            pairs.extend((first + 1..count).map(|second| Pair::new(first, second, second)));
         }
         for first in 0..count {
-            pairs.extend((0..prepared.statics.len()).map(|s| Pair::new(first, count + s)));
+            let statics = statics.iter().enumerate();
+            pairs.extend(statics.map(|(s, piece)| Pair::new(first, count + s, count + piece.owner)));
         }
         Batch {
             bodies: vec![blank; count],
@@ -318,7 +303,7 @@ impl Batch {
             bias_rate: V::all(0.0),
             tick: 0.0,
             born: V::all(0.0),
-            goal: prepared.goal.as_ref().map(|g| GoalLanes::new(&g.condition)),
+            goal: prepared.goal.as_ref().map(|g| GoalLanes::new(&g.condition, prepared)),
             lanes: Default::default(),
             due: f64::INFINITY,
             active: Vec::new(),
@@ -358,15 +343,15 @@ impl Batch {
             body.angle[lane] = own.angle + 0.0;
             body.bias_x[lane] = 0.0;
             body.bias_y[lane] = 0.0;
-            body.radius[lane] = own.shape.radius;
+            body.radius[lane] = radius(own);
             body.inv_mass[lane] = 1.0 / own.mass;
-            body.spin_per_impulse[lane] = own.shape.radius / own.inertia;
+            body.spin_per_impulse[lane] = radius(own) / own.inertia;
             body.travel[lane] = 0.0;
             body.carried[lane] = 0.0;
             body.rolling[lane] = 0.0;
         }
-        for (fixed, own) in self.statics.iter_mut().zip(&prepared.statics) {
-            fixed.fill(lane, &own.shape);
+        for (fixed, (_, own)) in self.statics.iter_mut().zip(pieces(prepared)) {
+            fixed.fill(lane, own);
         }
         for pair in &mut self.pairs {
             pair.fill(lane, prepared);
@@ -486,18 +471,36 @@ impl Batch {
 
     /// Hands the contacts that began in this step to the recorders.
     fn record_begun(&mut self) {
-        for index in std::mem::take(&mut self.fresh) {
-            let pair = &self.pairs[index];
+        let fresh = std::mem::take(&mut self.fresh);
+        for index in &fresh {
             for lane in 0..LANES {
-                if pair.begins[lane] > 0.0
-                    && let Some(own) = &mut self.lanes[lane]
-                {
+                if !self.begins(*index, lane, &fresh) {
+                    continue;
+                }
+                let pair = &self.pairs[*index];
+                if let Some(own) = &mut self.lanes[lane] {
                     let step = (self.tick - self.born[lane]) as u32;
                     let speed = (-pair.speed[lane]).max(0.0);
-                    own.recorder.begin(step, pair.first, pair.second, speed);
+                    own.recorder.begin(step, pair.first, pair.other, speed);
                 }
             }
         }
+    }
+
+    /// Whether with this pair its two things begin to touch, of whose other pieces none touches already; of several that
+    /// begin in one step the first counts.
+    fn begins(&self, index: usize, lane: usize, fresh: &[usize]) -> bool {
+        let own = &self.pairs[index];
+        let touched = |(i, pair): (usize, &Pair)| {
+            let same = pair.first == own.first && pair.other == own.other && i != index;
+            let begins = fresh.contains(&i) && pair.begins[lane] > 0.0;
+            same && if begins {
+                i < index
+            } else {
+                self.tick - pair.last_touch[lane] <= f64::from(APART_STEPS)
+            }
+        };
+        own.begins[lane] > 0.0 && !self.pairs.iter().enumerate().any(touched)
     }
 
     /// Follows the goals; whether a lane has just reached its own.
@@ -513,8 +516,12 @@ impl Batch {
                 (dx * dx + dy * dy).at_most(Wide::load(reach2))
             }
             ConditionLanes::DiscStatic { body, fixed, tolerance } => {
-                let gap: Gap<R, N> = with_static(&self.bodies[*body], &self.statics[*fixed]);
-                gap.separation.at_most(Wide::load(tolerance))
+                let within = |piece: &usize| {
+                    let gap: Gap<R, N> = with_static(&self.bodies[*body], &self.statics[*piece]);
+                    gap.separation.at_most(Wide::load(tolerance))
+                };
+                let first = within(&fixed[0]);
+                fixed[1..].iter().fold(first, |any, piece| any.or(within(piece)))
             }
             ConditionLanes::Inside { body, regions, low, high } => {
                 let at = &self.bodies[*body].moving;
@@ -604,11 +611,12 @@ impl Batch {
 }
 
 impl Pair {
-    fn new(first: usize, second: usize) -> Pair {
+    fn new(first: usize, second: usize, other: usize) -> Pair {
         let none = V::all(0.0);
         Pair {
             first,
             second,
+            other,
             limit: V::all(f64::INFINITY),
             nx: none,
             ny: none,
@@ -646,7 +654,7 @@ impl Pair {
         let a = &prepared.bodies[self.first];
         let looseness = |i: usize| {
             let b = &prepared.bodies[i];
-            (1.0 / b.mass, b.shape.radius * b.shape.radius / b.inertia)
+            (1.0 / b.mass, radius(b) * radius(b) / b.inertia)
         };
         let (mut inv_mass, mut turn) = looseness(self.first);
         let (friction, restitution) = if self.second < count {
@@ -654,7 +662,7 @@ impl Pair {
             (inv_mass, turn) = (inv_mass + m, turn + t);
             (prepared.bodies[self.second].friction, prepared.bodies[self.second].restitution)
         } else {
-            let fixed = &prepared.statics[self.second - count];
+            let fixed = &prepared.statics[self.other - count];
             (fixed.friction, fixed.restitution)
         };
         self.limit[lane] = NEVER_TOUCHED;
@@ -685,16 +693,27 @@ impl<L: ?Sized + 'static> TermLanes<L> {
 }
 
 impl StaticLanes {
-    fn fill(&mut self, lane: usize, shape: &PreparedShape) {
-        match (&mut self.core, shape) {
-            (Core::Plane { nx, ny, offset }, PreparedShape::Halfspace { normal, offset: own }) => {
-                (nx[lane], ny[lane], offset[lane]) = (normal[0], normal[1], *own);
+    fn new(owner: usize, corners: usize) -> StaticLanes {
+        let none = V::all(0.0);
+        let edge = EdgeLanes { ax: none, ay: none, nx: none, ny: none, length: none };
+        let core = match corners {
+            0 => Core::Plane { nx: none, ny: none, offset: none },
+            1 => Core::Point { x: none, y: none },
+            _ => Core::Polygon(vec![edge; corners]),
+        };
+        StaticLanes { owner, radius: none, core }
+    }
+
+    fn fill(&mut self, lane: usize, piece: Piece) {
+        match (&mut self.core, piece) {
+            (Core::Plane { nx, ny, offset }, Piece::HalfPlane { normal, offset: own }) => {
+                (nx[lane], ny[lane], offset[lane]) = (normal[0], normal[1], own);
             }
-            (Core::Point { x, y }, PreparedShape::Convex(c)) => {
+            (Core::Point { x, y }, Piece::Convex(c)) => {
                 self.radius[lane] = c.radius;
                 (x[lane], y[lane]) = (c.points[0][0], c.points[0][1]);
             }
-            (Core::Polygon(edges), PreparedShape::Convex(c)) => {
+            (Core::Polygon(edges), Piece::Convex(c)) => {
                 self.radius[lane] = c.radius;
                 for (i, edge) in edges.iter_mut().enumerate() {
                     let (p, q) = (c.points[i], c.points[(i + 1) % c.points.len()]);
@@ -711,8 +730,43 @@ impl StaticLanes {
     }
 }
 
+/// A piece of a static, world frame.
+#[derive(Clone, Copy)]
+pub enum Piece<'a> {
+    Convex(&'a Convex),
+    HalfPlane { normal: [f64; 2], offset: f64 },
+}
+
+impl Piece<'_> {
+    /// Number of corners; 0 for a half plane.
+    pub fn corners(&self) -> usize {
+        match self {
+            Piece::Convex(c) => c.points.len(),
+            Piece::HalfPlane { .. } => 0,
+        }
+    }
+}
+
+/// The pieces of all statics, each with its static's number.
+pub fn pieces(prepared: &Prepared) -> impl Iterator<Item = (usize, Piece<'_>)> {
+    prepared.statics.iter().enumerate().flat_map(|(owner, fixed)| {
+        let (bounded, plane) = match &fixed.shape {
+            Solid::Bounded(pieces) => (pieces.0.as_slice(), None),
+            Solid::HalfPlane { normal, offset } => {
+                (&[][..], Some(Piece::HalfPlane { normal: *normal, offset: *offset }))
+            }
+        };
+        bounded.iter().map(Piece::Convex).chain(plane).map(move |piece| (owner, piece))
+    })
+}
+
+/// m
+fn radius(body: &PreparedBody) -> f64 {
+    body.shape.disc_radius().expect("the engine takes only scenes whose bodies are discs")
+}
+
 impl GoalLanes {
-    fn new(condition: &Condition) -> GoalLanes {
+    fn new(condition: &Condition, prepared: &Prepared) -> GoalLanes {
         let none = V::all(0.0);
         let condition = match condition {
             Condition::Inside { body, .. } => ConditionLanes::Inside {
@@ -726,7 +780,9 @@ impl GoalLanes {
                     ConditionLanes::Discs { first, second, reach2: none }
                 }
                 [Party::Body(b), Party::Static(s)] | [Party::Static(s), Party::Body(b)] => {
-                    ConditionLanes::DiscStatic { body: b, fixed: s, tolerance: none }
+                    let of_it = pieces(prepared).enumerate().filter(|(_, (owner, _))| *owner == s);
+                    let fixed = of_it.map(|(piece, _)| piece).collect();
+                    ConditionLanes::DiscStatic { body: b, fixed, tolerance: none }
                 }
                 [Party::Static(_), Party::Static(_)] => ConditionLanes::Never,
             },
@@ -739,7 +795,7 @@ impl ConditionLanes {
     fn fill(&mut self, lane: usize, own: &Condition, prepared: &Prepared) {
         match (self, own) {
             (ConditionLanes::Discs { first, second, reach2 }, Condition::Contact { tolerance, .. }) => {
-                let radii = prepared.bodies[*first].shape.radius + prepared.bodies[*second].shape.radius;
+                let radii = radius(&prepared.bodies[*first]) + radius(&prepared.bodies[*second]);
                 reach2[lane] = (radii + tolerance) * (radii + tolerance);
             }
             (ConditionLanes::DiscStatic { tolerance, .. }, Condition::Contact { tolerance: own, .. }) => {
@@ -760,7 +816,7 @@ impl ConditionLanes {
 /// Chipmunk's slop of 0.1 m is made for bodies of ordinary size. Smaller bodies get less, falling with the
 /// square of the size, so that a ball of 4 cm sinks in by half a millimetre and not by its whole radius.
 fn slop(prepared: &Prepared) -> f64 {
-    let smallest = prepared.bodies.iter().map(|b| 2.0 * b.shape.radius).fold(f64::INFINITY, f64::min);
+    let smallest = prepared.bodies.iter().map(|b| 2.0 * radius(b)).fold(f64::INFINITY, f64::min);
     let share = (smallest / ORDINARY).min(1.0);
     SLOP * share * share
 }

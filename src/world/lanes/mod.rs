@@ -24,7 +24,7 @@ mod touch;
 mod tunnel;
 
 use super::goal::Condition;
-use super::prepare::{Prepared, PreparedShape};
+use super::prepare::Prepared;
 use crate::trajectory::Trajectory;
 pub use count::{Operations, operations};
 pub use level::Level;
@@ -53,16 +53,15 @@ pub fn run(feed: &mut dyn Feed, settings: Settings) {
 
 /// Whether this engine takes the scene: every movable body is a disc.
 pub fn takes(prepared: &Prepared) -> bool {
-    let disc = |points: &[[f64; 2]]| points.len() == 1 && points[0] == [0.0, 0.0];
-    prepared.bodies.iter().all(|b| disc(&b.shape.points))
+    prepared.bodies.iter().all(|b| b.shape.disc_radius().is_some())
 }
 
 /// What rollouts must have in common to share a batch.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Topology {
     bodies: usize,
-    /// Corners of each static; 0 for a halfspace.
-    statics: Vec<usize>,
+    /// Corners of each piece of each static, with the static's number; 0 for a half plane.
+    statics: Vec<(usize, usize)>,
     effects: Vec<&'static str>,
     /// Bits of the time step.
     time_step: u64,
@@ -75,14 +74,7 @@ impl Topology {
         let count = prepared.bodies.len();
         Topology {
             bodies: count,
-            statics: prepared
-                .statics
-                .iter()
-                .map(|s| match &s.shape {
-                    PreparedShape::Convex(c) => c.points.len(),
-                    PreparedShape::Halfspace { .. } => 0,
-                })
-                .collect(),
+            statics: batch::pieces(prepared).map(|(s, piece)| (s, piece.corners())).collect(),
             effects: prepared.effects.clone(),
             time_step: prepared.time_step.to_bits(),
             goal: prepared.goal.as_ref().map(|g| match &g.condition {
