@@ -13,7 +13,7 @@ trap 'rm -rf "$scenes"' EXIT
 count=${SCENES:-200}
 
 cargo build --quiet --release --bin iplw --example sampled_scenes
-cargo bench --quiet --no-run --bench engines --bench limits
+cargo bench --quiet --features levels --no-run --bench engines --bench limits
 for family in bowling basketball; do
     for damping in 1 0.8; do
         target/release/examples/sampled_scenes "$family" "$count" "$damping" > "$scenes/$family-$damping.jsonl"
@@ -22,12 +22,12 @@ done
 
 for family in bowling basketball; do
     {
-        cargo bench --quiet --bench engines -- "$scenes/$family-0.8.jsonl" $("$python" benches/levels.py) rapier
+        cargo bench --quiet --features levels --bench engines -- "$scenes/$family-0.8.jsonl" $("$python" benches/levels.py) rapier
         "$python" benches/pymunk_bench.py "$scenes/$family-0.8.jsonl"
     } | "$python" benches/table.py "$family"
 done
 
-cargo bench --quiet --bench limits -- "$scenes/bowling-0.8.jsonl" "${MOST:-100000}"
+cargo bench --quiet --features levels --bench limits -- "$scenes/bowling-0.8.jsonl" "${MOST:-100000}"
 # The newest build of the benchmark is the one just run.
 "$python" benches/profile.py "$(ls -t target/release/deps/engines-* | grep -v '\.d$' | head -n 1)" "$scenes/bowling-0.8.jsonl"
 

@@ -65,7 +65,7 @@ fn measure(name: &str, scenes: &[Scene]) {
 }
 
 fn level_named(name: &str) -> Level {
-    let level = Level::ALL.into_iter().find(|l| level_name(*l) == name).expect("a level's name");
+    let level = Level::ALL.iter().copied().find(|l| level_name(*l) == name).expect("a level's name");
     assert!(level.available(), "this machine lacks {name}");
     level
 }

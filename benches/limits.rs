@@ -1,5 +1,5 @@
 //! How far the batched engine is from what the machine can do:
-//! `cargo bench --bench limits -- [SCENES.jsonl [MOST]]`, MOST being the greatest number of rollouts whose memory is
+//! `cargo bench --features levels --bench limits -- [SCENES.jsonl [MOST]]`, MOST being the greatest number of rollouts whose memory is
 //! measured (100000).
 //!
 //! 1. Arithmetic: operations of a step, counted by running the kernel on a register that counts (`Level::Counted`; it
@@ -64,7 +64,7 @@ fn arithmetic(scenes: &[Scene]) {
         "reached",
         "with choices"
     );
-    for level in Level::ALL.into_iter().filter(|l| l.available() && *l != Level::Plain) {
+    for level in Level::ALL.iter().copied().filter(|l| l.available() && *l != Level::Plain) {
         let clock = Clock::start();
         let rate = pool.install(|| {
             let start = Instant::now();

@@ -26,7 +26,9 @@ use crate::task::Scene;
 use crate::task::scene::EffectTerm;
 use crate::trajectory::Trajectory;
 use lanes::Topology;
-pub use lanes::{Level, Operations, Settings, operations};
+pub use lanes::{Level, Settings};
+#[cfg(feature = "levels")]
+pub use lanes::{Operations, operations};
 pub use latent::Latents;
 use observe::View;
 pub use observe::observe;

@@ -660,7 +660,7 @@ fn lanes_with_effects_keep_to_themselves() {
             assert_eq!(ours, alone, "{what}: {:?}", scene.effects);
         }
     };
-    for level in Level::ALL.into_iter().filter(|l| l.available()) {
+    for level in Level::ALL.iter().copied().filter(|l| l.available()) {
         for end_at_rest in [true, false] {
             let settings = Settings { level, end_at_rest };
             let ours = simulate_map_set(settings, &rollouts, Engine::Lanes, |_, t| t).unwrap();

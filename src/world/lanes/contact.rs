@@ -5,8 +5,8 @@
 //! angle with the direction to the point), so one pass over the edges and one look at the two ends of the best
 //! edge find it: face, corner, or, for a point within the core, the way out that is shortest.
 
-use super::batch::{BodyLanes, Core, StaticLanes};
 use super::simd::{Mask, Register, V, Wide};
+use super::state::{BodyLanes, Core, StaticLanes};
 
 /// How far two things are apart (m, negative for overlap) and the unit normal: from the first disc to the
 /// second, or from the static to the disc.

@@ -4,8 +4,8 @@
 //! effect looks at it). If a step leaves all of them as they were, to the last bit, so does every step after it:
 //! the remaining observations are copies, the same contacts carry the same bodies, and a goal that holds is held.
 
-use super::batch::Batch;
 use super::simd::V;
+use super::state::State;
 use crate::world::effect::LANES;
 
 /// Steps between looks. Looking costs a few loads; finding rest late costs as many steps.
@@ -22,27 +22,26 @@ pub struct Snapshot {
 
 impl Snapshot {
     /// The state now, if any lane is slow enough to be worth it and no effect looks at the clock.
-    pub fn of(batch: &Batch) -> Option<Snapshot> {
+    pub fn of(state: &State, used: impl Fn(usize) -> bool) -> Option<Snapshot> {
         let slow = |l: usize| {
-            batch.bodies.iter().all(|b| {
+            state.bodies.iter().all(|b| {
                 b.moving.vx[l].abs() < SLOW && b.moving.vy[l].abs() < SLOW && b.moving.omega[l].abs() < SLOW
             })
         };
-        let worth = !batch.clocked && (0..LANES).any(|l| batch.is_used(l) && slow(l));
+        let worth = !state.clocked && (0..LANES).any(|l| used(l) && slow(l));
         worth.then(|| Snapshot {
-            columns: columns(batch).collect(),
-            rolling: batch.bodies.iter().map(|b| b.rolling).collect(),
-            born: batch.born,
+            columns: columns(state).collect(),
+            rolling: state.bodies.iter().map(|b| b.rolling).collect(),
+            born: state.born,
         })
     }
 
-    /// If the lane's state is still the same: how many bodies the last step found carried.
-    pub fn same(&self, batch: &Batch, lane: usize) -> Option<u32> {
-        let kept = batch.is_used(lane)
-            && self.born[lane] == batch.born[lane]
-            && self.columns.iter().zip(columns(batch)).all(|(a, b)| a[lane].to_bits() == b[lane].to_bits());
+    /// If the lane's rollout and state are still the same: how many bodies the last step found carried.
+    pub fn same(&self, state: &State, lane: usize) -> Option<u32> {
+        let kept = self.born[lane] == state.born[lane]
+            && self.columns.iter().zip(columns(state)).all(|(a, b)| a[lane].to_bits() == b[lane].to_bits());
         kept.then(|| {
-            batch
+            state
                 .bodies
                 .iter()
                 .zip(&self.rolling)
@@ -52,10 +51,10 @@ impl Snapshot {
     }
 }
 
-fn columns(batch: &Batch) -> impl Iterator<Item = V> + '_ {
-    let bodies = batch.bodies.iter().flat_map(|b| {
+fn columns(state: &State) -> impl Iterator<Item = V> + '_ {
+    let bodies = state.bodies.iter().flat_map(|b| {
         let m = &b.moving;
         [V(m.x), V(m.y), V(m.vx), V(m.vy), V(m.omega), b.angle, b.bias_x, b.bias_y]
     });
-    bodies.chain(batch.pairs.iter().flat_map(|p| [p.jn, p.jt]))
+    bodies.chain(state.pairs.iter().flat_map(|p| [p.jn, p.jt]))
 }

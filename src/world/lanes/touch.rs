@@ -1,24 +1,24 @@
 //! Laws of contact (effects of the form `Act::Contact`) in a batch, one lane at a time: scenes with such laws
 //! are few beside those without, and a scene without never comes here.
 
-use super::batch::{Batch, BodyLanes, Pair, TermLanes};
+use super::state::{BodyLanes, Pair, State, TermLanes};
 use crate::world::effect::{Answer, LANES, Meeting, Touch, rolled_off};
 
 /// Asks the laws what every contact that pushes is to give back; called when contacts are found, and before
 /// effects and gravity act, as Chipmunk's bounce speed is taken.
 #[cold]
-pub fn meet(batch: &mut Batch) {
-    let count = batch.bodies.len();
-    for index in &batch.active {
-        let pair = &mut batch.pairs[*index];
+pub fn meet(state: &mut State) {
+    let count = state.bodies.len();
+    for index in &state.active {
+        let pair = &mut state.pairs[*index];
         for lane in (0..LANES).filter(|l| pair.normal_mass[*l] > 0.0) {
-            let other = (pair.second < count).then(|| &batch.bodies[pair.second]);
-            let [normal, tangent] = relative(pair, lane, &batch.bodies[pair.first], other);
+            let other = (pair.second < count).then(|| &state.bodies[pair.second]);
+            let [normal, tangent] = relative(pair, lane, &state.bodies[pair.first], other);
             let begins = pair.jn[lane] == 0.0;
             let meeting = Meeting { approach: (-normal).max(0.0), slip: tangent, begins };
             let own = Answer { restitution: pair.restitution[lane], slip: 0.0 };
             let ask = |answer, law: &TermLanes<dyn Touch>| law.law.meet(&law.own(lane), meeting, answer);
-            let answer = batch.touches.iter().fold(own, ask);
+            let answer = state.touches.iter().fold(own, ask);
             pair.bounce[lane] = normal * answer.restitution;
             pair.slip[lane] = answer.slip;
             pair.unloaded[lane] = f64::from(u8::from(begins));
@@ -28,17 +28,17 @@ pub fn meet(batch: &mut Batch) {
 
 /// Slows the discs that roll on statics; called when contacts are resolved.
 #[cold]
-pub fn roll(batch: &mut Batch) {
-    let count = batch.bodies.len();
-    for index in &batch.active {
-        let pair = &batch.pairs[*index];
+pub fn roll(state: &mut State) {
+    let count = state.bodies.len();
+    for index in &state.active {
+        let pair = &state.pairs[*index];
         if pair.second < count {
             continue;
         }
-        let body = &mut batch.bodies[pair.first];
+        let body = &mut state.bodies[pair.first];
         for lane in (0..LANES).filter(|l| pair.jn[*l] > 0.0 && pair.unloaded[*l] == 0.0) {
             let load = pair.jn[lane] * body.inv_mass[lane];
-            let off: f64 = batch.touches.iter().map(|t| t.law.roll(&t.own(lane), load)).sum();
+            let off: f64 = state.touches.iter().map(|t| t.law.roll(&t.own(lane), load)).sum();
             if off > 0.0 {
                 let (nx, ny) = (pair.nx[lane], pair.ny[lane]);
                 let moving = &mut body.moving;

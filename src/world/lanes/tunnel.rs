@@ -5,7 +5,7 @@
 //! into a static, keeping its speed; the contact then treats it as any other. What is left of the step is lost to
 //! it, an error of at most one step's time, and only at such speeds. Discs may still pass through each other.
 
-use super::batch::{Batch, Core, EdgeLanes};
+use super::state::{Core, EdgeLanes, State};
 use crate::world::effect::LANES;
 
 /// Share of its radius that a disc may move in a step without being watched: the next contact then still finds
@@ -20,8 +20,8 @@ const DEEP: f64 = 0.25;
 
 /// Stops the discs that would pass into or through a static; called after positions have advanced.
 #[cold]
-pub fn stop_fast_discs(batch: &mut Batch) {
-    for body in batch.bodies.iter_mut().filter(|b| b.fast) {
+pub fn stop_fast_discs(state: &mut State) {
+    for body in state.bodies.iter_mut().filter(|b| b.fast) {
         for lane in 0..LANES {
             let way = [body.way_x[lane], body.way_y[lane]];
             if way[0].abs() + way[1].abs() <= WATCHED * body.radius[lane] || body.radius[lane] < 0.0 {
@@ -31,7 +31,7 @@ pub fn stop_fast_discs(batch: &mut Batch) {
             let from = [to[0] - way[0], to[1] - way[1]];
             let least = DEEP * body.radius[lane];
             let mut share = 1.0f64;
-            for fixed in &batch.statics {
+            for fixed in &state.statics {
                 let margin = STOPPED * (body.radius[lane] + fixed.radius[lane]);
                 let hit = match &fixed.core {
                     // Whatever passes into a half plane is found within it.

@@ -1,0 +1,227 @@
+//! Sequential impulses with warm starting over the contacts of a step: Chipmunk2D's `cpArbiterApplyImpulse`.
+//!
+//! Source: as `kernel`. For a disc the contact arm is parallel to the normal, so normal impulses do not turn it,
+//! effective masses are constants of the pair, and spin meets only the tangential part.
+//!
+//! Differences from the source:
+//! - A contact whose impulses would change by less than [`CONTENT`] of themselves is left as it is.
+//! - A sweep leaves out contacts that it cannot change: those whose last visit changed nothing and whose bodies
+//!   have not changed since. The result is the same to the last bit.
+
+use super::simd::{Register, Wide};
+use super::state::{BodyLanes, Pair, State};
+
+/// Sweeps over the contacts in a step: Chipmunk's default.
+const SWEEPS: u32 = 10;
+/// A contact whose impulses would change by less than this share of the normal impulse is content and left as it
+/// is: a thousand times what rounds off, so that a resting ball costs one visit and not ten.
+const CONTENT: f64 = 1e-12;
+
+/// Applies last step's impulses and sweeps over the contacts that push; `laws`: laws of contact are at work.
+#[inline(always)]
+pub fn solve<R: Register, const N: usize>(state: &mut State, laws: bool) {
+    warm_start::<R, N>(state);
+    match (state.any_bias, laws) {
+        (false, false) => sweep::<false, false, R, N>(state),
+        (true, false) => sweep::<true, false, R, N>(state),
+        (false, true) => sweep::<false, true, R, N>(state),
+        (true, true) => sweep::<true, true, R, N>(state),
+    }
+}
+
+/// Applies the impulses of the last step.
+#[inline(always)]
+fn warm_start<R: Register, const N: usize>(state: &mut State) {
+    let count = state.bodies.len();
+    for index in &state.active {
+        let pair = &state.pairs[*index];
+        let impulse = Impulse::<R, N>::of(pair, Wide::load(&pair.jn), Wide::load(&pair.jt));
+        if pair.second < count {
+            let (a, b) = two(&mut state.bodies, pair.first, pair.second);
+            impulse.pull(a);
+            impulse.push(b);
+        } else {
+            impulse.push(&mut state.bodies[pair.first]);
+        }
+    }
+}
+
+/// Sequential impulses; without `BIAS` no pair is deeper than the slop and the bias part is left out, without
+/// `SLIP` friction drives at rest.
+#[inline(always)]
+fn sweep<const BIAS: bool, const SLIP: bool, R: Register, const N: usize>(state: &mut State) {
+    let count = state.bodies.len();
+    state.versions.fill(0);
+    for _ in 0..SWEEPS {
+        let mut changed = false;
+        for index in &state.active {
+            let pair = &mut state.pairs[*index];
+            let other = if pair.second < count { pair.second } else { pair.first };
+            let versions = [state.versions[pair.first], state.versions[other]];
+            if pair.seen == versions {
+                continue;
+            }
+            let moved = if pair.second < count {
+                let (a, b) = two(&mut state.bodies, pair.first, pair.second);
+                visit_pair::<BIAS, SLIP, R, N>(pair, a, b)
+            } else {
+                visit_static::<BIAS, SLIP, R, N>(pair, &mut state.bodies[pair.first])
+            };
+            if moved {
+                changed = true;
+                state.versions[pair.first] += 1;
+                if other != pair.first {
+                    state.versions[other] += 1;
+                }
+            } else {
+                pair.seen = versions;
+            }
+        }
+        if !changed {
+            break;
+        }
+    }
+}
+
+/// One visit to a contact of two discs; whether it changed anything.
+#[inline(always)]
+fn visit_pair<const BIAS: bool, const SLIP: bool, R: Register, const N: usize>(
+    pair: &mut Pair,
+    a: &mut BodyLanes,
+    b: &mut BodyLanes,
+) -> bool {
+    let (nx, ny) = (Wide::<R, N>::load(&pair.nx), Wide::load(&pair.ny));
+    let vx = Wide::load(&b.moving.vx) - Wide::load(&a.moving.vx);
+    let vy = Wide::load(&b.moving.vy) - Wide::load(&a.moving.vy);
+    let rim = Wide::load(&b.radius) * Wide::load(&b.moving.omega)
+        + Wide::load(&a.radius) * Wide::load(&a.moving.omega);
+    let (impulse, mut moved) = resist::<SLIP, R, N>(pair, vx * nx + vy * ny, vy * nx - vx * ny - rim);
+    if let Some(impulse) = impulse {
+        impulse.pull(a);
+        impulse.push(b);
+    }
+    if BIAS {
+        let bx = Wide::load(&b.bias_x) - Wide::load(&a.bias_x);
+        let by = Wide::load(&b.bias_y) - Wide::load(&a.bias_y);
+        if let Some(d) = resist_bias(pair, bx * nx + by * ny) {
+            let (da, db) = (d * Wide::load(&a.inv_mass), d * Wide::load(&b.inv_mass));
+            (Wide::load(&a.bias_x) - nx * da).store(&mut a.bias_x);
+            (Wide::load(&a.bias_y) - ny * da).store(&mut a.bias_y);
+            (Wide::load(&b.bias_x) + nx * db).store(&mut b.bias_x);
+            (Wide::load(&b.bias_y) + ny * db).store(&mut b.bias_y);
+            moved = true;
+        }
+    }
+    moved
+}
+
+/// One visit to a contact of a disc with a static; whether it changed anything.
+#[inline(always)]
+fn visit_static<const BIAS: bool, const SLIP: bool, R: Register, const N: usize>(
+    pair: &mut Pair,
+    b: &mut BodyLanes,
+) -> bool {
+    let (nx, ny) = (Wide::<R, N>::load(&pair.nx), Wide::load(&pair.ny));
+    let (vx, vy) = (Wide::load(&b.moving.vx), Wide::load(&b.moving.vy));
+    let rim = Wide::load(&b.radius) * Wide::load(&b.moving.omega);
+    let (impulse, mut moved) = resist::<SLIP, R, N>(pair, vx * nx + vy * ny, vy * nx - vx * ny - rim);
+    if let Some(impulse) = impulse {
+        impulse.push(b);
+    }
+    if BIAS {
+        let (bx, by) = (Wide::load(&b.bias_x), Wide::load(&b.bias_y));
+        if let Some(d) = resist_bias(pair, bx * nx + by * ny) {
+            let db = d * Wide::load(&b.inv_mass);
+            (bx + nx * db).store(&mut b.bias_x);
+            (by + ny * db).store(&mut b.bias_y);
+            moved = true;
+        }
+    }
+    moved
+}
+
+/// Normal and tangential impulses against relative speeds (of the second against the first); `None` where the
+/// contact is content.
+#[inline(always)]
+fn resist<const SLIP: bool, R: Register, const N: usize>(
+    pair: &mut Pair,
+    normal: Wide<R, N>,
+    tangent: Wide<R, N>,
+) -> (Option<Impulse<R, N>>, bool) {
+    let none = Wide::all(0.0);
+    let (jn_old, jt_old) = (Wide::load(&pair.jn), Wide::load(&pair.jt));
+    let jn = (jn_old - (Wide::load(&pair.bounce) + normal) * Wide::load(&pair.normal_mass)).above(none);
+    let most = Wide::load(&pair.friction) * jn;
+    let tangent = if SLIP { tangent - Wide::load(&pair.slip) } else { tangent };
+    let jt = (jt_old - tangent * Wide::load(&pair.tangent_mass)).above(none - most).below(most);
+    let (dn, dt) = (jn - jn_old, jt - jt_old);
+    let content = Wide::all(CONTENT) * jn;
+    let moved = content.less(dn.size()).or(content.less(dt.size()));
+    if !moved.any() {
+        return (None, false);
+    }
+    let (jn, jt) = (moved.select(jn, jn_old), moved.select(jt, jt_old));
+    let (dn, dt) = (moved.select(dn, none), moved.select(dt, none));
+    jn.store(&mut pair.jn);
+    jt.store(&mut pair.jt);
+    (Some(Impulse::of(pair, dn, dt)), true)
+}
+
+/// The change of the bias impulse; `None` where the contact is content.
+#[inline(always)]
+fn resist_bias<R: Register, const N: usize>(pair: &mut Pair, speed: Wide<R, N>) -> Option<Wide<R, N>> {
+    let old = Wide::load(&pair.jb);
+    let new = (old + (Wide::load(&pair.bias) - speed) * Wide::load(&pair.normal_mass)).above(Wide::all(0.0));
+    let moved = (Wide::all(CONTENT) * new).less((new - old).size());
+    if !moved.any() {
+        return None;
+    }
+    moved.select(new, old).store(&mut pair.jb);
+    Some(moved.select(new - old, Wide::all(0.0)))
+}
+
+/// An impulse at a contact, N s.
+struct Impulse<R, const N: usize> {
+    x: Wide<R, N>,
+    y: Wide<R, N>,
+    tangential: Wide<R, N>,
+}
+
+impl<R: Register, const N: usize> Impulse<R, N> {
+    #[inline(always)]
+    fn of(pair: &Pair, normal: Wide<R, N>, tangential: Wide<R, N>) -> Self {
+        let (nx, ny) = (Wide::load(&pair.nx), Wide::load(&pair.ny));
+        Impulse { x: nx * normal - ny * tangential, y: ny * normal + nx * tangential, tangential }
+    }
+
+    /// Acts on the body that the normal points to.
+    #[inline(always)]
+    fn push(&self, b: &mut BodyLanes) {
+        let inv_mass = Wide::load(&b.inv_mass);
+        (Wide::load(&b.moving.vx) + self.x * inv_mass).store(&mut b.moving.vx);
+        (Wide::load(&b.moving.vy) + self.y * inv_mass).store(&mut b.moving.vy);
+        self.spin(b);
+    }
+
+    /// Acts in reverse on the body that the normal points away from.
+    #[inline(always)]
+    fn pull(&self, a: &mut BodyLanes) {
+        let inv_mass = Wide::load(&a.inv_mass);
+        (Wide::load(&a.moving.vx) - self.x * inv_mass).store(&mut a.moving.vx);
+        (Wide::load(&a.moving.vy) - self.y * inv_mass).store(&mut a.moving.vy);
+        self.spin(a);
+    }
+
+    /// Both discs are turned the same way: force and arm are reversed.
+    #[inline(always)]
+    fn spin(&self, body: &mut BodyLanes) {
+        let turned = Wide::load(&body.moving.omega) - self.tangential * Wide::load(&body.spin_per_impulse);
+        turned.store(&mut body.moving.omega);
+    }
+}
+
+#[inline(always)]
+fn two(bodies: &mut [BodyLanes], first: usize, second: usize) -> (&mut BodyLanes, &mut BodyLanes) {
+    let (head, tail) = bodies.split_at_mut(second);
+    (&mut head[first], &mut tail[0])
+}

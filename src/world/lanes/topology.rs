@@ -1,0 +1,40 @@
+//! Which rollouts may share a batch.
+
+use super::piece::pieces;
+use crate::world::goal::{Condition, Party};
+use crate::world::prepare::Prepared;
+
+/// What rollouts must have in common to share a batch.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Topology {
+    bodies: usize,
+    /// Corners of each piece of each static, with the static's number; 0 for a half plane.
+    statics: Vec<(usize, usize)>,
+    effects: Vec<&'static str>,
+    /// Bits of the time step.
+    time_step: u64,
+    goal: Option<(usize, usize, usize)>,
+}
+
+impl Topology {
+    /// The topology of a rollout.
+    pub fn of(prepared: &Prepared) -> Topology {
+        let count = prepared.bodies.len();
+        Topology {
+            bodies: count,
+            statics: pieces(prepared).map(|(s, piece)| (s, piece.corners())).collect(),
+            effects: prepared.effects.clone(),
+            time_step: prepared.time_step.to_bits(),
+            goal: prepared.goal.as_ref().map(|g| match &g.condition {
+                Condition::Inside { body, .. } => (0, *body, 0),
+                Condition::Contact { parties, .. } => {
+                    let [a, b] = parties.map(|p| match p {
+                        Party::Body(i) => i,
+                        Party::Static(i) => count + i,
+                    });
+                    (1, a, b)
+                }
+            }),
+        }
+    }
+}
