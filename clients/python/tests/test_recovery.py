@@ -84,16 +84,18 @@ def test_killed_in_the_middle_of_an_episode(tmp_path: Path, scheme: str) -> None
 @pytest.mark.parametrize("scheme", ["http", "tcp"])
 def test_killed_while_it_works(tmp_path: Path, scheme: str) -> None:
     server = Server(tmp_path)
-    killer = subprocess.Popen(["sh", "-c", f"sleep 0.5; kill -9 {server.process.pid}"])
+    killer = None
     try:
         with iplw.Client(server.url(scheme), timeout=20) as client:
             world = client.create_world("bowling", engine="rapier")
+            killer = subprocess.Popen(["sh", "-c", f"sleep 0.5; kill -9 {server.process.pid}"])
             start = time.monotonic()
             with pytest.raises(iplw.ServerUnavailable, match="broke during .*may or may not have happened"):
                 world.rollout(range(4096), task="bowling:002", batch=4096, stop=False)
             assert time.monotonic() - start < 20
     finally:
-        killer.wait()
+        if killer is not None:
+            killer.wait()
         server.kill()
 
 

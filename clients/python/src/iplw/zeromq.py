@@ -11,6 +11,7 @@ import itertools
 import os
 import threading
 import time
+import uuid
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
@@ -44,7 +45,6 @@ _ENDS = (
     | zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
     | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL
 )
-_MONITORS = itertools.count()
 
 
 class ZeroMq(Transport):
@@ -152,16 +152,21 @@ class _Line:
         # No queue for a server that is not there, and no second try behind our back.
         self._socket.setsockopt(zmq.IMMEDIATE, 1)
         self._socket.setsockopt(zmq.RECONNECT_IVL, -1)
-        # A name of its own: by default it is that of a file number, which closed sockets leave behind for others.
-        name = f"inproc://iplw.monitor.{next(_MONITORS)}"
-        self._monitor: zmq.Socket[bytes] = self._socket.get_monitor_socket(_BEGINS | _ENDS, name)
-        self._socket.connect(url)
+        self._url = url
 
     def established(self, patience: float) -> bool:
-        """Waits until the connection stands; False if it cannot be made."""
-        if not self._monitor.poll(round(1000 * patience)):
-            return False
-        return bool(recv_monitor_message(self._monitor)["event"] == _BEGINS)
+        """Connects; False if that cannot be."""
+        # A name of its own: by default it is that of a file number, which closed sockets leave behind for others.
+        monitor = self._socket.get_monitor_socket(_BEGINS | _ENDS, f"inproc://iplw.{uuid.uuid4().hex}")
+        try:
+            self._socket.connect(self._url)
+            if not monitor.poll(round(1000 * patience)):
+                return False
+            # Asking whether it is broken makes the socket take note of it, which sending alone does only now and then.
+            return recv_monitor_message(monitor)["event"] == _BEGINS and not self.broken()
+        finally:
+            self._socket.disable_monitor()
+            monitor.close(0)
 
     def send(self, message: list[Any]) -> None:
         """Sends a message; a connection that does not take it at once has ended."""
@@ -172,9 +177,8 @@ class _Line:
         return self._socket.recv_multipart()
 
     def broken(self) -> bool:
-        """Whether the connection has ended."""
-        # After the handshake the monitor only ever speaks of an end.
-        return bool(int(self._monitor.getsockopt(zmq.EVENTS)) & zmq.POLLIN)
+        """Whether the connection has ended: then there is nowhere to send to."""
+        return not int(self._socket.getsockopt(zmq.EVENTS)) & zmq.POLLOUT
 
     def abandon(self, number: int) -> None:
         """Tells the server that the answer is not waited for, as far as that goes at once."""
@@ -184,7 +188,4 @@ class _Line:
 
     def close(self, linger: float = 0.0) -> None:
         """Drops the connection."""
-        with suppress(zmq.ZMQError):
-            self._socket.disable_monitor()
-        self._monitor.close(0)
         self._socket.close(round(1000 * linger))
