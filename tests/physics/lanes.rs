@@ -384,7 +384,7 @@ fn mirror(scene: &Scene) -> Scene {
             }
             Shape::Segment(Segment { from, to, .. }) => (*from, *to) = (flip(*from), flip(*to)),
             Shape::Halfspace(Halfspace { normal, .. }) => *normal = flip(*normal),
-            Shape::Disc(_) | Shape::Box(_) => {}
+            symmetric => assert!(matches!(symmetric, Shape::Disc(_) | Shape::Box(_)), "{symmetric:?}"),
         }
     }
     out

@@ -26,7 +26,7 @@ use crate::error::{Error, Result};
 
 /// Makes of each row: its variant, its name in JSON (`type`), its sample, and the way to its [`Form`].
 macro_rules! shapes {
-    ($($name:literal $variant:ident($form:ident)),+ $(,)?) => {
+    ($($name:literal $variant:ident($form:ty)),+ $(,)?) => {
         /// A shape; lengths in m, frame of its owner.
         #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
         #[serde(tag = "type")]
@@ -44,10 +44,12 @@ macro_rules! shapes {
 
             /// One of each, of about a metre: what holds for every shape is tested on these.
             pub fn samples() -> Vec<Shape> {
-                vec![$(Shape::$variant($form::sample())),+]
+                vec![$(Shape::$variant(<$form>::sample())),+]
             }
+        }
 
-            fn form(&self) -> &dyn Form {
+        impl AsRef<dyn Form> for Shape {
+            fn as_ref(&self) -> &(dyn Form + 'static) {
                 match self {
                     $(Shape::$variant(form) => form),+
                 }
@@ -73,7 +75,7 @@ shapes! {
 impl Shape {
     /// What it is made of, owner's frame.
     pub fn solid(&self) -> Solid {
-        self.form().solid()
+        self.as_ref().solid()
     }
 
     /// Its pieces, owner's frame; `None` for what has no end, and never moves.
@@ -96,7 +98,7 @@ impl Shape {
 
     /// How its mass is spread.
     pub fn moments(&self) -> Moments {
-        self.form().moments()
+        self.as_ref().moments()
     }
 
     /// Checks every value; errors name the field below `shape`. What moves must be bounded.
@@ -108,7 +110,7 @@ impl Shape {
             let allowed = format!("{} or {last} for a movable body", others.join(", "));
             return Err(Error::input("shape.type", format!("{:?}", self.name()), allowed));
         }
-        self.form().validate(movable).map_err(|e| e.under("shape"))
+        self.as_ref().validate(movable).map_err(|e| e.under("shape"))
     }
 }
 
@@ -166,6 +168,7 @@ mod tests {
     fn what_has_no_end_does_not_move() {
         let ground: Shape = Halfspace::sample().into();
         let error = ground.validate(true).unwrap_err().to_string();
-        assert!(error.contains("disc, box, polygon or segment for a movable body"), "{error}");
+        assert!(error.contains("\"halfspace\"") && error.contains("disc, box, polygon"), "{error}");
+        assert!(error.ends_with("for a movable body"), "{error}");
     }
 }
