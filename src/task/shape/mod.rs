@@ -3,6 +3,7 @@
 //! Nothing else names a shape in order to find out what it is like: engines, goals, pictures, observations and
 //! policies ask for its [`Solid`], its bounds or its moments.
 
+mod compound;
 mod disc;
 mod form;
 mod halfspace;
@@ -12,6 +13,7 @@ mod segment;
 
 use serde::{Deserialize, Serialize};
 
+pub use compound::{Compound, Piece};
 pub use disc::Disc;
 use form::Form;
 pub use form::Moments;
@@ -70,6 +72,7 @@ shapes! {
     "polygon" Polygon(Polygon),
     "segment" Segment(Segment),
     "halfspace" Halfspace(Halfspace),
+    "compound" Compound(Compound<Shape>),
 }
 
 impl Shape {
