@@ -6,6 +6,8 @@
 VENV := .venv
 PYTHON := $(VENV)/bin/python
 CARGO := cargo
+# Tests run every way the batched kernel can be compiled; one feature set for all of them, so that nothing is built twice.
+LEVELS := --features levels
 
 .PHONY: run test test-rust test-python test-clients test-examples lint bench bench-wire bench-hold openapi tasks clean help
 
@@ -20,27 +22,27 @@ test: lint test-rust test-examples test-python test-clients
 
 lint:
 	$(CARGO) fmt --check
-	$(CARGO) clippy --locked --all-targets -- -D warnings
+	$(CARGO) clippy --locked $(LEVELS) --all-targets -- -D warnings
 
 test-rust:
-	$(CARGO) test --locked
+	$(CARGO) test --locked $(LEVELS)
 
 # Examples print results that can be checked by eye; here they must run.
 test-examples:
-	$(CARGO) build --locked --bin iplw --examples
-	$(CARGO) run --locked --example ground_and_roll
+	$(CARGO) build --locked $(LEVELS) --bin iplw --examples
+	$(CARGO) run --locked $(LEVELS) --example ground_and_roll
 	IPLW_BIN=target/debug/iplw bash examples/curl/smoke.sh
 	IPLW_BIN=target/debug/iplw bash examples/node/smoke.sh
 
 test-python: $(VENV)/.installed
-	$(CARGO) build --locked --bin iplw --examples
+	$(CARGO) build --locked $(LEVELS) --bin iplw --examples
 	cd clients/python && IPLW_BIN=$(CURDIR)/target/debug/iplw ../../$(PYTHON) -m pytest -q
 	cd clients/python && ../../$(PYTHON) -m mypy
 
 # (With the examples, as elsewhere: by itself the binary has other features of its dependencies and is built anew.)
 # Clients made from the OpenAPI document by others' generators, and the document held against the server.
 test-clients: $(VENV)/.generators clients/generated/node_modules/.installed
-	$(CARGO) build --locked --bin iplw --examples
+	$(CARGO) build --locked $(LEVELS) --bin iplw --examples
 	cd clients/generated && IPLW_BIN=$(CURDIR)/target/debug/iplw ../../$(PYTHON) -m pytest -q
 
 $(VENV)/.generators: clients/generated/requirements.txt $(VENV)/.installed
