@@ -29,7 +29,7 @@ pub fn run(args: &Args) -> Result<()> {
     }
     let mut text = String::new();
     for e in effects {
-        text += &format!("{} ({}): {}\n", e.name, e.acts_on, e.equation);
+        text += &format!("{} ({}): {}\n", e.name, e.acts_on().name(), e.equation);
         for p in e.parameters {
             let [low, high] = p.bounds;
             text += &format!("    {:<7} {:<6} from {low} to {high}; none at {}\n", p.name, p.unit, p.neutral);
@@ -41,7 +41,7 @@ pub fn run(args: &Args) -> Result<()> {
 fn describe(e: &Effect) -> Value {
     json!({
         "name": e.name,
-        "acts_on": e.acts_on,
+        "acts_on": e.acts_on().name(),
         "equation": e.equation,
         "parameters": e.parameters.iter().map(|p| json!({
             "name": p.name, "unit": p.unit, "bounds": p.bounds, "neutral": p.neutral,

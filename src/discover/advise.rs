@@ -16,6 +16,7 @@ use super::window::{Kind, Point, Window};
 use crate::error::Result;
 use crate::task::{Placement, Scene};
 use crate::trajectory::Trajectory;
+use crate::world::effect::{Effect, REGISTRY};
 use crate::world::{Rollout, simulate};
 
 /// Number of actions of a task that are compared.
@@ -84,8 +85,9 @@ fn fly(windows: &[Window], rivals: &[&Fitted], noise: &Noise) -> Option<NextExpe
             twins.extend([i, j]);
         }
     }
-    let shown = |name: &str| twins.iter().any(|i| rivals[*i].names().contains(&name));
-    let checks: Vec<&str> = CHECKS.iter().filter(|(name, _)| shown(name)).map(|(_, what)| *what).collect();
+    // Each once, in the registry's order.
+    let shown = |e: &&&Effect| twins.iter().any(|i| rivals[*i].names().contains(&e.name));
+    let checks: Vec<&str> = REGISTRY.iter().filter(shown).filter_map(|e| e.check).collect();
     let sets = rivals.iter().map(|f| label(f)).collect::<Vec<_>>().join(", ");
     let (mut actions, mut why, mut scene) = (Vec::new(), format!("{sets} tie"), None);
     if let Some((launch, least, clear)) = &found
@@ -268,14 +270,6 @@ fn parted(launch: &Launch, own: &Fitted, other: &Fitted, noise: &Noise) -> f64 {
     }
     left.max(0.0)
 }
-
-/// What tells effects apart that no flight tells apart, if one of them is among the rivals.
-const CHECKS: [(&str, &str); 4] = [
-    ("position_scale", "measure a known length in the picture"),
-    ("time_scale", "film a clock"),
-    ("camera_tilt", "hang a plumb line in the picture"),
-    ("lag", "film a clock beside the stamps"),
-];
 
 /// The launch that parts most of the pairs of rivals, and how far it parts the least parted of those.
 fn best_launch(

@@ -13,7 +13,7 @@ use super::search::{self, Judged};
 use super::stats::normal_above;
 use super::verdict::{SLIGHT, unexplained, verdict};
 use super::window::{Kind, Window};
-use super::{Config, Finding, advise, law, library};
+use super::{Config, Finding, advise, law};
 use crate::error::Result;
 use crate::reality::Trial;
 use crate::task::Scene;
@@ -205,7 +205,7 @@ fn law_terms(law: &Fitted, first: usize, settings: &[usize], unit: f64) -> Vec<L
         let axis = term.free.iter().position(|f| *f)?;
         values[axis] = value;
         Some(LawTerm {
-            term: library::at_clock(term.effect, &values, 0.0),
+            term: term.effect.at_clock(&values, 0.0),
             amplitude: term.effect.parameters[axis].name.into(),
             ci95: [end(value - half), end(value + half)],
         })
@@ -248,7 +248,7 @@ fn effects(f: &Fitted, count: usize, names: &[String], settings: &[usize], unit:
                 .collect();
             FoundEffect {
                 name: term.effect.name.into(),
-                acts_on: term.effect.acts_on.into(),
+                acts_on: term.effect.acts_on().name().into(),
                 p_value: f.p_values[t],
                 parameters,
             }

@@ -157,7 +157,7 @@ impl Layout {
                 let owners: Vec<Option<usize>> =
                     if term.per_setting { (0..settings).map(Some).collect() } else { vec![None] };
                 for setting in owners {
-                    let step = term.difference.unwrap_or_else(|| library::difference(term.effect, parameter));
+                    let step = term.difference.unwrap_or_else(|| parameter.step);
                     let bounds = library::bounds(term.effect, parameter);
                     slots.push(Slot { what: What::Parameter(t, p), setting, bounds, step });
                 }
@@ -183,7 +183,7 @@ impl Layout {
     /// Whether a slot only shapes its effect.
     pub fn shapes(&self, slot: usize) -> bool {
         match self.slots[slot].what {
-            What::Parameter(t, p) => library::shapes(&self.terms[t].effect.parameters[p]),
+            What::Parameter(t, p) => !self.terms[t].effect.parameters[p].is_amplitude(),
             What::Latent(_) => false,
         }
     }
@@ -214,7 +214,7 @@ impl Layout {
     /// Effects and latents for a setting, the clock shifted to a window's start.
     pub fn physics(&self, values: &[f64], setting: usize, clock: f64) -> (Vec<EffectTerm>, Latents) {
         let (numbers, latents) = self.numbers(values, setting);
-        let of = |(term, numbers): (&Term, &Vec<f64>)| library::at_clock(term.effect, numbers, clock);
+        let of = |(term, numbers): (&Term, &Vec<f64>)| term.effect.at_clock(numbers, clock);
         (self.terms.iter().zip(&numbers).map(of).collect(), latents)
     }
 
@@ -226,10 +226,7 @@ impl Layout {
     /// Whether a slot moves an edge in space, which a path feels only where it crosses it.
     pub fn edged(&self, slot: usize) -> bool {
         match self.slots[slot].what {
-            What::Parameter(t, p) => {
-                let effect = self.terms[t].effect;
-                effect.acts_on == "region" && library::shapes(&effect.parameters[p])
-            }
+            What::Parameter(t, p) => self.terms[t].effect.parameters[p].is_edge(),
             What::Latent(_) => false,
         }
     }
@@ -483,7 +480,7 @@ fn simulated(data: &Data, layout: &Layout, state: &State, extras: &[Extra]) -> R
         }
         for e in extras {
             let mut effects = effects.clone();
-            effects.push(library::at_clock(e.effect, &e.values, window.start));
+            effects.push(e.effect.at_clock(&e.values, window.start));
             jobs.push((*w, here, effects, latents));
         }
     }

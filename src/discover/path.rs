@@ -12,7 +12,7 @@
 use super::window::{Kind, Surface, Window};
 use crate::world::Latents;
 use crate::world::effect::{
-    Act, Answer, Constants, Effect, Meeting, Motion, Moving, Sensor, Shown, Surroundings, Touch,
+    Act, ActsOn, Answer, Constants, Effect, Meeting, Motion, Moving, Sensor, Shown, Surroundings, Touch,
 };
 
 /// s; accelerations are speeds gained in it. Small against every motion, large against rounding.
@@ -69,7 +69,7 @@ impl<'a> Physics<'a> {
                 // A start of its own takes up whatever a placement does.
                 Act::Action(_) => {}
             }
-            if effect.acts_on == "region" {
+            if effect.acts_on() == ActsOn::Region {
                 step = STEP[1];
             }
         }

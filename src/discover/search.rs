@@ -26,7 +26,7 @@ use super::{Config, Expected};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::task::Scene;
-use crate::world::effect::{Effect, Parameter};
+use crate::world::effect::{ActsOn, Effect, Parameter, REGISTRY};
 
 /// What the search brings home.
 pub struct Found<'a> {
@@ -111,18 +111,6 @@ const SIMPLE: usize = 3;
 const FEW: usize = 2;
 /// Difference of held-out losses below which effects are twins.
 const ALIKE: f64 = 0.05;
-/// Effects that hold another within them, for some values of their parameters or in a limit.
-const HOLDS: [(&str, &str); 8] = [
-    ("wind", "gravity_error"),
-    ("wind", "position_scale"),
-    ("wind", "time_scale"),
-    ("gust", "wind"),
-    ("position_field", "wind"),
-    ("moving_air", "quadratic_drag"),
-    ("moving_air", "wind"),
-    ("sticky_patch", "linear_drag"),
-];
-
 /// What a search goes by.
 #[derive(Clone, Copy)]
 pub struct Given<'a> {
@@ -141,8 +129,8 @@ pub fn search<'a>(
     config: &Config,
     progress: &dyn Progress,
 ) -> Result<Found<'a>> {
-    let span = library::span(data.windows);
-    let library = Library { candidates: library::candidates(scene, &span) };
+    let ground = library::ground(data.windows);
+    let library = Library { candidates: library::candidates(scene, &ground) };
     let Given { expected, noise, latents } = *given;
     let unit = noise.unit();
     let hunt = Hunt { data: &data, library: &library, latents, expected, unit, seed: config.seed };
@@ -388,7 +376,7 @@ impl Hunt<'_, '_> {
                 names.push(effect.name);
                 names.sort_unstable();
                 // A survey frames regions by itself.
-                let framed = effect.acts_on == "region" && window::leaping(self.data.windows);
+                let framed = effect.acts_on() == ActsOn::Region && window::leaping(self.data.windows);
                 let most = if framed { 1 } else { STARTS.min(terms.len()) };
                 let starts = lack.best.iter().filter(|b| b.0 == c).take(most);
                 let starts: Vec<_> = starts.collect();
@@ -463,7 +451,8 @@ impl Hunt<'_, '_> {
     fn simplify(&self, found: &mut Found, first: usize) -> Result<()> {
         let best: Vec<usize> = (first..found.fits.len()).filter(|i| found.lacks[*i].is_some()).collect();
         for i in best {
-            for (large, small) in HOLDS {
+            for (large, small) in REGISTRY.iter().flat_map(|e| e.holds.iter().map(move |h| (e.name, h.name)))
+            {
                 let own = &found.fits[i].layout.terms;
                 let candidate = self.library.candidates.iter().find(|c| c.0.name == small);
                 let (Some(at), Some(term)) =
@@ -631,7 +620,7 @@ impl Hunt<'_, '_> {
             let least = match own.set.len() > simplest.set.len() {
                 _ if holds(own, simplest) => 1.0 + more,
                 // Errors of several instruments that look like one push are less likely than the push; two pushes are not.
-                true if own.set.iter().any(|e| e.acts_on == "sensor") => more.max(0.5),
+                true if own.set.iter().any(|e| e.acts_on() == ActsOn::Sensor) => more.max(0.5),
                 true if more == 0.0 => -1.0,
                 true => more,
                 false => more - 1.0,
@@ -646,13 +635,13 @@ impl Hunt<'_, '_> {
 /// The directions of a term's amplitudes at some values.
 fn directions(term: &Term, values: &[f64]) -> Group {
     let parameters = term.effect.parameters;
-    let neutral = |p: usize| library::shapes(&parameters[p]);
+    let shapes = |p: usize| !parameters[p].is_amplitude();
     let extras = (0..parameters.len())
-        .filter(|p| !neutral(*p) && term.free[*p])
+        .filter(|p| !shapes(*p) && term.free[*p])
         .map(|p| {
             let own = |k: usize| match k {
-                _ if neutral(k) => values[k],
-                _ if k == p => parameters[k].neutral + library::difference(term.effect, &parameters[k]),
+                _ if shapes(k) => values[k],
+                _ if k == p => parameters[k].neutral + parameters[k].step,
                 _ => parameters[k].neutral,
             };
             Extra { effect: term.effect, values: (0..parameters.len()).map(own).collect() }
@@ -665,14 +654,14 @@ fn directions(term: &Term, values: &[f64]) -> Group {
 fn sized(term: &Term, sizes: &[f64]) -> Vec<f64> {
     let mut sizes = sizes.iter();
     let value = |(p, parameter): (usize, &Parameter)| {
-        if library::shapes(parameter) || !term.free[p] {
+        if !parameter.is_amplitude() || !term.free[p] {
             return term.start[p];
         }
         let size = sizes.next().copied().unwrap_or(0.0);
-        let value = parameter.neutral + size * library::difference(term.effect, parameter);
+        let value = parameter.neutral + size * parameter.step;
         let [low, high] = library::bounds(term.effect, parameter);
         // Off the bound, where nothing could be told.
-        let hair = 1e-3 * library::difference(term.effect, parameter);
+        let hair = 1e-3 * parameter.step;
         value.clamp(low, high).max(if low == parameter.neutral { low + hair } else { low })
     };
     term.effect.parameters.iter().enumerate().map(value).collect()
@@ -710,11 +699,8 @@ fn without(f: &Fitted, term: usize) -> Vec<&'static str> {
 
 /// Whether every effect of `small` is in `large` or held by another effect there.
 fn holds(large: &Fitted, small: &Fitted) -> bool {
-    let within = |name: &str| {
-        let held = |l: &&'static Effect| l.name == name || HOLDS.contains(&(l.name, name));
-        large.set.iter().any(held)
-    };
-    large.parameters() > small.parameters() && small.set.iter().all(|s| within(s.name))
+    let within = |small: &Effect| large.set.iter().any(|l| l.name == small.name || l.holds(small));
+    large.parameters() > small.parameters() && small.set.iter().all(|s| within(s))
 }
 
 /// The best single effects of few parameters among `order`, one of those that look exactly alike.

@@ -18,7 +18,7 @@ use super::model::{self, Data, Layout, Look, Slot, State, What};
 use super::window::{self, Kind};
 use crate::error::Result;
 use crate::rng;
-use crate::world::effect::Parameter;
+use crate::world::effect::{ActsOn, Parameter, Role, Shape};
 use crate::world::latent::FACTORS;
 
 /// Values tried in a round for each number searched for, and the fewest; the share of the best that the next round is
@@ -102,7 +102,7 @@ pub fn survey(data: &Data, layout: &Layout, start: &State, seed: u64) -> Result<
 fn places(data: &Data, layout: &Layout, start: &State) -> Result<[Vec<f64>; 2]> {
     let mut without = start.clone();
     for (i, value) in without.values.iter_mut().enumerate() {
-        if let Some(amplitude) = parameter(layout, i).filter(|p| !library::shapes(p)) {
+        if let Some(amplitude) = parameter(layout, i).filter(|p| p.is_amplitude()) {
             *value = amplitude.neutral;
         }
     }
@@ -136,18 +136,13 @@ fn framed(
             *near *= NARROW;
             continue;
         };
-        let (axis, share) = match parameter.name {
-            "x_min" => (0, margin),
-            "x_max" => (0, 1.0 - margin),
-            "y_min" => (1, margin),
-            "y_max" => (1, 1.0 - margin),
-            _ => {
-                // The way downhill from nothing leads to small amplitudes alone.
-                *near = MOST * library::usual(parameter.unit);
-                framed.values[i] = parameter.neutral + *near;
-                continue;
-            }
+        let Role::Shape(Shape::Edge { axis, end }) = parameter.role else {
+            // The way downhill from nothing leads to small amplitudes alone.
+            *near = MOST * parameter.size;
+            framed.values[i] = parameter.neutral + *near;
+            continue;
         };
+        let share = if end == 0 { margin } else { 1.0 - margin };
         framed.values[i] = at(axis, share);
         *near = 0.25 * (at(axis, 1.0) - at(axis, 0.0)) + 0.2;
     }
@@ -233,7 +228,7 @@ fn scan(
     widths: &[(f64, i32)],
 ) -> Result<State> {
     let mut best = lone(data, layout, start.values, leaps)?;
-    let amplitude = |i: &usize| parameter(layout, *i).is_some_and(|p| !library::shapes(p));
+    let amplitude = |i: &usize| parameter(layout, *i).is_some_and(Parameter::is_amplitude);
     let (first, then): (Vec<usize>, Vec<usize>) = (0..layout.slots.len()).partition(amplitude);
     for _ in 0..TURNS {
         let before = best.0;
@@ -256,7 +251,7 @@ fn scan(
 /// for each other along a valley across both, too narrow to be drawn, and no way of one of them alone leads along it.
 fn crossed(data: &Data, layout: &Layout, start: State, spread: &[f64], leaps: &[usize]) -> Result<State> {
     let contact = |i: &usize| match layout.slots[*i].what {
-        What::Parameter(t, _) => layout.terms[t].effect.acts_on == "contact",
+        What::Parameter(t, _) => layout.terms[t].effect.acts_on() == ActsOn::Contact,
         What::Latent(l) => FACTORS[l].name == "restitution",
     };
     let (latents, effects): (Vec<usize>, Vec<usize>) =
@@ -339,15 +334,16 @@ fn reach(data: &Data, layout: &Layout, state: &State, looks: &[Look]) -> Vec<f64
         let What::Parameter(t, p) = slot.what else { return WIDE * (high - low).min(USUAL) };
         let parameter = &layout.terms[t].effect.parameters[p];
         let told: f64 = looks.iter().map(|l| l.columns.column(i).norm_squared()).sum();
-        match (library::shapes(parameter), parameter.unit) {
-            (true, "m") => 0.25 * (x1 - x0).max(y1 - y0),
-            (true, "s") => 0.5 * state.values[i].abs(),
-            (true, "rad") => 1.5,
-            (true, _) => span.speed,
-            (false, unit) => {
-                let usual = library::usual(unit);
+        match parameter.role {
+            Role::Amplitude => {
+                let usual = parameter.size;
                 (left / told.max(1e-12)).sqrt().clamp(0.3 * usual, MOST * usual)
             }
+            Role::Shape(Shape::Place | Shape::Edge { .. }) => 0.25 * (x1 - x0).max(y1 - y0),
+            Role::Shape(Shape::Velocity) => span.speed,
+            Role::Shape(Shape::Period) => 0.5 * state.values[i].abs(),
+            Role::Shape(Shape::Phase) => 1.5,
+            Role::Shape(Shape::Power) => 1.0,
         }
     };
     layout.slots.iter().enumerate().map(of).collect()

@@ -16,8 +16,6 @@ const REMAINS_SURELY: f64 = 0.02;
 /// p below which slow residuals say that a set leaves something (it is ten times smaller than it says, since the trials
 /// that are furthest off are left out of account).
 const SLOW: f64 = 0.04;
-/// Effects that push against the velocity.
-const DRAGS: [&str; 3] = ["linear_drag", "quadratic_drag", "moving_air"];
 /// Excess below this share of the noise floor (mean square) is too small to speak of.
 pub const SLIGHT: f64 = 0.03;
 
@@ -41,7 +39,7 @@ pub fn verdict(found: &Found, judged: &Judged, windows: &[Window]) -> (Verdict, 
     if found.rivals.len() < 2 {
         return (Verdict::Named, format!("{names} explains the data to its noise floor"));
     }
-    let drags = |i: &usize| found.fits[*i].names().iter().any(|n| DRAGS.contains(n));
+    let drags = |i: &usize| found.fits[*i].set.iter().any(|e| e.opposes_motion);
     let against = match found.rivals.iter().all(drags) {
         true => "a force against the velocity, its law not identified: ",
         false => "",

@@ -10,15 +10,24 @@
 //! Differences from the source: about the scene's origin, not the picture's middle; what differs is a shift
 //! of everything.
 
-use super::{Act, Constants, Effect, Parameter, Sensor, Shown, Surroundings, constants};
+use super::{Act, Constants, Effect, Parameter, Search, Sensor, Shown, Surroundings, amplitude, constants};
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
     name: "camera_tilt",
-    acts_on: "sensor",
     equation: "seen = true turned by angle about the origin, counter-clockwise",
-    parameters: &[Parameter { name: "angle", unit: "rad", bounds: [-3.2, 3.2], neutral: 0.0 }],
+    parameters: &[Parameter {
+        name: "angle",
+        unit: "rad",
+        bounds: [-3.2, 3.2],
+        neutral: 0.0,
+        ..amplitude(0.1, 2e-3)
+    }],
     act: Act::Sensor(&CameraTilt),
+    holds: &[],
+    opposes_motion: false,
+    check: Some("hang a plumb line in the picture"),
+    search: Search::Downhill,
 };
 
 struct CameraTilt;

@@ -13,17 +13,26 @@
 //! Differences from the source: none. In a scene without gravity there is no direction, and no effect.
 
 use super::{
-    Act, Constants, Effect, LANES, MOST_PARAMETERS, Motion, Moving, MovingLanes, Parameter, Surroundings,
-    constants,
+    Act, Constants, Effect, LANES, MOST_PARAMETERS, Motion, Moving, MovingLanes, Parameter, Search,
+    Surroundings, amplitude, constants,
 };
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
     name: "gravity_error",
-    acts_on: "motion",
     equation: "a = dg g/|g|, g being the scene's gravity: dg > 0 pulls harder",
-    parameters: &[Parameter { name: "dg", unit: "m/s^2", bounds: [-100.0, 100.0], neutral: 0.0 }],
+    parameters: &[Parameter {
+        name: "dg",
+        unit: "m/s^2",
+        bounds: [-100.0, 100.0],
+        neutral: 0.0,
+        ..amplitude(1.0, 1e-2)
+    }],
     act: Act::Motion(&GravityError),
+    holds: &[],
+    opposes_motion: false,
+    check: None,
+    search: Search::Downhill,
 };
 
 struct GravityError;

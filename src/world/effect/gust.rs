@@ -13,21 +13,63 @@
 
 use std::f64::consts::PI;
 
-use super::{Act, Constants, Effect, Motion, Moving, Parameter, Surroundings, constants};
+use super::{
+    Act, Constants, Effect, Motion, Moving, Parameter, Search, Shape, Span, Surroundings, amplitude,
+    constants, shape, wind,
+};
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
     name: "gust",
-    acts_on: "motion",
     equation: "a = (ax, ay) sin(2 pi t / period + phase), t from the start of the rollout",
     parameters: &[
-        Parameter { name: "ax", unit: "m/s^2", bounds: [-100.0, 100.0], neutral: 0.0 },
-        Parameter { name: "ay", unit: "m/s^2", bounds: [-100.0, 100.0], neutral: 0.0 },
-        Parameter { name: "period", unit: "s", bounds: [1e-3, 1e6], neutral: 1.0 },
-        Parameter { name: "phase", unit: "rad", bounds: [-100.0, 100.0], neutral: 0.0 },
+        Parameter {
+            name: "ax",
+            unit: "m/s^2",
+            bounds: [-100.0, 100.0],
+            neutral: 0.0,
+            ..amplitude(1.0, 1e-2)
+        },
+        Parameter {
+            name: "ay",
+            unit: "m/s^2",
+            bounds: [-100.0, 100.0],
+            neutral: 0.0,
+            ..amplitude(1.0, 1e-2)
+        },
+        Parameter {
+            name: "period",
+            unit: "s",
+            bounds: [1e-3, 1e6],
+            neutral: 1.0,
+            ..shape(Shape::Period, 1.0, 1e-4)
+        },
+        Parameter {
+            name: "phase",
+            unit: "rad",
+            bounds: [-100.0, 100.0],
+            neutral: 0.0,
+            ..shape(Shape::Phase, 1.0, 2e-3)
+        },
     ],
     act: Act::Motion(&Gust),
+    holds: &[&wind::EFFECT],
+    opposes_motion: false,
+    check: None,
+    search: Search::From(starts),
 };
+
+/// Periods from a few observations to more than a trial, a quarter of each apart.
+fn starts(span: &Span) -> Vec<Vec<f64>> {
+    let mut out = Vec::new();
+    for share in [0.25, 0.4, 0.65, 1.0, 1.6, 2.5] {
+        let period = (share * span.duration).max(4.0 * span.interval);
+        for phase in [0.0, PI / 2.0] {
+            out.push(vec![0.01, 0.01, period, phase]);
+        }
+    }
+    out
+}
 
 struct Gust;
 

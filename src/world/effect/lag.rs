@@ -9,15 +9,24 @@
 //!
 //! Differences from the source: none. The record ends when the end of the rollout is seen.
 
-use super::{Act, Constants, Effect, Parameter, Sensor};
+use super::{Act, Constants, Effect, Parameter, Search, Sensor, amplitude};
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
     name: "lag",
-    acts_on: "sensor",
     equation: "seen at t = true at t - dt",
-    parameters: &[Parameter { name: "dt", unit: "s", bounds: [-10.0, 10.0], neutral: 0.0 }],
+    parameters: &[Parameter {
+        name: "dt",
+        unit: "s",
+        bounds: [-10.0, 10.0],
+        neutral: 0.0,
+        ..amplitude(0.1, 1e-4)
+    }],
     act: Act::Sensor(&Lag),
+    holds: &[],
+    opposes_motion: false,
+    check: Some("film a clock beside the stamps"),
+    search: Search::Downhill,
 };
 
 struct Lag;

@@ -13,17 +13,26 @@
 //! Differences from the source: `s` is a constant of the rollout and does not follow the simulated spin.
 
 use super::{
-    Act, Constants, Effect, LANES, MOST_PARAMETERS, Motion, Moving, MovingLanes, Parameter, Surroundings,
-    constants,
+    Act, Constants, Effect, LANES, MOST_PARAMETERS, Motion, Moving, MovingLanes, Parameter, Search,
+    Surroundings, amplitude, constants,
 };
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
     name: "lift",
-    acts_on: "motion",
     equation: "a = s v turned by +90 degrees = s (-vy, vx)",
-    parameters: &[Parameter { name: "s", unit: "1/s", bounds: [-100.0, 100.0], neutral: 0.0 }],
+    parameters: &[Parameter {
+        name: "s",
+        unit: "1/s",
+        bounds: [-100.0, 100.0],
+        neutral: 0.0,
+        ..amplitude(0.5, 2e-3)
+    }],
     act: Act::Motion(&Lift),
+    holds: &[],
+    opposes_motion: false,
+    check: None,
+    search: Search::Downhill,
 };
 
 struct Lift;

@@ -12,17 +12,26 @@
 //! Differences from the source: none.
 
 use super::{
-    Act, Constants, Effect, LANES, MOST_PARAMETERS, Motion, Moving, MovingLanes, Parameter, Surroundings,
-    constants,
+    Act, Constants, Effect, LANES, MOST_PARAMETERS, Motion, Moving, MovingLanes, Parameter, Search,
+    Surroundings, amplitude, constants,
 };
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
     name: "linear_drag",
-    acts_on: "motion",
     equation: "a = -c v, and the same for spin",
-    parameters: &[Parameter { name: "c", unit: "1/s", bounds: [0.0, 100.0], neutral: 0.0 }],
+    parameters: &[Parameter {
+        name: "c",
+        unit: "1/s",
+        bounds: [0.0, 100.0],
+        neutral: 0.0,
+        ..amplitude(0.5, 2e-3)
+    }],
     act: Act::Motion(&LinearDrag),
+    holds: &[],
+    opposes_motion: true,
+    check: None,
+    search: Search::Downhill,
 };
 
 struct LinearDrag;

@@ -11,16 +11,30 @@
 //! Differences from the source: powers are whole numbers from 0 to 4 (others are rounded). The unit of ax and ay is
 //! m/s^2 over that of the powers.
 
-use super::{Act, Constants, Effect, Motion, Moving, Parameter, Surroundings, constants};
+use super::{
+    Act, Constants, Effect, Motion, Moving, Parameter, Search, Shape, Surroundings, amplitude, constants,
+    shape,
+};
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
     name: "monomial",
-    acts_on: "motion",
     equation: "a = (ax, ay) x^px y^py vx^pvx vy^pvy |v|^pv, powers whole",
     parameters: &[
-        Parameter { name: "ax", unit: "m/s^2 over the powers' unit", bounds: [-1e3, 1e3], neutral: 0.0 },
-        Parameter { name: "ay", unit: "m/s^2 over the powers' unit", bounds: [-1e3, 1e3], neutral: 0.0 },
+        Parameter {
+            name: "ax",
+            unit: "m/s^2 over the powers' unit",
+            bounds: [-1e3, 1e3],
+            neutral: 0.0,
+            ..amplitude(0.1, 2e-3)
+        },
+        Parameter {
+            name: "ay",
+            unit: "m/s^2 over the powers' unit",
+            bounds: [-1e3, 1e3],
+            neutral: 0.0,
+            ..amplitude(0.1, 2e-3)
+        },
         power("px"),
         power("py"),
         power("pvx"),
@@ -28,10 +42,14 @@ pub static EFFECT: Effect = Effect {
         power("pv"),
     ],
     act: Act::Motion(&Monomial),
+    holds: &[],
+    opposes_motion: false,
+    check: None,
+    search: Search::Never,
 };
 
 const fn power(name: &'static str) -> Parameter {
-    Parameter { name, unit: "1", bounds: [0.0, 4.0], neutral: 0.0 }
+    Parameter { name, unit: "1", bounds: [0.0, 4.0], neutral: 0.0, ..shape(Shape::Power, 1.0, 2e-3) }
 }
 
 struct Monomial;

@@ -11,22 +11,43 @@
 //! Differences from the source: spin is left alone; with k = 0 nothing happens whatever the air does.
 
 use super::{
-    Act, Constants, Effect, LANES, MOST_PARAMETERS, Motion, Moving, MovingLanes, Parameter, Surroundings,
-    constants,
+    Act, Constants, Effect, LANES, MOST_PARAMETERS, Motion, Moving, MovingLanes, Parameter, Search, Shape,
+    Span, Surroundings, amplitude, constants, quadratic_drag, shape, wind,
 };
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
     name: "moving_air",
-    acts_on: "motion",
     equation: "a = -k |v - u| (v - u), u = (ux, uy)",
     parameters: &[
-        Parameter { name: "ux", unit: "m/s", bounds: [-100.0, 100.0], neutral: 0.0 },
-        Parameter { name: "uy", unit: "m/s", bounds: [-100.0, 100.0], neutral: 0.0 },
-        Parameter { name: "k", unit: "1/m", bounds: [0.0, 1000.0], neutral: 0.0 },
+        Parameter {
+            name: "ux",
+            unit: "m/s",
+            bounds: [-100.0, 100.0],
+            neutral: 0.0,
+            ..shape(Shape::Velocity, 1.0, 1e-2)
+        },
+        Parameter {
+            name: "uy",
+            unit: "m/s",
+            bounds: [-100.0, 100.0],
+            neutral: 0.0,
+            ..shape(Shape::Velocity, 1.0, 1e-2)
+        },
+        Parameter { name: "k", unit: "1/m", bounds: [0.0, 1000.0], neutral: 0.0, ..amplitude(0.03, 2e-3) },
     ],
     act: Act::Motion(&MovingAir),
+    holds: &[&quadratic_drag::EFFECT, &wind::EFFECT],
+    opposes_motion: true,
+    check: None,
+    search: Search::From(starts),
 };
+
+/// Air that moves either way at half the usual speed, with a drag that takes a fiftieth of it.
+fn starts(span: &Span) -> Vec<Vec<f64>> {
+    let (u, k) = (0.5 * span.speed, 0.02 / (span.speed * span.duration).max(1e-9));
+    vec![vec![u, 0.0, k], vec![-u, 0.0, k], vec![0.0, u, k], vec![0.0, -u, k]]
+}
 
 struct MovingAir;
 

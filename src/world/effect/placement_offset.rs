@@ -11,18 +11,21 @@
 //! Differences from the source: no rotation. Shifted are the bodies and statics whose x or y the scene's
 //! action sets; in a scene whose actions set no place, every movable body.
 
-use super::{Act, Constants, Effect, Parameter, Placing};
+use super::{Act, Constants, Effect, Parameter, Placing, Search, amplitude};
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
     name: "placement_offset",
-    acts_on: "action",
     equation: "placed position = asked position + (dx, dy)",
     parameters: &[
-        Parameter { name: "dx", unit: "m", bounds: [-10.0, 10.0], neutral: 0.0 },
-        Parameter { name: "dy", unit: "m", bounds: [-10.0, 10.0], neutral: 0.0 },
+        Parameter { name: "dx", unit: "m", bounds: [-10.0, 10.0], neutral: 0.0, ..amplitude(0.1, 2e-3) },
+        Parameter { name: "dy", unit: "m", bounds: [-10.0, 10.0], neutral: 0.0, ..amplitude(0.1, 2e-3) },
     ],
     act: Act::Action(&PlacementOffset),
+    holds: &[],
+    opposes_motion: false,
+    check: None,
+    search: Search::Downhill,
 };
 
 struct PlacementOffset;

@@ -15,23 +15,58 @@
 //! Differences from the source: axes along x and y only. Its parameters x0 and y0 are in m.
 
 use super::{
-    Act, Constants, Effect, LANES, MOST_PARAMETERS, Motion, Moving, MovingLanes, Parameter, Surroundings,
-    constants,
+    Act, Constants, Effect, LANES, MOST_PARAMETERS, Motion, Moving, MovingLanes, Parameter, Search, Shape,
+    Span, Surroundings, amplitude, constants, shape, wind,
 };
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
     name: "position_field",
-    acts_on: "motion",
     equation: "a = (kx (x0 - x), ky (y0 - y)): k > 0 attracts, k < 0 repels",
     parameters: &[
-        Parameter { name: "kx", unit: "1/s^2", bounds: [-1000.0, 1000.0], neutral: 0.0 },
-        Parameter { name: "ky", unit: "1/s^2", bounds: [-1000.0, 1000.0], neutral: 0.0 },
-        Parameter { name: "x0", unit: "m", bounds: [-1e5, 1e5], neutral: 0.0 },
-        Parameter { name: "y0", unit: "m", bounds: [-1e5, 1e5], neutral: 0.0 },
+        Parameter {
+            name: "kx",
+            unit: "1/s^2",
+            bounds: [-1000.0, 1000.0],
+            neutral: 0.0,
+            ..amplitude(0.1, 2e-3)
+        },
+        Parameter {
+            name: "ky",
+            unit: "1/s^2",
+            bounds: [-1000.0, 1000.0],
+            neutral: 0.0,
+            ..amplitude(0.1, 2e-3)
+        },
+        Parameter {
+            name: "x0",
+            unit: "m",
+            bounds: [-1e5, 1e5],
+            neutral: 0.0,
+            ..shape(Shape::Place, 10.0, 2e-3)
+        },
+        Parameter {
+            name: "y0",
+            unit: "m",
+            bounds: [-1e5, 1e5],
+            neutral: 0.0,
+            ..shape(Shape::Place, 10.0, 2e-3)
+        },
     ],
     act: Act::Motion(&PositionField),
+    holds: &[&wind::EFFECT],
+    opposes_motion: false,
+    check: None,
+    search: Search::From(starts),
 };
+
+/// About the middle of what was seen, and its corners.
+fn starts(span: &Span) -> Vec<Vec<f64>> {
+    let [x0, y0, x1, y1] = span.area;
+    let (width, height) = (x1 - x0, y1 - y0);
+    let at = |[x, y]: [f64; 2]| vec![1e-2, 1e-2, x0 + x * width, y0 + y * height];
+    [[0.5, 0.5], [0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]].map(at).to_vec()
+}
 
 struct PositionField;
 

@@ -11,15 +11,24 @@
 //! Differences from the source: about the scene's origin, not the picture's middle; what differs is a shift
 //! of everything.
 
-use super::{Act, Constants, Effect, Parameter, Sensor, Shown};
+use super::{Act, Constants, Effect, Parameter, Search, Sensor, Shown, amplitude};
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
     name: "position_scale",
-    acts_on: "sensor",
     equation: "seen position = s * true position; velocities likewise",
-    parameters: &[Parameter { name: "s", unit: "1", bounds: [0.1, 10.0], neutral: 1.0 }],
+    parameters: &[Parameter {
+        name: "s",
+        unit: "1",
+        bounds: [0.1, 10.0],
+        neutral: 1.0,
+        ..amplitude(0.1, 2e-3)
+    }],
     act: Act::Sensor(&PositionScale),
+    holds: &[],
+    opposes_motion: false,
+    check: Some("measure a known length in the picture"),
+    search: Search::Downhill,
 };
 
 struct PositionScale;

@@ -13,17 +13,26 @@
 //! Differences from the source: spin is left alone.
 
 use super::{
-    Act, Constants, Effect, LANES, MOST_PARAMETERS, Motion, Moving, MovingLanes, Parameter, Surroundings,
-    constants,
+    Act, Constants, Effect, LANES, MOST_PARAMETERS, Motion, Moving, MovingLanes, Parameter, Search,
+    Surroundings, amplitude, constants,
 };
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
     name: "quadratic_drag",
-    acts_on: "motion",
     equation: "a = -k |v| v",
-    parameters: &[Parameter { name: "k", unit: "1/m", bounds: [0.0, 1000.0], neutral: 0.0 }],
+    parameters: &[Parameter {
+        name: "k",
+        unit: "1/m",
+        bounds: [0.0, 1000.0],
+        neutral: 0.0,
+        ..amplitude(0.03, 2e-3)
+    }],
     act: Act::Motion(&QuadraticDrag),
+    holds: &[],
+    opposes_motion: true,
+    check: None,
+    search: Search::Downhill,
 };
 
 struct QuadraticDrag;

@@ -13,15 +13,24 @@
 //!
 //! Differences from the source: linear in the speed. e0 is the product of both surfaces' coefficients.
 
-use super::{Act, Answer, Constants, Effect, Meeting, Parameter, Touch};
+use super::{Act, Answer, Constants, Effect, Meeting, Parameter, Search, Touch, amplitude};
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
     name: "restitution_speed",
-    acts_on: "contact",
     equation: "e = e0 - slope * impact speed, within [0, 1]",
-    parameters: &[Parameter { name: "slope", unit: "s/m", bounds: [-10.0, 10.0], neutral: 0.0 }],
+    parameters: &[Parameter {
+        name: "slope",
+        unit: "s/m",
+        bounds: [-10.0, 10.0],
+        neutral: 0.0,
+        ..amplitude(0.03, 2e-3)
+    }],
     act: Act::Contact(&RestitutionSpeed),
+    holds: &[],
+    opposes_motion: false,
+    check: None,
+    search: Search::Downhill,
 };
 
 struct RestitutionSpeed;

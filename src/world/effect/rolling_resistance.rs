@@ -16,15 +16,24 @@
 //! R alone would slow a rolling disc, with its spin, by crr' g / (1 + I / (m R^2)) = 2/3 crr' g. Impacts do
 //! not count as load, nor do contacts between two movable bodies; bodies that are not discs do not roll.
 
-use super::{Act, Constants, Effect, Parameter, Touch};
+use super::{Act, Constants, Effect, Parameter, Search, Touch, amplitude};
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
     name: "rolling_resistance",
-    acts_on: "contact",
     equation: "a = -crr N/m against the rolling: crr g on level ground",
-    parameters: &[Parameter { name: "crr", unit: "1", bounds: [0.0, 10.0], neutral: 0.0 }],
+    parameters: &[Parameter {
+        name: "crr",
+        unit: "1",
+        bounds: [0.0, 10.0],
+        neutral: 0.0,
+        ..amplitude(0.1, 2e-3)
+    }],
     act: Act::Contact(&RollingResistance),
+    holds: &[],
+    opposes_motion: false,
+    check: None,
+    search: Search::Downhill,
 };
 
 struct RollingResistance;

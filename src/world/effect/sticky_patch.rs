@@ -13,24 +13,51 @@
 //! telling them apart.
 
 use super::{
-    Act, Constants, Effect, LANES, MOST_PARAMETERS, Motion, Moving, MovingLanes, Parameter, Surroundings,
-    constants,
+    Act, Constants, Effect, LANES, MOST_PARAMETERS, Motion, Moving, MovingLanes, Parameter, Search, Span,
+    Surroundings, amplitude, constants, edge, linear_drag,
 };
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
     name: "sticky_patch",
-    acts_on: "region",
     equation: "a = -c v, and the same for spin, where x_min <= x <= x_max and y_min <= y <= y_max",
     parameters: &[
-        Parameter { name: "x_min", unit: "m", bounds: [-1e5, 1e5], neutral: 0.0 },
-        Parameter { name: "x_max", unit: "m", bounds: [-1e5, 1e5], neutral: 0.0 },
-        Parameter { name: "y_min", unit: "m", bounds: [-1e5, 1e5], neutral: 0.0 },
-        Parameter { name: "y_max", unit: "m", bounds: [-1e5, 1e5], neutral: 0.0 },
-        Parameter { name: "c", unit: "1/s", bounds: [0.0, 100.0], neutral: 0.0 },
+        Parameter { name: "x_min", unit: "m", bounds: [-1e5, 1e5], neutral: 0.0, ..edge(0, 0, 10.0, 0.03) },
+        Parameter { name: "x_max", unit: "m", bounds: [-1e5, 1e5], neutral: 0.0, ..edge(0, 1, 10.0, 0.03) },
+        Parameter { name: "y_min", unit: "m", bounds: [-1e5, 1e5], neutral: 0.0, ..edge(1, 0, 10.0, 0.03) },
+        Parameter { name: "y_max", unit: "m", bounds: [-1e5, 1e5], neutral: 0.0, ..edge(1, 1, 10.0, 0.03) },
+        Parameter { name: "c", unit: "1/s", bounds: [0.0, 100.0], neutral: 0.0, ..amplitude(0.5, 2e-3) },
     ],
     act: Act::Motion(&StickyPatch),
+    holds: &[&linear_drag::EFFECT],
+    opposes_motion: false,
+    check: None,
+    search: Search::From(starts),
 };
+
+/// Stretches of the way at any height, and on the floor, where the data reach down to it; then heights all along.
+fn starts(span: &Span) -> Vec<Vec<f64>> {
+    const CUTS: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
+    const SLIGHT: f64 = 0.05;
+    let [x0, y0, x1, y1] = span.area;
+    let (width, height) = (x1 - x0, y1 - y0);
+    let (cut, margin) = (|i: usize| x0 + CUTS[i] * width, height.max(0.1));
+    let mut out = Vec::new();
+    for i in 0..CUTS.len() {
+        for j in i + 1..CUTS.len() {
+            if (i, j) != (0, 4) {
+                out.push(vec![cut(i), cut(j), y0 - margin, y1 + margin, SLIGHT]);
+            }
+        }
+    }
+    for (i, j) in [(0, 2), (1, 3), (2, 4)] {
+        out.push(vec![cut(i), cut(j), y0 - margin, y0 + 0.3 * height, SLIGHT]);
+    }
+    for (low, high) in [(-0.5, 0.33), (-0.5, 0.6), (0.4, 1.5)] {
+        out.push(vec![x0 - width, x1 + width, y0 + low * height, y0 + high * height, SLIGHT]);
+    }
+    out
+}
 
 struct StickyPatch;
 

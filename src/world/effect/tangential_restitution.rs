@@ -17,15 +17,24 @@
 //! impulse, in `rapier` the smaller share of it that its solver lets friction have in an impact (under a
 //! half, in a test of ours).
 
-use super::{Act, Answer, Constants, Effect, Meeting, Parameter, Touch};
+use super::{Act, Answer, Constants, Effect, Meeting, Parameter, Search, Touch, amplitude};
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
     name: "tangential_restitution",
-    acts_on: "contact",
     equation: "slip after an impact = -et * slip before, within friction",
-    parameters: &[Parameter { name: "et", unit: "1", bounds: [-1.0, 1.0], neutral: 0.0 }],
+    parameters: &[Parameter {
+        name: "et",
+        unit: "1",
+        bounds: [-1.0, 1.0],
+        neutral: 0.0,
+        ..amplitude(0.1, 2e-3)
+    }],
     act: Act::Contact(&TangentialRestitution),
+    holds: &[],
+    opposes_motion: false,
+    check: None,
+    search: Search::Downhill,
 };
 
 struct TangentialRestitution;

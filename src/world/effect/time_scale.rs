@@ -9,15 +9,24 @@
 //!
 //! Differences from the source: none. The record ends when the end of the rollout is seen.
 
-use super::{Act, Constants, Effect, Parameter, Sensor, Shown};
+use super::{Act, Constants, Effect, Parameter, Search, Sensor, Shown, amplitude};
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
     name: "time_scale",
-    acts_on: "sensor",
     equation: "seen at t = true at t / s: the clock runs s times",
-    parameters: &[Parameter { name: "s", unit: "1", bounds: [0.1, 10.0], neutral: 1.0 }],
+    parameters: &[Parameter {
+        name: "s",
+        unit: "1",
+        bounds: [0.1, 10.0],
+        neutral: 1.0,
+        ..amplitude(0.1, 2e-3)
+    }],
     act: Act::Sensor(&TimeScale),
+    holds: &[],
+    opposes_motion: false,
+    check: Some("film a clock"),
+    search: Search::Downhill,
 };
 
 struct TimeScale;

@@ -12,20 +12,35 @@
 //! Differences from the source: independent of shape and mass.
 
 use super::{
-    Act, Constants, Effect, LANES, MOST_PARAMETERS, Motion, Moving, MovingLanes, Parameter, Surroundings,
-    constants,
+    Act, Constants, Effect, LANES, MOST_PARAMETERS, Motion, Moving, MovingLanes, Parameter, Search,
+    Surroundings, amplitude, constants, gravity_error, position_scale, time_scale,
 };
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
     name: "wind",
-    acts_on: "motion",
     equation: "a = (ax, ay)",
     parameters: &[
-        Parameter { name: "ax", unit: "m/s^2", bounds: [-100.0, 100.0], neutral: 0.0 },
-        Parameter { name: "ay", unit: "m/s^2", bounds: [-100.0, 100.0], neutral: 0.0 },
+        Parameter {
+            name: "ax",
+            unit: "m/s^2",
+            bounds: [-100.0, 100.0],
+            neutral: 0.0,
+            ..amplitude(1.0, 1e-2)
+        },
+        Parameter {
+            name: "ay",
+            unit: "m/s^2",
+            bounds: [-100.0, 100.0],
+            neutral: 0.0,
+            ..amplitude(1.0, 1e-2)
+        },
     ],
     act: Act::Motion(&Wind),
+    holds: &[&gravity_error::EFFECT, &position_scale::EFFECT, &time_scale::EFFECT],
+    opposes_motion: false,
+    check: None,
+    search: Search::Downhill,
 };
 
 struct Wind;
