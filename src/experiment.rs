@@ -93,17 +93,17 @@ pub fn refit(trials: &[Trial], config: &EstimateConfig, progress: &dyn Progress)
     let mut before = None;
     for round in 0..config.rounds {
         let staged = Staged { inner: progress, round, rounds: config.rounds };
-        let fitted = fit_round(&mut cem, before, trials, config, round, &staged)?;
+        let fitted = fit_round(&mut cem, before.as_ref(), trials, config, round, &staged)?;
         residuals.push(fitted.residual);
         rollouts += fitted.rollouts;
         before = fitted.refined;
-        estimates.push(before.unwrap_or_else(|| cem.estimate()));
+        estimates.push(before.clone().unwrap_or_else(|| cem.estimate()));
     }
     let estimate = before.unwrap_or_else(|| cem.estimate());
     let choices = Vec::new();
     let found =
         Found { residuals, estimates, choices, rollouts, real_interactions: 0, stopped: Stopped::Rounds };
-    report_on(estimate, cem.deviations(), trials, config, found, progress)
+    report_on(&estimate, &cem.deviations(), trials, config, found, progress)
 }
 
 /// `count` trials of random placeable actions over `tasks`, in a seed's order.

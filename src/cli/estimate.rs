@@ -5,13 +5,13 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use iplw::error::{Error, Result};
-use iplw::experiment::quickstart::DRAG_PRIOR;
 use iplw::experiment::surface;
 use iplw::experiment::{EstimateConfig, EstimateReport, Memory, ResidualKind, Sense, estimate_with};
 use iplw::explore::{Importance, strategy};
 use iplw::reality::{HiddenWorld, standard};
 use iplw::task::{Family, Split, split};
-use iplw::world::Engine;
+use iplw::world::effect::DRAG;
+use iplw::world::{EffectParameter, Engine};
 
 use super::{output, parse, tasks_named};
 
@@ -57,7 +57,11 @@ pub struct Args {
     /// What is known of a latent beforehand, `restitution>0.5` or `friction<floor`; may be given several times.
     #[arg(long)]
     sense: Vec<String>,
-    /// Give the simulation linear drag and fit its coefficient along.
+    /// Give the simulation an effect and fit a parameter of it along, `quadratic_drag.k`; may be given several times.
+    /// `iplw effects` lists them.
+    #[arg(long)]
+    fit: Vec<String>,
+    /// Short for `--fit linear_drag.c`.
     #[arg(long)]
     fit_drag: bool,
     /// Simulate every sample to the end, to see what dropping hopeless ones saves.
@@ -95,7 +99,10 @@ pub fn run(args: &Args) -> Result<()> {
         Some(other) => return Err(Error::input("--memory", format!("{other:?}"), "all or last_round")),
     };
     if args.fit_drag {
-        config.cem.drag = Some(DRAG_PRIOR);
+        config.cem.fit_along(DRAG);
+    }
+    for name in &args.fit {
+        config.cem.fit_along(EffectParameter::parse(name)?);
     }
     config.residual = ResidualKind::from_name(&args.residual)?;
     config.senses = args.sense.iter().map(|s| Sense::parse(s)).collect::<Result<_>>()?;

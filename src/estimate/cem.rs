@@ -9,16 +9,15 @@
 //!   too soon when parameters trade off, and takes several iterations for each round of measurements.
 //! - The covariance keeps a floor, so that a later round with other trials can still move the estimate.
 
-use nalgebra::{Matrix4, Vector4};
+use nalgebra::{DMatrix, DVector};
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result, within};
 use crate::rng::Stream;
+use crate::world::effect::DRAG;
 use crate::world::latent::FACTORS;
-
-/// One point of the search: density (kg/m^2), friction, restitution, and c of `linear_drag` (1/s).
-pub type Sample = [f64; 4];
+use crate::world::{Coordinates, EffectParameter, Sample};
 
 /// Knobs of the method.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -34,10 +33,13 @@ pub struct CemConfig {
     pub smoothing: f64,
     /// Mean and standard deviation of density, friction and restitution to start from.
     pub prior: [(f64, f64); 3],
-    /// Mean and standard deviation of the coefficient c (1/s) of an effect `linear_drag` that the simulation is
-    /// given and that is fitted along; `None` leaves the simulation without.
+    /// Mean and standard deviation of the coefficient of linear drag (1/s) where it is fitted along; `None` leaves
+    /// the simulation without.
     #[serde(default)]
     pub drag: Option<(f64, f64)>,
+    /// Other parameters of effects that are fitted along.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub fit: Vec<Along>,
     /// Standard deviations never shrink below this share of the prior's.
     pub floor: f64,
     /// Least and greatest density, friction and restitution to be considered; `None` leaves the factors' bounds.
@@ -46,24 +48,35 @@ pub struct CemConfig {
     pub limits: Option<[[f64; 2]; 3]>,
 }
 
+/// A parameter of an effect that is fitted along with the latents.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Along {
+    /// `quadratic_drag.k`, say.
+    pub parameter: EffectParameter,
+    /// Where the search for it starts, and how wide.
+    pub mean: f64,
+    pub sd: f64,
+}
+
 /// Most times a sample beyond a limit is drawn again. With half of the distribution beyond, all but one in 10^9 get in.
 const REDRAWN: usize = 30;
 
 /// Where a search stands, as plain data: [`Cem::at`] takes it up again to the bit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct State {
-    /// Mean of every component.
+    /// Mean of every coordinate.
     pub mean: Sample,
     /// Covariance, by rows.
-    pub covariance: [Sample; 4],
+    pub covariance: Vec<Sample>,
 }
 
 /// The state of the search.
 #[derive(Clone, Debug)]
 pub struct Cem {
     config: CemConfig,
-    mean: Vector4<f64>,
-    covariance: Matrix4<f64>,
+    mean: DVector<f64>,
+    covariance: DMatrix<f64>,
 }
 
 impl CemConfig {
@@ -76,6 +89,7 @@ impl CemConfig {
             smoothing: 0.0,
             prior,
             drag: None,
+            fit: Vec::new(),
             floor: 0.0,
             limits: None,
         }
@@ -90,21 +104,48 @@ impl CemConfig {
             smoothing: 0.3,
             prior,
             drag: None,
+            fit: Vec::new(),
             floor: 0.02,
             limits: None,
         }
     }
 
-    /// Where the search starts: mean and standard deviation of every component; (0, 0) for one left out.
-    pub fn start(&self) -> [(f64, f64); 4] {
-        let [density, friction, restitution] = self.prior;
-        [density, friction, restitution, self.drag.unwrap_or((0.0, 0.0))]
+    /// Fits a parameter along, from what is weakly believed of it.
+    pub fn fit_along(&mut self, parameter: EffectParameter) {
+        let (mean, sd) = parameter.parameter().prior();
+        if parameter == DRAG {
+            self.drag = Some((mean, sd));
+        } else {
+            self.fit.push(Along { parameter, mean, sd });
+        }
     }
 
-    /// Least and greatest value of every component.
-    pub fn limits(&self) -> [[f64; 2]; 4] {
+    /// The parameters that are fitted along.
+    pub fn fitted(&self) -> Vec<EffectParameter> {
+        self.drag.map(|_| DRAG).into_iter().chain(self.fit.iter().map(|a| a.parameter)).collect()
+    }
+
+    /// What the numbers of a sample are.
+    pub fn coordinates(&self) -> Coordinates {
+        Coordinates::new(&self.fitted())
+    }
+
+    /// Where the search starts: mean and standard deviation of every coordinate; (0, 0) for one that is held.
+    pub fn start(&self) -> Vec<(f64, f64)> {
+        let drag = self.drag.unwrap_or((0.0, 0.0));
+        self.prior.into_iter().chain([drag]).chain(self.fit.iter().map(|a| (a.mean, a.sd))).collect()
+    }
+
+    /// Standard deviations of the start; 0 for what is held.
+    pub fn deviations(&self) -> Sample {
+        self.start().iter().map(|p| p.1).collect()
+    }
+
+    /// Least and greatest value of every coordinate.
+    pub fn limits(&self) -> Vec<[f64; 2]> {
         let factors = self.limits.unwrap_or(FACTORS.map(|f| f.bounds));
-        std::array::from_fn(|i| factors.get(i).copied().unwrap_or([0.0, 100.0]))
+        let all = self.coordinates();
+        (0..all.len()).map(|i| factors.get(i).copied().unwrap_or_else(|| all.bounds(i))).collect()
     }
 
     /// Errors name the knob that is out of range.
@@ -129,6 +170,16 @@ impl CemConfig {
             within("drag[0]", mean, 0.0, 100.0)?;
             within("drag[1]", sd, 1e-9, 100.0)?;
         }
+        for (i, along) in self.fit.iter().enumerate() {
+            let name = along.parameter;
+            if name == DRAG || self.fit[..i].iter().any(|other| other.parameter == name) {
+                let allowed = format!("each parameter once, and {DRAG} as `drag`");
+                return Err(Error::input(format!("fit[{i}].parameter"), name, allowed));
+            }
+            let [low, high] = name.parameter().bounds;
+            within(&format!("fit[{i}].mean"), along.mean, low, high)?;
+            within(&format!("fit[{i}].sd"), along.sd, 1e-9, high - low)?;
+        }
         for (i, (mean, sd)) in self.prior.iter().enumerate() {
             within(&format!("prior[{i}][0]"), *mean, -1e6, 1e6)?;
             within(&format!("prior[{i}][1]"), *sd, 1e-9, 1e6)?;
@@ -141,26 +192,32 @@ impl Cem {
     /// A search that starts from the configured prior.
     pub fn new(config: CemConfig) -> Result<Cem> {
         config.validate()?;
-        let [start, limits] = [config.start().map(|p| [p.0, p.1]), config.limits()];
-        let mean = Vector4::from_fn(|i, _| match config.limits {
-            Some(_) => start[i][0].clamp(limits[i][0], limits[i][1]),
-            None => start[i][0],
+        let (start, limits) = (config.start(), config.limits());
+        let mean = DVector::from_fn(start.len(), |i, _| match config.limits {
+            Some(_) => start[i].0.clamp(limits[i][0], limits[i][1]),
+            None => start[i].0,
         });
-        let covariance = Matrix4::from_diagonal(&Vector4::from_fn(|i, _| config.start()[i].1.powi(2)));
+        let covariance = DMatrix::from_diagonal(&DVector::from_fn(start.len(), |i, _| start[i].1.powi(2)));
         Ok(Cem { config, mean, covariance })
     }
 
     /// The search as it stood at `state`.
     pub fn at(config: CemConfig, state: &State) -> Result<Cem> {
         config.validate()?;
-        let covariance = Matrix4::from_fn(|i, j| state.covariance[i][j]);
-        Ok(Cem { config, mean: Vector4::from(state.mean), covariance })
+        let (n, found) = (config.start().len(), state.mean.len());
+        let square = state.covariance.len() == n && state.covariance.iter().all(|row| row.len() == n);
+        if found != n || !square {
+            let allowed = format!("{n} coordinates, those of the configuration");
+            return Err(Error::input("search", format!("{found} coordinates"), allowed));
+        }
+        let covariance = DMatrix::from_fn(n, n, |i, j| state.covariance[i][j]);
+        Ok(Cem { config, mean: DVector::from_column_slice(&state.mean), covariance })
     }
 
     /// Where the search stands.
     pub fn state(&self) -> State {
-        let row = |i: usize| std::array::from_fn(|j| self.covariance[(i, j)]);
-        State { mean: self.mean.into(), covariance: std::array::from_fn(row) }
+        let covariance = self.covariance.row_iter().map(|row| row.iter().copied().collect()).collect();
+        State { mean: self.mean.as_slice().to_vec(), covariance }
     }
 
     /// The next iteration's samples, each within bounds.
@@ -168,18 +225,18 @@ impl Cem {
         let root = self.root();
         (0..self.config.samples)
             .map(|_| {
-                let mut draw = || -> Vector4<f64> {
-                    let z = Vector4::from_fn(|_, _| StandardNormal.sample(stream));
-                    self.mean + root * z
+                let mut draw = || -> DVector<f64> {
+                    let z = DVector::from_fn(self.mean.len(), |_, _| StandardNormal.sample(stream));
+                    &self.mean + &root * z
                 };
                 let mut x = draw();
                 for _ in 0..REDRAWN {
-                    if self.allowed(x) {
+                    if self.allowed(&x) {
                         break;
                     }
                     x = draw();
                 }
-                self.bounded(x)
+                self.bounded(&x)
             })
             .collect()
     }
@@ -190,13 +247,16 @@ impl Cem {
         order.sort_by(|a, b| losses[*a].total_cmp(&losses[*b]));
         order.truncate(self.config.elites);
         let n = order.len() as f64;
-        let elite = |i: &usize| Vector4::from(samples[*i]);
-        let mean = order.iter().map(elite).sum::<Vector4<f64>>() / n;
-        let scatter =
-            order.iter().map(|i| (elite(i) - mean) * (elite(i) - mean).transpose()).sum::<Matrix4<f64>>();
+        let size = self.mean.len();
+        let elites = || order.iter().map(|i| DVector::from_column_slice(&samples[*i]));
+        let mean = elites().fold(DVector::zeros(size), |sum, x| sum + x) / n;
+        let scatter = elites().fold(DMatrix::zeros(size, size), |sum, x| {
+            let off = x - &mean;
+            sum + &off * off.transpose()
+        });
         let keep = self.config.smoothing;
-        self.mean = self.mean * keep + mean * (1.0 - keep);
-        self.covariance = self.covariance * keep + scatter / n * (1.0 - keep);
+        self.mean = &self.mean * keep + mean * (1.0 - keep);
+        self.covariance = &self.covariance * keep + scatter / n * (1.0 - keep);
         for (i, start) in self.config.start().iter().enumerate() {
             let floor = (self.config.floor * start.1).powi(2);
             self.covariance[(i, i)] = self.covariance[(i, i)].max(floor);
@@ -205,12 +265,12 @@ impl Cem {
 
     /// The current estimate, within bounds.
     pub fn estimate(&self) -> Sample {
-        self.bounded(self.mean)
+        self.bounded(&self.mean)
     }
 
     /// The current standard deviations.
-    pub fn deviations(&self) -> [f64; 4] {
-        std::array::from_fn(|i| self.covariance[(i, i)].max(0.0).sqrt())
+    pub fn deviations(&self) -> Sample {
+        self.covariance.diagonal().iter().map(|v| v.max(0.0).sqrt()).collect()
     }
 
     /// Number of elites.
@@ -219,26 +279,26 @@ impl Cem {
     }
 
     /// Whether a sample keeps within the limits that were asked for.
-    fn allowed(&self, x: Vector4<f64>) -> bool {
+    fn allowed(&self, x: &DVector<f64>) -> bool {
         let limits = self.config.limits.iter().flatten().enumerate();
         limits.into_iter().all(|(i, [low, high])| (*low..=*high).contains(&x[i]))
     }
 
-    fn bounded(&self, x: Vector4<f64>) -> Sample {
-        let limits = self.config.limits();
-        std::array::from_fn(|i| {
-            if i == 3 && self.config.drag.is_none() { 0.0 } else { x[i].clamp(limits[i][0], limits[i][1]) }
-        })
+    fn bounded(&self, x: &DVector<f64>) -> Sample {
+        // What is held has no part in the noise that keeps the covariance definite.
+        let bounded = |((value, (_, sd)), [low, high]): ((&f64, (f64, f64)), [f64; 2])| {
+            if sd > 0.0 { value.clamp(low, high) } else { 0.0 }
+        };
+        x.iter().zip(self.config.start()).zip(self.config.limits()).map(bounded).collect()
     }
 
     /// A square root of the covariance; the diagonal one if rounding made it indefinite.
-    fn root(&self) -> Matrix4<f64> {
-        let jitter = Matrix4::from_diagonal(&Vector4::from_fn(|i, _| {
-            1e-18 + 1e-12 * self.config.start()[i].1.powi(2)
-        }));
-        match (self.covariance + jitter).cholesky() {
+    fn root(&self) -> DMatrix<f64> {
+        let start = self.config.start();
+        let jitter = DVector::from_fn(start.len(), |i, _| 1e-18 + 1e-12 * start[i].1.powi(2));
+        match (&self.covariance + DMatrix::from_diagonal(&jitter)).cholesky() {
             Some(cholesky) => cholesky.l(),
-            None => Matrix4::from_diagonal(&Vector4::from(self.deviations())),
+            None => DMatrix::from_diagonal(&DVector::from_vec(self.deviations())),
         }
     }
 }

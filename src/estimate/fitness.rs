@@ -10,11 +10,8 @@ use crate::progress::Progress;
 use crate::reality::Trial;
 use crate::task::Scene;
 use crate::task::scene::EffectTerm;
-use crate::trajectory::Trajectory;
-use crate::world::effect::linear_drag;
-use crate::world::{Engine, Latents, Rollout, simulate_map};
+use crate::world::{Coordinates, Engine, Latents, Rollout, Sample, simulate_map};
 
-use super::cem::Sample;
 use super::piece::Piece;
 
 /// What the simulation that is compared with the trials is like.
@@ -22,8 +19,10 @@ use super::piece::Piece;
 pub struct Simulation<'a> {
     /// Integrating engine.
     pub engine: Engine,
-    /// Effects the simulation has beside the scene's own.
+    /// Effects the simulation has beside the scene's own, before a sample's values.
     pub effects: &'a [EffectTerm],
+    /// What the numbers of a sample are.
+    pub coordinates: &'a Coordinates,
 }
 
 /// Whether hopeless samples are dropped early.
@@ -50,20 +49,6 @@ const LEGS: usize = 16;
 /// Rollouts handed to the engine between two reports of progress.
 const CHUNK: usize = 2048;
 
-/// The scene to simulate for a trial: up to its last observation, goals ignored.
-pub fn replay(trial: &Trial) -> Scene {
-    let mut scene = trial.scene.clone();
-    scene.goal = None;
-    up_to_last(scene, &trial.observed)
-}
-
-/// The scene with as many steps as it takes to reach the last observation.
-pub fn up_to_last(mut scene: Scene, observed: &Trajectory) -> Scene {
-    let last = observed.times.last().copied().unwrap_or(0.0);
-    scene.steps = ((last / scene.time_step - 1e-6).ceil() as u32).clamp(1, 1_000_000);
-    scene
-}
-
 /// The loss of every sample: the mean over whole trials.
 pub fn losses(
     samples: &[Sample],
@@ -83,7 +68,7 @@ pub fn losses_on(
     racing: Racing,
     progress: &dyn Progress,
 ) -> Result<Losses> {
-    let effects = effects_of(samples, simulation);
+    let physics = physics_of(samples, simulation);
     let all: Vec<usize> = (0..samples.len()).collect();
     let mut sums = vec![0.0; samples.len()];
     let mut rollouts = 0;
@@ -95,7 +80,7 @@ pub fn losses_on(
         for part in pairs.chunks(CHUNK) {
             progress.report("simulating samples", rollouts, total)?;
             let batch: Vec<Rollout> =
-                part.iter().map(|(p, s)| rollout(&pieces[*p].scene, samples[*s], &effects[*s])).collect();
+                part.iter().map(|(p, s)| rollout(&pieces[*p].scene, &physics[*s])).collect();
             let residuals = simulate_map(&batch, simulation.engine, |i, t| pieces[part[i].0].loss(&t))?;
             part.iter().zip(residuals).for_each(|((_, s), r)| sums[*s] += r);
             rollouts += part.len() as u64;
@@ -139,33 +124,25 @@ pub fn vectors(
     stage: &str,
     progress: &dyn Progress,
 ) -> Result<Vec<Vec<Vec<f64>>>> {
-    let effects = effects_of(samples, simulation);
+    let physics = physics_of(samples, simulation);
     let mut rows = vec![Vec::with_capacity(pieces.len()); samples.len()];
     let together = (CHUNK / samples.len().max(1)).max(1);
     for (k, part) in pieces.chunks(together).enumerate() {
         progress.report(stage, (k * together) as u64, pieces.len() as u64)?;
-        let batch: Vec<Rollout> = part
-            .iter()
-            .flat_map(|p| samples.iter().zip(&effects).map(|(s, e)| rollout(&p.scene, *s, e)))
-            .collect();
+        let batch: Vec<Rollout> =
+            part.iter().flat_map(|p| physics.iter().map(|own| rollout(&p.scene, own))).collect();
         let found = simulate_map(&batch, simulation.engine, |i, t| part[i / samples.len()].vector(&t))?;
         found.into_iter().enumerate().for_each(|(i, v)| rows[i % samples.len()].push(v));
     }
     Ok(rows)
 }
 
-fn rollout<'a>(scene: &'a Scene, sample: Sample, effects: &'a [EffectTerm]) -> Rollout<'a> {
-    Rollout { scene, latents: Latents::of([sample[0], sample[1], sample[2]]), effects, stop: false }
+/// What each sample is simulated with.
+fn physics_of(samples: &[Sample], simulation: Simulation) -> Vec<(Latents, Vec<EffectTerm>)> {
+    let all = simulation.coordinates;
+    samples.iter().map(|s| (all.latents(s), all.effects(s, simulation.effects))).collect()
 }
 
-/// The simulation's effects for each sample: its own, and the sample's drag.
-fn effects_of(samples: &[Sample], simulation: Simulation) -> Vec<Vec<EffectTerm>> {
-    let with_drag = |s: &Sample| {
-        let mut all = simulation.effects.to_vec();
-        if s[3] > 0.0 {
-            all.push(linear_drag(s[3]));
-        }
-        all
-    };
-    samples.iter().map(with_drag).collect()
+fn rollout<'a>(scene: &'a Scene, (latents, effects): &'a (Latents, Vec<EffectTerm>)) -> Rollout<'a> {
+    Rollout { scene, latents: *latents, effects, stop: false }
 }

@@ -9,18 +9,17 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::cem::Sample;
 use super::fitness::{Simulation, vectors};
 use super::piece::Piece;
 use super::refine::{Field, Refined};
 use crate::error::Result;
 use crate::progress::Progress;
-use crate::world::latent::FACTORS;
+use crate::world::{Coordinates, Sample};
 
-/// What is known of one latent factor.
+/// What is known of one coordinate: a latent factor, or an effect's parameter that is fitted along.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LatentEstimate {
-    /// Name of the factor.
+    /// Name of the factor, or `effect.parameter`.
     pub name: String,
     /// The estimate; for a latent that cannot be identified, merely where the search ended.
     pub value: f64,
@@ -34,19 +33,21 @@ pub struct LatentEstimate {
 /// from rounding stay below 1e-6 in the median trial; a tenfold weaker effect than friction's is above 1e-2.
 const NOTICEABLE: f64 = 1e-3;
 
-/// Which components the trials tell, seen from `estimate`; and the rollouts it took to see it.
+/// Which coordinates the trials tell, seen from `estimate`; and the rollouts it took to see it.
 pub fn told(
-    estimate: Sample,
+    estimate: &Sample,
     field: &Field,
     pieces: &[Piece],
     simulation: Simulation,
     progress: &dyn Progress,
-) -> Result<([bool; 4], u64)> {
-    let mut samples = vec![estimate];
-    for i in 0..4 {
+) -> Result<(Vec<bool>, u64)> {
+    let mut samples = vec![estimate.clone()];
+    for i in 0..estimate.len() {
         for to in [-1.0, 1.0] {
-            let mut moved = estimate;
-            let far = (moved[i] + to * field.prior[i]).max(moved[i] * 0.25);
+            let mut moved = estimate.clone();
+            // A coefficient is not taken for nothing: close to zero laws bend.
+            let least = if field.limits[i][0] >= 0.0 { moved[i] * 0.25 } else { f64::NEG_INFINITY };
+            let far = (moved[i] + to * field.prior[i]).max(least);
             moved[i] = far.clamp(field.limits[i][0], field.limits[i][1]);
             samples.push(moved);
         }
@@ -62,15 +63,20 @@ pub fn told(
     };
     let sums: Vec<Vec<f64>> = rows.iter().map(|row| by_trial(row)).collect();
     let silent = if pieces.iter().any(|p| p.weighing.is_some()) { 0.8 } else { 0.5 };
-    let told = std::array::from_fn(|i| {
-        field.prior[i] > 0.0 && notices(&sums[0], &[&sums[1 + 2 * i], &sums[2 + 2 * i]], silent)
-    });
+    let told =
+        |i: usize| field.prior[i] > 0.0 && notices(&sums[0], &[&sums[1 + 2 * i], &sums[2 + 2 * i]], silent);
+    let told = (0..estimate.len()).map(told).collect();
     Ok((told, (samples.len() * pieces.len()) as u64))
 }
 
-/// What is known of every component that was searched, for an `estimate` and what refining it found.
-pub fn intervals(estimate: Sample, refined: &Refined, field: &Field) -> Vec<LatentEstimate> {
-    (0..4)
+/// What is known of every coordinate that was searched, for an `estimate` and what refining it found.
+pub fn intervals(
+    estimate: &Sample,
+    refined: &Refined,
+    field: &Field,
+    coordinates: &Coordinates,
+) -> Vec<LatentEstimate> {
+    (0..coordinates.len())
         .filter(|i| field.prior[*i] > 0.0)
         .map(|i| {
             let [low, high] = refined.interval(i, field);
@@ -78,7 +84,7 @@ pub fn intervals(estimate: Sample, refined: &Refined, field: &Field) -> Vec<Late
             let everything = low <= field.limits[i][0] && high >= field.limits[i][1];
             let identifiable = field.told[i] && refined.error[i].is_finite() && !everything;
             LatentEstimate {
-                name: FACTORS.get(i).map_or("linear_drag.c", |f| f.name).into(),
+                name: coordinates.name(i),
                 value: estimate[i],
                 ci95: match identifiable {
                     true => [Some(low.min(estimate[i])), Some(high.max(estimate[i]))],

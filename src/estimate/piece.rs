@@ -2,7 +2,6 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::fitness::replay;
 use crate::reality::Trial;
 use crate::residual::{differences, summed_squares};
 use crate::task::Scene;
@@ -72,4 +71,18 @@ impl Piece {
         let white = white.map_or_else(|| vec![f64::NAN; missing.len()], |w| w.as_slice().to_vec());
         white.into_iter().zip(missing).map(|(w, gone)| if gone { f64::NAN } else { w }).collect()
     }
+}
+
+/// The scene to simulate for a trial: up to its last observation, goals ignored.
+pub fn replay(trial: &Trial) -> Scene {
+    let mut scene = trial.scene.clone();
+    scene.goal = None;
+    up_to_last(scene, &trial.observed)
+}
+
+/// The scene with as many steps as it takes to reach the last observation.
+pub fn up_to_last(mut scene: Scene, observed: &Trajectory) -> Scene {
+    let last = observed.times.last().copied().unwrap_or(0.0);
+    scene.steps = ((last / scene.time_step - 1e-6).ceil() as u32).clamp(1, 1_000_000);
+    scene
 }

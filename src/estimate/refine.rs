@@ -19,23 +19,23 @@
 //! not the true value. Without noise and with a right model the loss is exactly zero at the truth; the interval is
 //! then the resolution.
 
-use nalgebra::{Matrix4, Vector4};
+use nalgebra::{DMatrix, DVector};
 
-use super::cem::Sample;
 use super::fitness::{Simulation, vectors};
 use super::piece::Piece;
 use crate::error::Result;
 use crate::progress::Progress;
+use crate::world::Sample;
 
 /// Where latents may lie, and how wide they might.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Field {
-    /// Standard deviation of the prior; 0 for a component that is not searched.
+    /// Standard deviation of the prior; 0 for a coordinate that is not searched.
     pub prior: Sample,
     /// Least and greatest value.
-    pub limits: [[f64; 2]; 4],
-    /// Which components the search may move; one that the trials do not tell would only wander.
-    pub told: [bool; 4],
+    pub limits: Vec<[f64; 2]>,
+    /// Which coordinates the search may move; one that the trials do not tell would only wander.
+    pub told: Vec<bool>,
 }
 
 /// What the search found.
@@ -71,23 +71,24 @@ const LEAST: f64 = 1e-5;
 /// Least reach as a share of the prior's deviation.
 const REACH: f64 = 1e-5;
 
-/// Searches from `start`; `reach` says how far off each component may be.
+/// Searches from `start`; `reach` says how far off each coordinate may be.
 pub fn refine(
-    start: Sample,
-    reach: Sample,
+    start: &Sample,
+    reach: &Sample,
     field: &Field,
     pieces: &[Piece],
     simulation: Simulation,
     most_steps: usize,
     progress: &dyn Progress,
 ) -> Result<Refined> {
-    let active: Vec<usize> = (0..4).filter(|j| field.prior[*j] > 0.0 && field.told[*j]).collect();
-    let mut at = start;
+    let active: Vec<usize> =
+        (0..field.prior.len()).filter(|j| field.prior[*j] > 0.0 && field.told[*j]).collect();
+    let mut at = start.clone();
     let mut reach: Sample =
-        std::array::from_fn(|j| reach[j].clamp(0.02 * field.prior[j], 0.3 * field.prior[j]));
+        reach.iter().zip(&field.prior).map(|(r, prior)| r.clamp(0.02 * prior, 0.3 * prior)).collect();
     let mut visited: Vec<Visit> = Vec::new();
     for step in 0..=most_steps {
-        let visit = Visit::at(at, reach, &active, field, pieces, simulation, progress)?;
+        let visit = Visit::at(&at, &reach, &active, field, pieces, simulation, progress)?;
         let delta = visit.step(&active, field);
         let done = step == most_steps || delta.is_none();
         let (next, close) = match delta {
@@ -96,7 +97,7 @@ pub fn refine(
                     .iter()
                     .map(|j| 2.0 * reach[*j] / delta[*j].abs().max(1e-300))
                     .fold(1.0f64, f64::min);
-                let mut next = at;
+                let mut next = at.clone();
                 for j in &active {
                     let moved = delta[*j] * share;
                     next[*j] = (at[*j] + moved).clamp(field.limits[*j][0], field.limits[*j][1]);
@@ -110,7 +111,7 @@ pub fn refine(
                 };
                 (next, active.iter().all(small))
             }
-            None => (at, true),
+            None => (at.clone(), true),
         };
         visited.push(visit);
         if done || close {
@@ -146,7 +147,7 @@ impl Refined {
         misfit(&self.differences, scale) < misfit(&other.differences, scale)
     }
 
-    /// 95 % interval of a component, within the limits.
+    /// 95 % interval of a coordinate, within the limits.
     pub fn interval(&self, j: usize, field: &Field) -> [f64; 2] {
         let half = student(self.freedom) * self.error[j];
         let [low, high] = field.limits[j];
@@ -165,7 +166,8 @@ fn misfit<'a>(differences: impl IntoIterator<Item = &'a f64>, scale: f64) -> f64
 struct Term {
     trial: usize,
     r: f64,
-    j: Vector4<f64>,
+    /// Its derivatives, one a coordinate.
+    j: DVector<f64>,
 }
 
 /// What was found at a point of the search.
@@ -181,18 +183,18 @@ struct Visit {
 
 impl Visit {
     fn at(
-        at: Sample,
-        reach: Sample,
+        at: &Sample,
+        reach: &Sample,
         active: &[usize],
         field: &Field,
         pieces: &[Piece],
         simulation: Simulation,
         progress: &dyn Progress,
     ) -> Result<Visit> {
-        let mut samples = vec![at];
+        let mut samples = vec![at.clone()];
         for j in active {
             for to in [-1.0, 1.0] {
-                let mut moved = at;
+                let mut moved = at.clone();
                 moved[*j] = (at[*j] + to * reach[*j]).clamp(field.limits[*j][0], field.limits[*j][1]);
                 samples.push(moved);
             }
@@ -209,7 +211,7 @@ impl Visit {
                 let (mut pair, mut straight) = (Vec::new(), true);
                 for c in [i, i + 1] {
                     let r = rows[0][p][c];
-                    let (mut slope, mut change, mut miss) = (Vector4::zeros(), 0.0, 0.0);
+                    let (mut slope, mut change, mut miss) = (DVector::zeros(at.len()), 0.0, 0.0);
                     for (k, j) in active.iter().enumerate() {
                         let (low, high) = (samples[1 + 2 * k][*j], samples[2 + 2 * k][*j]);
                         let (before, after) = (rows[1 + 2 * k][p][c], rows[2 + 2 * k][p][c]);
@@ -238,7 +240,13 @@ impl Visit {
         let differences: Vec<f64> = rows[0].iter().flatten().copied().collect();
         let scale = (1.4826 * median(terms.iter().map(|t| t.r.abs()).collect())).max(LEAST);
         let rollouts = (samples.len() * pieces.len()) as u64;
-        Ok(Visit { at, terms, differences, straight: all_straight, scale, rollouts })
+        Ok(Visit { at: at.clone(), terms, differences, straight: all_straight, scale, rollouts })
+    }
+
+    /// Nothing summed yet.
+    fn zeros(&self) -> (DMatrix<f64>, DVector<f64>) {
+        let n = self.at.len();
+        (DMatrix::zeros(n, n), DVector::zeros(n))
     }
 
     /// Weight of a term, and the share of it by which its influence still grows.
@@ -248,37 +256,38 @@ impl Visit {
     }
 
     /// The Gauss-Newton step and the model's standard errors; `None` if the terms do not determine one.
-    fn step(&self, active: &[usize], field: &Field) -> Option<(Vector4<f64>, Sample)> {
-        let (mut a, mut b) = (Matrix4::zeros(), Vector4::zeros());
+    fn step(&self, active: &[usize], field: &Field) -> Option<(DVector<f64>, Sample)> {
+        let (mut a, mut b) = self.zeros();
         for t in &self.terms {
             let w = self.weight(t.r).0;
-            a += t.j * t.j.transpose() * w;
-            b += t.j * (w * t.r);
+            add_square(&mut a, &t.j, w);
+            b.axpy(w * t.r, &t.j, 1.0);
         }
         let inverse = inverse(a, active, field)?;
-        let error = std::array::from_fn(|j| self.scale * inverse[(j, j)].max(0.0).sqrt());
+        let error = inverse.diagonal().iter().map(|v| self.scale * v.max(0.0).sqrt()).collect();
         Some((-(inverse * b), error))
     }
 
     /// Standard errors and degrees of freedom.
     fn error(&self, active: &[usize], field: &Field) -> (Sample, f64) {
         let trials = self.terms.iter().map(|t| t.trial + 1).max().unwrap_or(0);
-        let mut parts = vec![(Matrix4::zeros(), Vector4::zeros()); trials];
+        let mut parts = vec![self.zeros(); trials];
         let mut influence = 0.0;
         for t in &self.terms {
             let (w, growth) = self.weight(t.r);
-            parts[t.trial].0 += t.j * t.j.transpose() * growth;
-            parts[t.trial].1 += t.j * (w * t.r);
+            add_square(&mut parts[t.trial].0, &t.j, growth);
+            parts[t.trial].1.axpy(w * t.r, &t.j, 1.0);
             influence += (w * t.r).powi(2);
         }
-        let a: Matrix4<f64> = parts.iter().map(|p| p.0).sum();
-        let unknown = std::array::from_fn(|j| if active.contains(&j) { f64::INFINITY } else { 0.0 });
+        let a = parts.iter().fold(self.zeros().0, |sum, p| sum + &p.0);
+        let n = self.at.len();
+        let unknown = (0..n).map(|j| if active.contains(&j) { f64::INFINITY } else { 0.0 }).collect();
         let Some(inverse_a) = inverse(a, active, field) else { return (unknown, 1.0) };
         let variance = influence / (self.terms.len() as f64 - active.len() as f64).max(1.0);
         // How much more the trials pull than independent differences would, seen over all trials and latents.
         let (mut excess, mut seen) = (0.0, 0.0);
         for (of_trial, pull) in &parts {
-            let expected = (of_trial - of_trial * inverse_a * of_trial) * variance;
+            let expected = (of_trial - of_trial * &inverse_a * of_trial) * variance;
             for j in active {
                 let whole = of_trial[(*j, *j)] * variance;
                 if expected[(*j, *j)] > 0.1 * whole && whole > 0.0 {
@@ -288,23 +297,33 @@ impl Visit {
             }
         }
         let inflation = if seen > 0.0 { (excess / seen).max(1.0) } else { 1.0 };
-        let error = std::array::from_fn(|j| {
-            (inflation * variance * inverse_a[(j, j)]).sqrt().hypot(RESOLUTION * field.prior[j])
-        });
+        let error = (0..n)
+            .map(|j| (inflation * variance * inverse_a[(j, j)]).sqrt().hypot(RESOLUTION * field.prior[j]))
+            .collect();
         (error, (seen - active.len() as f64).max(1.0))
     }
 }
 
-/// Inverse over the active components, zero elsewhere; `None` if it has none.
-fn inverse(a: Matrix4<f64>, active: &[usize], field: &Field) -> Option<Matrix4<f64>> {
+/// a += w j j^T
+fn add_square(a: &mut DMatrix<f64>, j: &DVector<f64>, w: f64) {
+    for column in 0..j.len() {
+        for row in 0..j.len() {
+            a[(row, column)] += j[row] * j[column] * w;
+        }
+    }
+}
+
+/// Inverse over the active coordinates, zero elsewhere; `None` if it has none.
+fn inverse(a: DMatrix<f64>, active: &[usize], field: &Field) -> Option<DMatrix<f64>> {
+    let n = a.nrows();
     // In units of the prior's deviation, with ones for what is not active.
-    let unit = Vector4::from_fn(|j, _| if active.contains(&j) { field.prior[j] } else { 0.0 });
-    let mut scaled = Matrix4::from_fn(|i, j| a[(i, j)] * unit[i] * unit[j]);
-    let largest = (0..4).map(|j| scaled[(j, j)]).fold(0.0, f64::max);
+    let unit = DVector::from_fn(n, |j, _| if active.contains(&j) { field.prior[j] } else { 0.0 });
+    let mut scaled = DMatrix::from_fn(n, n, |i, j| a[(i, j)] * unit[i] * unit[j]);
+    let largest = (0..n).map(|j| scaled[(j, j)]).fold(0.0, f64::max);
     if !(largest.is_finite() && largest > 0.0) {
         return None;
     }
-    for j in 0..4 {
+    for j in 0..n {
         if unit[j] == 0.0 {
             scaled[(j, j)] = largest;
         } else {
@@ -312,7 +331,7 @@ fn inverse(a: Matrix4<f64>, active: &[usize], field: &Field) -> Option<Matrix4<f
         }
     }
     let inverse = scaled.cholesky()?.inverse();
-    Some(Matrix4::from_fn(|i, j| inverse[(i, j)] * unit[i] * unit[j]))
+    Some(DMatrix::from_fn(n, n, |i, j| inverse[(i, j)] * unit[i] * unit[j]))
 }
 
 /// 97.5 % point of Student's distribution (Abramowitz and Stegun 26.7.5, good to 0.01 from 4 degrees of freedom on;

@@ -23,14 +23,14 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::cem::Sample;
-use super::fitness::{Simulation, up_to_last, vectors};
-use super::piece::{Piece, Weighing};
+use super::fitness::{Simulation, vectors};
+use super::piece::{Piece, Weighing, up_to_last};
 use super::refine::Field;
 use crate::error::Result;
 use crate::progress::Progress;
 use crate::reality::Trial;
 use crate::trajectory::{Track, Trajectory};
+use crate::world::Sample;
 
 /// Observations after the start in a stretch whose start is not fully known: enough to see the motion before and
 /// after a contact. Longer ones let chance grow; shorter ones have little left when the start is projected out.
@@ -55,7 +55,7 @@ const ITERATIONS: usize = 2;
 /// The stretches of all trials that tell something, seen from the latents `reference`; and the rollouts it took.
 pub fn stretches(
     trials: &[Trial],
-    reference: Sample,
+    reference: &Sample,
     field: &Field,
     simulation: Simulation,
     progress: &dyn Progress,
@@ -247,23 +247,44 @@ fn guesses(trial: &Trial, body: usize, from: usize) -> Vec<Start> {
 fn fit_starts(
     windows: &[Window],
     trials: &[Trial],
-    reference: Sample,
+    reference: &Sample,
     simulation: Simulation,
     progress: &dyn Progress,
 ) -> Result<(Vec<Piece>, u64)> {
     let mut rollouts = 0;
+    let reference = std::slice::from_ref(reference);
     let mut run = |pieces: &[Piece]| -> Result<Vec<Vec<f64>>> {
         rollouts += pieces.len() as u64;
-        Ok(vectors(&[reference], pieces, simulation, "fitting starts", progress)?.swap_remove(0))
+        Ok(vectors(reference, pieces, simulation, "fitting starts", progress)?.swap_remove(0))
     };
     let piece = |w: &Window, start: &[Start]| cut(&trials[w.trial], w.trial, w.from, WINDOW, start, None);
-    // The best guess of each body by its own track, the others at their first.
-    let all: Vec<Vec<Vec<Start>>> = windows
-        .iter()
-        .map(|w| {
-            (0..trials[w.trial].observed.bodies.len()).map(|b| guesses(&trials[w.trial], b, w.from)).collect()
-        })
-        .collect();
+    let mut starts = best_guesses(windows, trials, &piece, &mut run)?;
+    for _ in 0..ITERATIONS {
+        step(windows, &mut starts, &piece, &mut run)?;
+    }
+    let slopes = derivatives(windows, &starts, 0..5, &piece, &mut run)?;
+    let weighed = windows.iter().zip(&starts).zip(&slopes).filter_map(|((w, s), (_, j))| {
+        let factor = Some(spread(j).cholesky()?.l());
+        Some(Piece { weighing: Some(Weighing { factor, bound: BOUND }), ..piece(w, s) })
+    });
+    Ok((weighed.collect(), rollouts))
+}
+
+/// A window with a start, as something to simulate.
+type Cut<'a> = dyn Fn(&Window, &[Start]) -> Piece + 'a;
+/// Simulates pieces: the differences of each from what was seen.
+type Roll<'a> = dyn FnMut(&[Piece]) -> Result<Vec<Vec<f64>>> + 'a;
+
+/// The best guess of every body of every window: by its own track, while the others are tried at their own.
+fn best_guesses(
+    windows: &[Window],
+    trials: &[Trial],
+    piece: &Cut,
+    run: &mut Roll,
+) -> Result<Vec<Vec<Start>>> {
+    let bodies = |w: &Window| 0..trials[w.trial].observed.bodies.len();
+    let of = |w: &Window| bodies(w).map(|b| guesses(&trials[w.trial], b, w.from)).collect();
+    let all: Vec<Vec<Vec<Start>>> = windows.iter().map(of).collect();
     let rounds = all.iter().flatten().map(Vec::len).max().unwrap_or(0);
     let mut starts: Vec<Vec<Start>> = all.iter().map(|w| w.iter().map(|g| g[0]).collect()).collect();
     let mut least: Vec<Vec<f64>> = all.iter().map(|w| vec![f64::INFINITY; w.len()]).collect();
@@ -280,50 +301,50 @@ fn fit_starts(
             }
         }
     }
-    for _ in 0..ITERATIONS {
-        let slopes = derivatives(windows, &starts, 2..5, &piece, &mut run)?;
-        let mut tried = Vec::new();
-        for (i, (r, j)) in slopes.iter().enumerate() {
-            let ridge = 1e-4 * j.norm_squared() / j.ncols().max(1) as f64 + 1e-9;
-            let normal = j.tr_mul(j) + DMatrix::identity(j.ncols(), j.ncols()) * ridge;
-            let step = normal.cholesky().map(|c| -c.solve(&j.tr_mul(r)));
-            for share in [1.0, 0.3] {
-                let mut moved = starts[i].clone();
-                if let Some(step) = &step {
-                    for (c, by) in step.iter().enumerate() {
-                        moved[c / 3] = moved[c / 3].moved(2 + c % 3, share * by.clamp(-5.0, 5.0));
-                    }
+    Ok(starts)
+}
+
+/// One damped Gauss-Newton step of the velocities and spins of every window's start, as far as it helps.
+fn step(windows: &[Window], starts: &mut [Vec<Start>], piece: &Cut, run: &mut Roll) -> Result<()> {
+    let slopes = derivatives(windows, starts, 2..5, piece, run)?;
+    let mut tried = Vec::new();
+    for (i, (r, j)) in slopes.iter().enumerate() {
+        let ridge = 1e-4 * j.norm_squared() / j.ncols().max(1) as f64 + 1e-9;
+        let normal = j.tr_mul(j) + DMatrix::identity(j.ncols(), j.ncols()) * ridge;
+        let step = normal.cholesky().map(|c| -c.solve(&j.tr_mul(r)));
+        for share in [1.0, 0.3] {
+            let mut moved = starts[i].clone();
+            if let Some(step) = &step {
+                for (c, by) in step.iter().enumerate() {
+                    moved[c / 3] = moved[c / 3].moved(2 + c % 3, share * by.clamp(-5.0, 5.0));
                 }
-                tried.push(moved);
             }
+            tried.push(moved);
         }
-        let pieces: Vec<Piece> = tried.iter().enumerate().map(|(n, s)| piece(&windows[n / 2], s)).collect();
-        let found = run(&pieces)?;
-        for (i, (r, _)) in slopes.iter().enumerate() {
-            let mut least = square(r.as_slice());
-            for n in [2 * i, 2 * i + 1] {
-                let off = square(&found[n]);
-                if off < least && found[n].iter().any(|v| v.is_finite()) {
-                    (least, starts[i]) = (off, tried[n].clone());
-                }
+    }
+    let pieces: Vec<Piece> = tried.iter().enumerate().map(|(n, s)| piece(&windows[n / 2], s)).collect();
+    let found = run(&pieces)?;
+    for (i, (r, _)) in slopes.iter().enumerate() {
+        let mut least = square(r.as_slice());
+        for n in [2 * i, 2 * i + 1] {
+            let off = square(&found[n]);
+            if off < least && found[n].iter().any(|v| v.is_finite()) {
+                (least, starts[i]) = (off, tried[n].clone());
             }
         }
     }
-    let slopes = derivatives(windows, &starts, 0..5, &piece, &mut run)?;
-    let weighed = windows.iter().zip(&starts).zip(&slopes).filter_map(|((w, s), (_, j))| {
-        let mut covariance = DMatrix::identity(j.nrows(), j.nrows());
-        for (c, column) in j.column_iter().enumerate() {
-            let variance = if c % 5 < 2 { 1.0 } else { UNSEEN };
-            covariance += variance * column * column.transpose();
-        }
-        let factor = Some(covariance.cholesky()?.l());
-        Some(Piece { weighing: Some(Weighing { factor, bound: BOUND }), ..piece(w, s) })
-    });
-    Ok((weighed.collect(), rollouts))
+    Ok(())
 }
 
-/// Simulates pieces: the differences of each from what was seen.
-type Roll<'a> = dyn FnMut(&[Piece]) -> Result<Vec<Vec<f64>>> + 'a;
+/// Covariance of what follows a start, in units of the noise's variance, from its derivatives by that start.
+fn spread(j: &DMatrix<f64>) -> DMatrix<f64> {
+    let mut covariance = DMatrix::identity(j.nrows(), j.nrows());
+    for (c, column) in j.column_iter().enumerate() {
+        let variance = if c % 5 < 2 { 1.0 } else { UNSEEN };
+        covariance += variance * column * column.transpose();
+    }
+    covariance
+}
 
 /// Differences of every window and their derivatives by those of x, y, vx, vy, spin of every body that are in
 /// `which`; what is missing is 0.
@@ -331,7 +352,7 @@ fn derivatives(
     windows: &[Window],
     starts: &[Vec<Start>],
     which: std::ops::Range<usize>,
-    piece: &dyn Fn(&Window, &[Start]) -> Piece,
+    piece: &Cut,
     run: &mut Roll,
 ) -> Result<Vec<(DVector<f64>, DMatrix<f64>)>> {
     let mut pieces = Vec::new();
@@ -370,16 +391,16 @@ fn derivatives(
 /// The pieces of each trial that react most to the latents.
 fn telling(
     pieces: Vec<Piece>,
-    reference: Sample,
+    reference: &Sample,
     field: &Field,
     simulation: Simulation,
     progress: &dyn Progress,
 ) -> Result<(Vec<Piece>, u64)> {
-    let searched: Vec<usize> = (0..4).filter(|j| field.prior[*j] > 0.0).collect();
+    let searched: Vec<usize> = (0..field.prior.len()).filter(|j| field.prior[*j] > 0.0).collect();
     let mut samples = Vec::new();
     for j in &searched {
         for to in [-1.0, 1.0] {
-            let mut moved = reference;
+            let mut moved = reference.clone();
             moved[*j] =
                 (reference[*j] + to * field.prior[*j]).clamp(field.limits[*j][0], field.limits[*j][1]);
             samples.push(moved);

@@ -7,7 +7,8 @@ use crate::error::{Error, Result, within};
 use crate::estimate::CemConfig;
 use crate::explore;
 use crate::task::scene::EffectTerm;
-use crate::world::{Engine, effect};
+use crate::world::effect::{self, Parameter};
+use crate::world::{EffectParameter, Engine};
 
 /// How an estimation is run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -126,6 +127,26 @@ impl EstimateConfig {
         }
     }
 
+    /// Errors if a shape is to be fitted of an effect that vanishes: nothing would tell it.
+    fn fits_what_acts(&self) -> Result<()> {
+        let fitted = self.cem.fitted();
+        for own in &fitted {
+            let name = own.effect.name;
+            let amplitudes = || own.effect.parameters.iter().enumerate().filter(|(_, p)| p.is_amplitude());
+            let given = |p: &Parameter| {
+                let terms = self.effects.iter().filter(|term| term.name == name);
+                terms.filter_map(|term| term.parameters.get(p.name)).any(|v| *v != p.neutral)
+            };
+            let open = |index| fitted.contains(&EffectParameter { index, ..*own });
+            if !amplitudes().any(|(i, p)| open(i) || given(p)) {
+                let wanted: Vec<String> = amplitudes().map(|(_, p)| format!("{name}.{}", p.name)).collect();
+                let allowed = format!("it beside {}, or an effect that is given them", wanted.join(" or "));
+                return Err(Error::input("fit", own, allowed));
+            }
+        }
+        Ok(())
+    }
+
     /// Errors name what is out of range.
     pub fn validate(&self) -> Result<()> {
         explore::strategy(&self.strategy)?;
@@ -136,6 +157,7 @@ impl EstimateConfig {
         for (i, term) in self.effects.iter().enumerate() {
             effect::resolve(term, &format!("effects[{i}]"))?;
         }
-        self.cem.validate().map_err(|e| e.under("cem"))
+        self.cem.validate().map_err(|e| e.under("cem"))?;
+        self.fits_what_acts()
     }
 }

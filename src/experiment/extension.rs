@@ -4,7 +4,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::quickstart::DRAG_PRIOR;
 use super::{EstimateConfig, refit};
 use crate::discover::{self, Finding, diagnose};
 use crate::error::{Error, Result};
@@ -14,6 +13,7 @@ use crate::reality::{Trial, settled};
 use crate::task::Scene;
 use crate::task::scene::EffectTerm;
 use crate::world::Latents;
+use crate::world::effect::DRAG;
 
 /// A simulation as a diagnosis extended it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -74,12 +74,12 @@ pub fn extended(
     }
     let mut setup = EstimateConfig { effects: extension.effects.clone(), ..config.clone() };
     let drag = match extension.effects.as_slice() {
-        [one] if one.name == "linear_drag" => one.parameters.get("c").copied(),
+        [one] if one.name == DRAG.effect.name => one.parameters.get(DRAG.parameter().name).copied(),
         _ => None,
     };
     if let Some(c) = drag {
         setup.effects.clear();
-        setup.cem.drag = Some((c, DRAG_PRIOR.1));
+        setup.cem.drag = Some((c, DRAG.parameter().prior().1));
     }
     let report = refit(trials, &setup, progress)?;
     extension.latents = Latents::of(report.values());

@@ -4,7 +4,6 @@ use super::config::{EstimateConfig, ResidualKind};
 use super::report::{EstimateReport, Stopped};
 use super::workflow::Choice;
 use crate::error::Result;
-use crate::estimate::cem::Sample;
 use crate::estimate::fitness::{Racing, Simulation, losses_on};
 use crate::estimate::interval::intervals;
 use crate::estimate::shooting::stretches;
@@ -12,6 +11,8 @@ use crate::estimate::{Cem, Field, Piece, Refined, refine, told};
 use crate::progress::Progress;
 use crate::reality::Trial;
 use crate::rng;
+use crate::world::latent::FACTORS;
+use crate::world::{Coordinates, Sample};
 
 /// What a round's fit found.
 pub(super) struct Fitted {
@@ -33,15 +34,16 @@ const AGAIN: f64 = 0.02;
 /// One round's iterations of the search, then refining from where it stands and from the estimate `before`.
 pub(super) fn fit_round(
     cem: &mut Cem,
-    before: Option<Sample>,
+    before: Option<&Sample>,
     trials: &[Trial],
     config: &EstimateConfig,
     round: usize,
     progress: &dyn Progress,
 ) -> Result<Fitted> {
-    let simulation = Simulation { engine: config.engine, effects: &config.effects };
-    let (mut pieces, mut rollouts) =
-        cut(before.unwrap_or_else(|| cem.estimate()), trials, config, simulation, progress)?;
+    let coordinates = config.cem.coordinates();
+    let simulation = simulation(config, &coordinates);
+    let reference = before.cloned().unwrap_or_else(|| cem.estimate());
+    let (mut pieces, mut rollouts) = cut(&reference, trials, config, simulation, progress)?;
     let mut stream = rng::stream(rng::derive(config.seed, "search", round as u64), "cem");
     let (mut residual, mut best) = (f64::INFINITY, cem.estimate());
     for _ in 0..config.cem.iterations {
@@ -51,7 +53,7 @@ pub(super) fn fit_round(
         rollouts += scored.rollouts;
         for (sample, loss) in samples.iter().zip(&scored.values) {
             if *loss < residual {
-                (residual, best) = (*loss, *sample);
+                (residual, best) = (*loss, sample.clone());
             }
         }
         cem.tell(&samples, &scored.values);
@@ -59,28 +61,28 @@ pub(super) fn fit_round(
     if !config.refine {
         return Ok(Fitted { residual, refined: None, rollouts });
     }
-    let near = config.cem.start().map(|p| AGAIN * p.1);
-    let mut starts = vec![(cem.estimate(), cem.deviations()), (best, near)];
-    starts.extend(before.map(|b| (b, near)));
-    let (mut told, mut found): (_, Option<Refined>) = ([false; 4], None);
+    let near: Sample = config.cem.deviations().iter().map(|sd| AGAIN * sd).collect();
+    let mut starts = vec![(cem.estimate(), cem.deviations()), (best, near.clone())];
+    starts.extend(before.map(|b| (b.clone(), near.clone())));
+    let (mut told, mut found): (Vec<bool>, Option<Refined>) = (Vec::new(), None);
     // Stretches are cut as seen from an estimate, so a better one is worth another look.
     let looks = if config.residual == ResidualKind::Shooting { LOOKS } else { 1 };
     for look in 0..looks {
-        let from = found.as_ref().map_or_else(|| cem.estimate(), |f| f.estimate);
+        let from = found.as_ref().map_or_else(|| cem.estimate(), |f| f.estimate.clone());
         if config.residual == ResidualKind::Shooting {
-            let (again, cost) = cut(from, trials, config, simulation, progress)?;
+            let (again, cost) = cut(&from, trials, config, simulation, progress)?;
             pieces = again;
             rollouts += cost;
         }
-        let (field, cost) = field(from, config, &pieces, simulation, progress)?;
+        let (field, cost) = field(&from, config, &pieces, simulation, progress)?;
         rollouts += cost;
-        told = field.told;
+        told.clone_from(&field.told);
         if look > 0 {
-            starts = vec![(from, near)];
+            starts = vec![(from, near.clone())];
             found = None;
         }
         for (start, reach) in &starts {
-            let refined = refine(*start, *reach, &field, &pieces, simulation, STEPS[0], progress)?;
+            let refined = refine(start, reach, &field, &pieces, simulation, STEPS[0], progress)?;
             rollouts += refined.rollouts;
             if found.as_ref().is_none_or(|f| refined.beats(f)) {
                 found = Some(refined);
@@ -89,7 +91,10 @@ pub(super) fn fit_round(
     }
     // What the trials do not tell stays where the search has it.
     let searched = cem.estimate();
-    let refined = found.map(|f| std::array::from_fn(|j| if told[j] { f.estimate[j] } else { searched[j] }));
+    let refined = found.map(|f| {
+        let of = |j: usize| if told[j] { f.estimate[j] } else { searched[j] };
+        (0..searched.len()).map(of).collect()
+    });
     Ok(Fitted { residual, refined, rollouts })
 }
 
@@ -105,20 +110,22 @@ pub(super) struct Found {
 
 /// Adds intervals to what was found.
 pub(super) fn report_on(
-    estimate: Sample,
-    spread: Sample,
+    estimate: &Sample,
+    spread: &Sample,
     trials: &[Trial],
     config: &EstimateConfig,
     found: Found,
     progress: &dyn Progress,
 ) -> Result<EstimateReport> {
-    let simulation = Simulation { engine: config.engine, effects: &config.effects };
+    let coordinates = config.cem.coordinates();
+    let simulation = simulation(config, &coordinates);
     let (pieces, cut_cost) = cut(estimate, trials, config, simulation, progress)?;
     let (field, cost) = field(estimate, config, &pieces, simulation, progress)?;
-    let reach = if config.refine { field.prior.map(|sd| AGAIN * sd) } else { spread };
-    let refined = refine(estimate, reach, &field, &pieces, simulation, STEPS[1], progress)?;
-    let mut latents = intervals(estimate, &refined, &field);
-    let effects = latents.split_off(3);
+    let again = || field.prior.iter().map(|sd| AGAIN * sd).collect();
+    let reach: Sample = if config.refine { again() } else { spread.clone() };
+    let refined = refine(estimate, &reach, &field, &pieces, simulation, STEPS[1], progress)?;
+    let mut latents = intervals(estimate, &refined, &field, &coordinates);
+    let effects = latents.split_off(FACTORS.len());
     Ok(EstimateReport {
         latents,
         effects,
@@ -138,7 +145,7 @@ pub(super) fn report_on(
 
 /// What the trials are compared with the simulation by, seen from `reference`; and the rollouts it took.
 fn cut(
-    reference: Sample,
+    reference: &Sample,
     trials: &[Trial],
     config: &EstimateConfig,
     simulation: Simulation,
@@ -146,25 +153,31 @@ fn cut(
 ) -> Result<(Vec<Piece>, u64)> {
     match config.residual {
         ResidualKind::Trajectory => Ok((Piece::whole(trials), 0)),
-        ResidualKind::Shooting => {
-            let prior = config.cem.start().map(|p| p.1);
-            let field = Field { prior, limits: config.cem.limits(), told: [true; 4] };
-            stretches(trials, reference, &field, simulation, progress)
-        }
+        ResidualKind::Shooting => stretches(trials, reference, &all(config), simulation, progress),
     }
 }
 
 /// Where the latents may lie, and which of them the pieces tell; and the rollouts it took.
 fn field(
-    estimate: Sample,
+    estimate: &Sample,
     config: &EstimateConfig,
     pieces: &[Piece],
     simulation: Simulation,
     progress: &dyn Progress,
 ) -> Result<(Field, u64)> {
-    let prior = config.cem.start().map(|p| p.1);
-    let mut field = Field { prior, limits: config.cem.limits(), told: [true; 4] };
+    let mut field = all(config);
     let (told, cost) = told(estimate, &field, pieces, simulation, progress)?;
     field.told = told;
     Ok((field, cost))
+}
+
+/// Where the coordinates may lie, all of them open.
+fn all(config: &EstimateConfig) -> Field {
+    let (prior, limits) = (config.cem.deviations(), config.cem.limits());
+    Field { told: vec![true; prior.len()], prior, limits }
+}
+
+/// The simulation that the trials are compared with.
+fn simulation<'a>(config: &'a EstimateConfig, coordinates: &'a Coordinates) -> Simulation<'a> {
+    Simulation { engine: config.engine, effects: &config.effects, coordinates }
 }

@@ -23,6 +23,7 @@ use crate::rng;
 use crate::task::scene::EffectTerm;
 use crate::task::{Scene, Split, Task, split};
 use crate::world::Latents;
+use crate::world::effect::DRAG;
 
 /// What is run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -238,13 +239,10 @@ fn extend(
     progress: &dyn Progress,
 ) -> Result<EstimateReport> {
     let mut config = config.clone();
-    config.cem.drag = Some(DRAG_PRIOR);
+    config.cem.fit_along(DRAG);
     let named = Named { inner: progress, name: "with drag".into() };
     stopwatch.time("fit again with drag", || refit(trials, &config, &named))
 }
-
-/// Mean and standard deviation of c (1/s): half a second to half a minute of memory are all likely.
-pub const DRAG_PRIOR: (f64, f64) = (0.3, 0.3);
 
 fn fixed(latents: Latents, effects: &[EffectTerm]) -> Training {
     Training::Fixed { latents, effects: effects.to_vec() }

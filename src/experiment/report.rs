@@ -5,9 +5,8 @@ use serde::{Deserialize, Serialize};
 use super::config::EstimateConfig;
 use super::workflow::Choice;
 use crate::estimate::LatentEstimate;
-use crate::estimate::cem::Sample;
 use crate::task::scene::EffectTerm;
-use crate::world::effect::linear_drag;
+use crate::world::Sample;
 
 /// What an estimation found.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -18,7 +17,8 @@ pub struct EstimateReport {
     pub residuals: Vec<f64>,
     /// Effects fitted along with the latents; empty unless asked for.
     pub effects: Vec<LatentEstimate>,
-    /// Estimate after each round: density (kg/m^2), friction, restitution, c of `linear_drag` (1/s).
+    /// Estimate after each round: density (kg/m^2), friction, restitution, c of `linear_drag` (1/s), 0 where it is not
+    /// fitted, then what else is fitted along, in the order of `config.cem.fit`.
     pub estimates: Vec<Sample>,
     /// What the strategy chose in each round.
     pub choices: Vec<Choice>,
@@ -59,6 +59,17 @@ impl EstimateReport {
 
     /// The effects that were fitted along, as a simulation takes them.
     pub fn extension(&self) -> Vec<EffectTerm> {
-        self.effects.iter().map(|e| linear_drag(e.value)).collect()
+        let mut terms: Vec<EffectTerm> = Vec::new();
+        for (own, found) in self.config.cem.fitted().iter().zip(&self.effects) {
+            let given = self.config.effects.iter().find(|term| term.name == own.effect.name);
+            let known = terms.iter().position(|term| term.name == own.effect.name);
+            let at = known.unwrap_or_else(|| {
+                let bare = || EffectTerm { name: own.effect.name.into(), parameters: Default::default() };
+                terms.push(given.cloned().unwrap_or_else(bare));
+                terms.len() - 1
+            });
+            terms[at].parameters.insert(own.parameter().name.into(), found.value);
+        }
+        terms
     }
 }

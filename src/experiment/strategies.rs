@@ -11,16 +11,16 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::quickstart::DRAG_PRIOR;
 use super::statistics::{Claim, Summary, Verdict};
 use super::{Choice, EstimateConfig, Memory, ResidualKind, Workflow, run};
 use crate::error::{Error, Result};
-use crate::estimate::cem::Sample;
 use crate::estimate::{CemConfig, LatentEstimate};
 use crate::explore::{Importance, REGISTRY};
 use crate::progress::Progress;
 use crate::reality::{HiddenConfig, HiddenWorld, standard};
 use crate::task::{Family, Split, split};
+use crate::world::Sample;
+use crate::world::effect::DRAG;
 use crate::world::latent::FACTORS;
 
 /// What is run.
@@ -203,7 +203,12 @@ fn few(family: &Family) -> Vec<Arm> {
     vec![
         arm("mixed, 5 a round", "mixed", whole, None),
         arm(OURS, "informative", shot, None),
-        arm("informative, shooting, drag fitted, 5 a round", "informative", shot, Some(DRAG_PRIOR)),
+        arm(
+            "informative, shooting, drag fitted, 5 a round",
+            "informative",
+            shot,
+            Some(DRAG.parameter().prior()),
+        ),
     ]
 }
 

@@ -15,14 +15,12 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::extension::{self, Extension, diagnosed};
-use super::quickstart::DRAG_PRIOR;
 use super::statistics::{Claim, Summary, Verdict};
 use super::strategies::{Arm, Nature};
 use super::transfer::{LearnConfig, School, Transfer, TransferConfig, transfer};
 use super::{EstimateConfig, Memory, ResidualKind, Workflow, run};
 use crate::error::{Error, Result};
 use crate::estimate::CemConfig;
-use crate::estimate::cem::Sample;
 use crate::explore::Importance;
 use crate::policy::Training;
 use crate::progress::Progress;
@@ -30,8 +28,8 @@ use crate::reality::{HiddenConfig, HiddenWorld};
 use crate::rng;
 use crate::task::scene::EffectTerm;
 use crate::task::{Family, Split, Task, split};
-use crate::world::effect::linear_drag;
-use crate::world::{Engine, Latents};
+use crate::world::effect::DRAG;
+use crate::world::{Engine, Sample};
 
 /// What is compared.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -248,7 +246,7 @@ impl Study {
                 cells.extend(self.schools.iter().map(|(name, school)| cell(name, None, school.clone(), 0)));
                 for (arm, found) in self.arms.iter().zip(estimated) {
                     for round in self.rounds.iter().filter(|r| **r <= found[s].estimates.len()) {
-                        let school = grounded(found[s].estimates[round - 1]);
+                        let school = grounded(&arm.estimate, &found[s].estimates[round - 1]);
                         cells.push(cell(&arm.name, Some(*round), school, found[s].interactions[round - 1]));
                     }
                     if let Some(extension) = &found[s].extension {
@@ -419,9 +417,9 @@ pub fn estimated(
     let estimates = workflow.estimates();
     let last = estimates.last().filter(|_| diagnose);
     let extension = match last {
-        Some([density, friction, restitution, _]) => {
+        Some(estimate) => {
             let (_, finding) = diagnosed(workflow.trials(), &config, progress)?;
-            let latents = Latents::of([*density, *friction, *restitution]);
+            let latents = config.cem.coordinates().latents(estimate);
             Some(extension::extended(&finding, workflow.trials(), &config, latents, progress)?)
         }
         None => None,
@@ -446,15 +444,14 @@ fn extended(arm: &str) -> String {
     format!("extended by diagnosis ({arm})")
 }
 
-/// Training in the simulation at an estimate, with its drag if it has one.
-fn grounded([density, friction, restitution, drag]: Sample) -> School {
-    let effects = if drag > 0.0 { vec![linear_drag(drag)] } else { Vec::new() };
-    School::Simulated {
-        training: Training::Fixed { latents: Latents::of([density, friction, restitution]), effects },
-    }
+/// Training in the simulation at an estimate, with the effects that were fitted along.
+fn grounded(config: &EstimateConfig, estimate: &Sample) -> School {
+    let coordinates = config.cem.coordinates();
+    let (latents, effects) = (coordinates.latents(estimate), coordinates.effects(estimate, &[]));
+    School::Simulated { training: Training::Fixed { latents, effects } }
 }
 
 fn with_drag(mut config: EstimateConfig) -> EstimateConfig {
-    config.cem.drag = Some(DRAG_PRIOR);
+    config.cem.fit_along(DRAG);
     config
 }

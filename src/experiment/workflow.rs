@@ -16,15 +16,14 @@ use super::report::{EstimateReport, Stopped};
 use super::sense;
 use crate::error::{Error, Result};
 use crate::estimate::Cem;
-use crate::estimate::cem::{Sample, State};
+use crate::estimate::cem::State;
 use crate::explore::{self, Candidate, Chosen, Groups, Importance, Situation};
 use crate::progress::Progress;
 use crate::reality::Trial;
 use crate::rng;
 use crate::task::{Placement, Task, ValidAction};
 use crate::trajectory::Trajectory;
-use crate::world::Latents;
-use crate::world::effect::linear_drag;
+use crate::world::Sample;
 
 /// An estimation under way.
 pub struct Workflow {
@@ -194,7 +193,7 @@ impl Workflow {
         let (mut residual, mut refined, mut rollouts) = (None, None, asked.rollouts);
         if !all.is_empty() {
             let staged = self.staged(progress);
-            let before = self.rounds.iter().rev().find_map(|r| r.refined);
+            let before = self.rounds.iter().rev().find_map(|r| r.refined.as_ref());
             let fitted = fit_round(&mut cem, before, &all, &self.config, self.rounds.len(), &staged)?;
             (residual, refined, rollouts) =
                 (Some(fitted.residual), fitted.refined, rollouts + fitted.rollouts);
@@ -218,7 +217,14 @@ impl Workflow {
         if self.trials.is_empty() {
             return Err(Error::Refused { reason: "nothing has been measured yet".into() });
         }
-        report_on(self.estimate(), self.cem.deviations(), &self.trials, &self.config, self.found(), progress)
+        report_on(
+            &self.estimate(),
+            &self.cem.deviations(),
+            &self.trials,
+            &self.config,
+            self.found(),
+            progress,
+        )
     }
 
     /// The current estimate.
@@ -298,16 +304,10 @@ impl Workflow {
         let round = self.rounds.len() as u64;
         let seed = rng::derive(self.config.seed, "explore", round);
         let mut stream = rng::stream(seed, "candidates");
-        let [density, friction, restitution, drag] = self.estimate();
+        let (estimate, coordinates) = (self.estimate(), self.config.cem.coordinates());
         let world = explore::World {
-            latents: Latents::of([density, friction, restitution]),
-            effects: self
-                .config
-                .effects
-                .iter()
-                .cloned()
-                .chain((drag > 0.0).then(|| linear_drag(drag)))
-                .collect(),
+            latents: coordinates.latents(&estimate),
+            effects: coordinates.effects(&estimate, &self.config.effects),
             engine: self.config.engine,
         };
         let candidates =
@@ -316,9 +316,10 @@ impl Workflow {
             tasks: &self.tasks,
             candidates: &candidates,
             world: &world,
-            estimate: self.estimate(),
-            spread: self.cem.deviations(),
-            prior: self.config.cem.start().map(|p| p.1),
+            coordinates: &coordinates,
+            estimate: &estimate,
+            spread: &self.cem.deviations(),
+            prior: &self.config.cem.deviations(),
             trials: &self.trials,
             importance: self.importance.as_deref(),
             progress,
@@ -369,7 +370,7 @@ impl Workflow {
 
     fn estimate_at(&self, round: &Round) -> Sample {
         let searched = || Cem::at(self.config.cem.clone(), &round.search).map(|cem| cem.estimate());
-        round.refined.unwrap_or_else(|| searched().unwrap_or(round.search.mean))
+        round.refined.clone().unwrap_or_else(|| searched().unwrap_or_else(|_| round.search.mean.clone()))
     }
 
     fn found(&self) -> Found {

@@ -57,16 +57,11 @@ impl Strategy for Gradient {
 
 /// Absolute partial derivatives by density, friction and restitution around `estimate`, averaged over it and the
 /// corners one spread of friction and restitution away.
-pub(super) fn magnitudes(
-    importance: &dyn Importance,
-    estimate: [f64; 4],
-    spread: [f64; 4],
-) -> Result<[f64; 3]> {
+pub(super) fn magnitudes(importance: &dyn Importance, estimate: &[f64], spread: &[f64]) -> Result<[f64; 3]> {
     const CORNERS: [[f64; 2]; 5] = [[0.0, 0.0], [-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]];
     let mut sums = [0.0; 3];
     for [a, b] in CORNERS {
-        let [density, friction, restitution, _] = estimate;
-        let at = clamp([density, friction + a * spread[1], restitution + b * spread[2]]);
+        let at = clamp([estimate[0], estimate[1] + a * spread[1], estimate[2] + b * spread[2]]);
         let gradient = importance.gradient(at);
         if gradient.iter().any(|g| !g.is_finite()) {
             return Err(Error::Failed(format!("the performance surface has no gradient at {at:?}")));
@@ -155,7 +150,7 @@ mod tests {
                 [0.0, -2.0 * (l[1] - 0.5), -18.0 * (l[2] - 0.5)]
             }
         }
-        let around = |spread| magnitudes(&Dome, [1.0, 0.5, 0.5, 0.0], spread).unwrap();
+        let around = |spread: [f64; 4]| magnitudes(&Dome, &[1.0, 0.5, 0.5, 0.0], &spread).unwrap();
         assert_eq!(around([0.0; 4]), [0.0; 3]);
         let [_, friction, restitution] = around([0.5, 0.2, 0.2, 0.0]);
         assert!((restitution / friction - 9.0).abs() < 1e-9);

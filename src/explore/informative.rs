@@ -1,6 +1,6 @@
 //! `informative`: the batch of actions that leaves the least uncertainty about the latents.
 //!
-//! With theta the latents (density, friction, restitution and, where it is fitted along, the drag), every candidate c
+//! With theta the latents (and the parameters of effects that are fitted along with them), every candidate c
 //! brings Fisher information F_c = sum_k J_k J_k^T / sigma^2, where J_k is the sensitivity of the k-th observed
 //! coordinate. What is known before the batch is M = prior precision + information of the trials already paid for.
 //! Actions are taken one by one, each the one that raises log det(M + F) most (D-optimal design); with a performance
@@ -23,7 +23,7 @@
 //! restitution, where random ones left 0.2 and 0.01 and `mixed` 0.15 and 0.03. Where it lacks the drag, actions that
 //! tell the latents most are also pulled most, and no strategy is right.
 
-use nalgebra::{Matrix4, Vector4};
+use nalgebra::{DMatrix, DVector};
 
 use super::gradient::magnitudes;
 use super::{Chosen, Situation, Strategy, World};
@@ -32,9 +32,7 @@ use crate::progress::Progress;
 use crate::task::scene::EffectTerm;
 use crate::task::{Placement, Scene};
 use crate::trajectory::{End, Trajectory};
-use crate::world::effect::linear_drag;
-use crate::world::latent::clamp;
-use crate::world::{Latents, Rollout, simulate_map};
+use crate::world::{Coordinates, Latents, Rollout, Sample, simulate_map};
 
 /// The strategy's row in the registry.
 pub struct Informative;
@@ -68,7 +66,8 @@ impl Strategy for Informative {
             None => None,
         };
         // Scaled by the prior, so that the criterion does not depend on units; see `Probe::scale`.
-        let weights = weights.map(|g| Vector4::from_fn(|i, _| g.get(i).map_or(0.0, |g| g * known.scale[i])));
+        let weight = |g: [f64; 3], i: usize| g.get(i).map_or(0.0, |g| g * known.scale[i]);
+        let weights = weights.map(|g| DVector::from_fn(known.scale.len(), |i, _| weight(g, i)));
         let indices = match weights.filter(|w| w.norm() > 0.0) {
             Some(w) => greedy(before, candidates, n, |m| -weighted_variance(m, &w)),
             None => greedy(before, candidates, n, log_det),
@@ -79,37 +78,38 @@ impl Strategy for Informative {
 
 /// Takes `n` of `options` one by one, each time the one that raises `worth(sum so far)` most; the first on a tie.
 fn greedy(
-    before: Matrix4<f64>,
-    options: &[Matrix4<f64>],
+    before: DMatrix<f64>,
+    options: &[DMatrix<f64>],
     n: usize,
-    worth: impl Fn(&Matrix4<f64>) -> f64,
+    worth: impl Fn(&DMatrix<f64>) -> f64,
 ) -> Vec<usize> {
     let mut sum = before;
     let mut left: Vec<usize> = (0..options.len()).collect();
     let mut taken = Vec::with_capacity(n.min(options.len()));
     while taken.len() < n && !left.is_empty() {
-        let worths = left.iter().map(|i| worth(&(sum + options[*i])));
+        let worths = left.iter().map(|i| worth(&(&sum + &options[*i])));
         let (best, _) = worths
             .enumerate()
             .fold((0, f64::NEG_INFINITY), |best, (k, w)| if w > best.1 { (k, w) } else { best });
         let index = left.remove(best);
-        sum += options[index];
+        sum += &options[index];
         taken.push(index);
     }
     taken
 }
 
 /// log det of a positive definite matrix; minus infinity for one that is not.
-fn log_det(m: &Matrix4<f64>) -> f64 {
-    m.cholesky()
-        .map_or(f64::NEG_INFINITY, |c| 2.0 * (0..4).map(|i| libm::log(c.l_dirty()[(i, i)])).sum::<f64>())
+fn log_det(m: &DMatrix<f64>) -> f64 {
+    m.clone().cholesky().map_or(f64::NEG_INFINITY, |c| {
+        2.0 * c.l_dirty().diagonal().iter().map(|v| libm::log(*v)).sum::<f64>()
+    })
 }
 
 /// sum_i (w_i sd_i)^2 for the covariance m^-1; infinite if there is none.
-fn weighted_variance(m: &Matrix4<f64>, w: &Vector4<f64>) -> f64 {
-    m.cholesky().map_or(f64::INFINITY, |c| {
+fn weighted_variance(m: &DMatrix<f64>, w: &DVector<f64>) -> f64 {
+    m.clone().cholesky().map_or(f64::INFINITY, |c| {
         let covariance = c.inverse();
-        (0..4).map(|i| w[i] * w[i] * covariance[(i, i)]).sum()
+        (0..w.len()).map(|i| w[i] * w[i] * covariance[(i, i)]).sum()
     })
 }
 
@@ -124,50 +124,47 @@ fn placed(situation: &Situation, task: usize, action: &crate::task::ValidAction)
 /// Around what, and how far, the simulation is varied.
 struct Probe<'a> {
     world: &'a World,
+    coordinates: &'a Coordinates,
     /// Where differences are taken from.
-    centre: [f64; 4],
-    /// (low, high) of each latent, within bounds; equal to the centre for one that is not searched.
-    ends: [(f64, f64); 4],
-    /// Standard deviation of the prior of each latent, and 1 for one that is not searched. Information is per this
-    /// unit.
-    scale: [f64; 4],
+    centre: Sample,
+    /// (low, high) of each coordinate, within bounds; equal to the centre for one that is not searched.
+    ends: Vec<(f64, f64)>,
+    /// Standard deviation of the prior of each coordinate, and 1 for one that is not searched. Information is per
+    /// this unit.
+    scale: Sample,
 }
 
 impl<'a> Probe<'a> {
     fn new(situation: &Situation<'a>) -> Probe<'a> {
-        let bounded = |x: [f64; 4]| {
-            let [density, friction, restitution] = clamp([x[0], x[1], x[2]]);
-            [density, friction, restitution, x[3].max(0.0)]
-        };
-        let centre = bounded(situation.estimate);
+        let coordinates = situation.coordinates;
+        let centre = coordinates.clamp(situation.estimate);
         let end = |i: usize, to: f64| {
             if situation.prior[i] <= 0.0 {
                 return centre[i];
             }
             let step = (STEP.0 * situation.spread[i]).max(STEP.1 * situation.prior[i]);
-            let mut moved = centre;
-            moved[i] += to * step;
-            // Half the value is as far down as the difference goes: close to zero laws bend.
-            if to < 0.0 {
-                moved[i] = moved[i].max(0.5 * centre[i]);
-            }
-            bounded(moved)[i]
+            let [low, high] = coordinates.bounds(i);
+            let moved = centre[i] + to * step;
+            // Half the value is as far down as the difference of a coefficient goes: close to zero laws bend.
+            let least = if to < 0.0 && low >= 0.0 { 0.5 * centre[i] } else { low };
+            moved.max(least).clamp(low, high)
         };
-        Probe {
-            world: situation.world,
-            centre,
-            ends: std::array::from_fn(|i| (end(i, -1.0), end(i, 1.0))),
-            scale: situation.prior.map(|p| if p > 0.0 { p } else { 1.0 }),
-        }
+        let ends = (0..coordinates.len()).map(|i| (end(i, -1.0), end(i, 1.0))).collect();
+        let scale = situation.prior.iter().map(|p| if *p > 0.0 { *p } else { 1.0 }).collect();
+        Probe { world: situation.world, coordinates, centre, ends, scale }
     }
 
     /// What the prior knows, per prior standard deviation: one each.
-    fn precision(&self) -> Matrix4<f64> {
-        Matrix4::identity()
+    fn precision(&self) -> DMatrix<f64> {
+        DMatrix::identity(self.scale.len(), self.scale.len())
+    }
+
+    fn nothing(&self) -> DMatrix<f64> {
+        DMatrix::zeros(self.scale.len(), self.scale.len())
     }
 
     /// Fisher information of observing each scene, and the full rollouts' worth of simulation it took.
-    fn information(&self, scenes: &[Scene], progress: &dyn Progress) -> Result<(Vec<Matrix4<f64>>, u64)> {
+    fn information(&self, scenes: &[Scene], progress: &dyn Progress) -> Result<(Vec<DMatrix<f64>>, u64)> {
         let mut found = Vec::with_capacity(scenes.len());
         let (mut steps, mut whole) = (0u64, 0u64);
         for chunk in scenes.chunks(CHUNK) {
@@ -176,7 +173,7 @@ impl<'a> Probe<'a> {
                 .iter()
                 .map(|scene| Rollout {
                     scene,
-                    latents: latents(self.centre),
+                    latents: self.coordinates.latents(&self.centre),
                     effects: &self.world.effects,
                     stop: true,
                 })
@@ -188,7 +185,7 @@ impl<'a> Probe<'a> {
             for (owner, (scene, trajectory)) in chunk.iter().zip(&trajectories).enumerate() {
                 segments.extend(cut(scene, trajectory).into_iter().map(|scene| (owner, scene)));
             }
-            let mut sums = vec![Matrix4::zeros(); chunk.len()];
+            let mut sums = vec![self.nothing(); chunk.len()];
             let ends = self.simulate_variants(&segments)?;
             for ((owner, scene), variants) in segments.iter().zip(ends.chunks(self.variants().len())) {
                 sums[*owner] += self.of_segment(variants);
@@ -200,9 +197,9 @@ impl<'a> Probe<'a> {
         Ok((found, (steps as f64 / each.max(1.0)).ceil() as u64))
     }
 
-    /// The centre and both ends of every latent that is searched: (index of the latent, value).
+    /// The centre and both ends of every coordinate that is searched: (its index, value).
     fn variants(&self) -> Vec<(usize, f64)> {
-        let ends = (0..4).flat_map(|i| [(i, self.ends[i].0), (i, self.ends[i].1)]);
+        let ends = (0..self.ends.len()).flat_map(|i| [(i, self.ends[i].0), (i, self.ends[i].1)]);
         std::iter::once((0, self.centre[0])).chain(ends.filter(|(i, v)| *v != self.centre[*i])).collect()
     }
 
@@ -212,9 +209,9 @@ impl<'a> Probe<'a> {
             .variants()
             .into_iter()
             .map(|(i, value)| {
-                let mut at = self.centre;
+                let mut at = self.centre.clone();
                 at[i] = value;
-                (latents(at), self.effects(at[3]))
+                (self.coordinates.latents(&at), self.coordinates.effects(&at, &self.world.effects))
             })
             .collect();
         let rollouts: Vec<Rollout> = segments
@@ -236,30 +233,21 @@ impl<'a> Probe<'a> {
         })
     }
 
-    /// The simulation's effects with this drag in place of the one it has.
-    fn effects(&self, drag: f64) -> Vec<EffectTerm> {
-        if drag == self.centre[3] {
-            return self.world.effects.clone();
-        }
-        let others = self.world.effects.iter().filter(|e| e.name != "linear_drag").cloned();
-        others.chain((drag > 0.0).then(|| linear_drag(drag))).collect()
-    }
-
     /// Information of one segment from its final positions in every variant.
-    fn of_segment(&self, variants: &[Vec<f64>]) -> Matrix4<f64> {
+    fn of_segment(&self, variants: &[Vec<f64>]) -> DMatrix<f64> {
         let nominal = &variants[0];
         if variants.iter().any(|v| v.len() != nominal.len()) {
-            return Matrix4::zeros();
+            return self.nothing();
         }
         let kinds = self.variants();
-        let mut sum = Matrix4::zeros();
+        let mut sum = self.nothing();
         for (k, at_centre) in nominal.iter().enumerate() {
-            let mut slopes: [Vec<f64>; 4] = Default::default();
+            let mut slopes = vec![Vec::new(); self.scale.len()];
             for ((i, value), moved) in kinds.iter().zip(variants).skip(1) {
                 slopes[*i].push((moved[k] - at_centre) / (value - self.centre[*i]));
             }
-            let j = Vector4::from_fn(|i, _| gentlest(&slopes[i]) * self.scale[i] / SIGMA);
-            sum += j * j.transpose();
+            let j = DVector::from_fn(self.scale.len(), |i, _| gentlest(&slopes[i]) * self.scale[i] / SIGMA);
+            sum += &j * j.transpose();
         }
         sum
     }
@@ -278,10 +266,6 @@ fn gentlest(slopes: &[f64]) -> f64 {
     } else {
         0.0
     }
-}
-
-fn latents(x: [f64; 4]) -> Latents {
-    Latents::of([x[0], x[1], x[2]])
 }
 
 /// The scene restarted from every observed state of its trajectory, each up to the next observation, without goal.
@@ -442,7 +426,7 @@ mod tests {
         let probe = Probe::new(&situation);
         let scenes = [scene([5.0, 0.0], 0.0), scene([0.0, 0.0], 8.0), scene([0.0, 0.0], 0.0)];
         let (told, rollouts) = probe.information(&scenes, &Silent).unwrap();
-        let [slides, bounces, rests] = [told[0], told[1], told[2]];
+        let [slides, bounces, rests] = [&told[0], &told[1], &told[2]];
         assert!(slides[(1, 1)] > 1.0 && slides[(2, 2)] < 1e-3, "{slides}");
         assert!(bounces[(2, 2)] > 3.0 && bounces[(1, 1)] < 1e-6, "{bounces}");
         assert!(rests.norm() < 1e-6, "{rests}");
@@ -470,10 +454,10 @@ mod tests {
     /// Once an action has been measured, the same one again tells less than it did.
     #[test]
     fn what_is_known_already_is_worth_less() {
-        let f = |d: [f64; 4]| Matrix4::from_diagonal(&Vector4::from(d));
+        let f = |d: [f64; 4]| DMatrix::from_diagonal(&DVector::from_column_slice(&d));
         let options = [f([0.0, 0.0, 50.0, 0.0]), f([0.0, 20.0, 0.0, 0.0])];
-        let first = |before: Matrix4<f64>| greedy(before, &options, 1, log_det)[0];
-        assert_eq!(first(Matrix4::identity()), 0);
-        assert_eq!(first(Matrix4::identity() + options[0]), 1);
+        let first = |before: DMatrix<f64>| greedy(before, &options, 1, log_det)[0];
+        assert_eq!(first(DMatrix::identity(4, 4)), 0);
+        assert_eq!(first(DMatrix::identity(4, 4) + &options[0]), 1);
     }
 }

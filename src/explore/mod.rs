@@ -20,10 +20,10 @@ use crate::rng::Stream;
 use crate::task::scene::EffectTerm;
 use crate::task::{Placement, Scene, Task, ValidAction};
 use crate::trajectory::{Contact, Trajectory};
-use crate::world::{Engine, Latents, Rollout, simulate_map};
+use crate::world::{Coordinates, Engine, Latents, Rollout, simulate_map};
 
 /// Every known strategy.
-pub static REGISTRY: [&dyn Strategy; 6] = [
+pub static REGISTRY: &[&dyn Strategy] = &[
     &collisions::Collisions,
     &rolling::Rolling,
     &random::Random,
@@ -54,12 +54,14 @@ pub struct Situation<'a> {
     pub candidates: &'a [Candidate],
     /// The simulation they were tried in.
     pub world: &'a World,
-    /// The current estimate: density (kg/m^2), friction, restitution, c of `linear_drag` (1/s).
-    pub estimate: [f64; 4],
+    /// What is estimated.
+    pub coordinates: &'a Coordinates,
+    /// The current estimate, one value a coordinate.
+    pub estimate: &'a [f64],
     /// How far the search still spreads around it, standard deviations.
-    pub spread: [f64; 4],
+    pub spread: &'a [f64],
     /// How far it spread before anything was measured, standard deviations; 0 for what is not searched.
-    pub prior: [f64; 4],
+    pub prior: &'a [f64],
     /// What was measured so far.
     pub trials: &'a [Trial],
     /// What the task's performance asks of the latents; there where the strategy needs it, and used where there.
@@ -260,14 +262,18 @@ mod tests {
             tasks: &[],
             candidates,
             world,
-            estimate: [1.0, 0.5, 0.5, 0.0],
-            spread: [0.5, 0.2, 0.2, 0.0],
-            prior: [0.5, 0.25, 0.25, 0.0],
+            coordinates: &LATENTS,
+            estimate: &[1.0, 0.5, 0.5, 0.0],
+            spread: &[0.5, 0.2, 0.2, 0.0],
+            prior: &[0.5, 0.25, 0.25, 0.0],
             trials: &[],
             importance,
             progress: &Silent,
         }
     }
+
+    /// Nothing is fitted along.
+    static LATENTS: std::sync::LazyLock<Coordinates> = std::sync::LazyLock::new(|| Coordinates::new(&[]));
 
     pub(super) static WORLD: World = World {
         latents: Latents { density: Some(1.0), friction: Some(0.5), restitution: Some(0.5) },

@@ -9,6 +9,7 @@
 //!   truth's (see [`observe`]).
 //! - A latent factor sets the coefficient of every carrier and the density of every carrying body.
 
+pub mod coordinates;
 pub mod effect;
 pub mod goal;
 mod lanes;
@@ -25,6 +26,7 @@ use crate::error::{Error, Result};
 use crate::task::Scene;
 use crate::task::scene::EffectTerm;
 use crate::trajectory::Trajectory;
+pub use coordinates::{Coordinates, EffectParameter, Sample};
 use lanes::Topology;
 pub use lanes::{Level, Settings};
 #[cfg(feature = "levels")]

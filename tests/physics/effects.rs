@@ -686,6 +686,38 @@ fn errors_name_the_known() {
     assert!(said.contains("effects[0].parameters.period") && said.contains("from 0.001 to"), "{said}");
 }
 
+/// What is said of an effect is said in its own file: no other names one, but for the study of hidden worlds that are
+/// about certain effects.
+#[test]
+fn an_effect_is_named_in_its_own_file_alone() {
+    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let (mut pending, mut offences) = (vec![root.clone()], Vec::new());
+    while let Some(folder) = pending.pop() {
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            let below = path.strip_prefix(&root).unwrap().to_string_lossy().to_string();
+            if path.is_dir() {
+                pending.push(path);
+                continue;
+            }
+            if below.starts_with("world/effect/") || below == "experiment/study.rs" || !below.ends_with(".rs")
+            {
+                continue;
+            }
+            let text = std::fs::read_to_string(&path).unwrap();
+            let text = text.split("#[cfg(test)]").next().unwrap_or_default();
+            let code = text.lines().map(str::trim).filter(|line| !line.starts_with("//"));
+            for (line, e) in code.flat_map(|line| effect::REGISTRY.iter().map(move |e| (line, e))) {
+                // `lag` and `wind` stand in other words, too: only whole literals count.
+                if line.contains(&format!("\"{}\"", e.name)) || line.contains(&format!("\"{}.", e.name)) {
+                    offences.push(format!("{below}: {line}"));
+                }
+            }
+        }
+    }
+    assert!(offences.is_empty(), "{}", offences.join("\n"));
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
 

@@ -122,8 +122,9 @@ fn write_all(
     );
     for c in cells {
         let of = format!("\"{}\",{},{}", c.arm, c.nature.title(), c.seed);
-        for (n, [density, friction, restitution, drag]) in c.interactions.iter().zip(&c.estimates) {
-            estimates += &format!("{of},{n},{density},{friction},{restitution},{drag}\n");
+        for (n, estimate) in c.interactions.iter().zip(&c.estimates) {
+            let values: Vec<String> = estimate.iter().map(f64::to_string).collect();
+            estimates += &format!("{of},{n},{}\n", values.join(","));
         }
         for (round, s) in c.choices.iter().enumerate() {
             choices += &format!(

@@ -26,6 +26,7 @@ mod tangential_restitution;
 mod time_scale;
 mod wind;
 
+use super::coordinates::EffectParameter;
 use crate::error::{Error, Result, within};
 use crate::task::scene::EffectTerm;
 pub use declaration::{ActsOn, Effect, Parameter, Role, Search, Shape, Span};
@@ -108,9 +109,12 @@ pub fn damping(kept: f64) -> EffectTerm {
     linear_drag(-kept.ln())
 }
 
+/// The coefficient of linear drag, 1/s: what a scene's `damping` is short for.
+pub const DRAG: EffectParameter = EffectParameter { effect: &linear_drag::EFFECT, index: 0 };
+
 /// Linear drag with coefficient `c`, 1/s.
 pub fn linear_drag(c: f64) -> EffectTerm {
-    EffectTerm { name: "linear_drag".into(), parameters: [("c".to_string(), c)].into() }
+    DRAG.effect.at_clock(&[c], 0.0)
 }
 
 #[cfg(test)]

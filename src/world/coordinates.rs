@@ -1,0 +1,197 @@
+//! Named coordinates: the numbers of a simulation that an estimate is a point over.
+//!
+//! They are the latent factors, in the order of [`FACTORS`], and any parameters of effects, `quadratic_drag.k` say, that
+//! are fitted along with them. The coefficient of linear drag stands fourth in every point, and at 0 where it is not
+//! fitted: estimates have always been written that way.
+
+use serde::{Deserialize, Serialize};
+
+use super::effect::{DRAG, Effect, Parameter, find};
+use super::latent::{FACTORS, Latents};
+use crate::error::{Error, Result};
+use crate::task::scene::EffectTerm;
+
+/// A point: one value a coordinate, SI. (n_coordinates,)
+pub type Sample = Vec<f64>;
+
+/// What the numbers of a [`Sample`] are.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Coordinates {
+    /// Behind the factors: each parameter, and whether it is fitted.
+    parameters: Vec<(EffectParameter, bool)>,
+}
+
+/// A parameter of an effect; in files it is `effect.parameter`.
+#[derive(Clone, Copy, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct EffectParameter {
+    /// The registry's row.
+    pub effect: &'static Effect,
+    /// Which of its parameters.
+    pub index: usize,
+}
+
+impl Coordinates {
+    /// The factors, and the parameters that are fitted along.
+    pub fn new(fitted: &[EffectParameter]) -> Coordinates {
+        let others = fitted.iter().filter(|p| **p != DRAG).map(|p| (*p, true));
+        Coordinates { parameters: std::iter::once((DRAG, fitted.contains(&DRAG))).chain(others).collect() }
+    }
+
+    /// How many there are.
+    #[expect(clippy::len_without_is_empty, reason = "there are always the factors")]
+    pub fn len(&self) -> usize {
+        FACTORS.len() + self.parameters.len()
+    }
+
+    /// `friction`, `quadratic_drag.k`.
+    pub fn name(&self, index: usize) -> String {
+        match index.checked_sub(FACTORS.len()) {
+            None => FACTORS[index].name.into(),
+            Some(p) => self.parameters[p].0.to_string(),
+        }
+    }
+
+    /// Values a world accepts, inclusive.
+    pub fn bounds(&self, index: usize) -> [f64; 2] {
+        match index.checked_sub(FACTORS.len()) {
+            None => FACTORS[index].bounds,
+            Some(p) => self.parameters[p].0.parameter().bounds,
+        }
+    }
+
+    /// The nearest point that a world accepts.
+    pub fn clamp(&self, at: &[f64]) -> Sample {
+        let within = |(i, v): (usize, &f64)| v.clamp(self.bounds(i)[0], self.bounds(i)[1]);
+        at.iter().enumerate().map(within).collect()
+    }
+
+    /// The latents at a point.
+    pub fn latents(&self, at: &[f64]) -> Latents {
+        Latents::of(std::array::from_fn(|i| at[i]))
+    }
+
+    /// The effects of a simulation at a point: those it is `given`, with what is fitted in place of their own values,
+    /// and behind them those that only the point has, unless they vanish there.
+    pub fn effects(&self, at: &[f64], given: &[EffectTerm]) -> Vec<EffectTerm> {
+        let mut all = given.to_vec();
+        let fitted = self.parameters.iter().zip(&at[FACTORS.len()..]).filter(|((_, fitted), _)| *fitted);
+        for ((own, _), value) in fitted {
+            let known = all.iter().position(|term| term.name == own.effect.name);
+            let term = known.unwrap_or_else(|| {
+                all.push(EffectTerm { name: own.effect.name.into(), parameters: Default::default() });
+                all.len() - 1
+            });
+            all[term].parameters.insert(own.parameter().name.into(), *value);
+        }
+        let vanishes = |term: &EffectTerm| {
+            let own = find(&term.name).map_or(&[][..], |e| e.parameters);
+            own.iter().all(|p| term.parameters.get(p.name).is_none_or(|v| *v == p.neutral))
+        };
+        let added = all.split_off(given.len());
+        all.extend(added.into_iter().filter(|term| !vanishes(term)));
+        all
+    }
+}
+
+impl EffectParameter {
+    /// Its row in the effect's declaration.
+    pub fn parameter(&self) -> &'static Parameter {
+        &self.effect.parameters[self.index]
+    }
+
+    /// The parameter called `effect.parameter`.
+    pub fn parse(text: &str) -> Result<EffectParameter> {
+        let (name, parameter) = text.split_once('.').unwrap_or((text, ""));
+        let effect = find(name)?;
+        let index =
+            effect.parameters.iter().position(|p| p.name == parameter).ok_or_else(|| Error::NotFound {
+                kind: "effect parameter",
+                id: text.to_string(),
+                known: effect.parameters.iter().map(|p| format!("{name}.{}", p.name)).collect(),
+            })?;
+        Ok(EffectParameter { effect, index })
+    }
+}
+
+impl std::fmt::Display for EffectParameter {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        write!(f, "{}.{}", self.effect.name, self.parameter().name)
+    }
+}
+
+impl std::fmt::Debug for EffectParameter {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        write!(f, "{self}")
+    }
+}
+
+impl PartialEq for EffectParameter {
+    fn eq(&self, other: &EffectParameter) -> bool {
+        (self.effect.name, self.index) == (other.effect.name, other.index)
+    }
+}
+
+impl TryFrom<String> for EffectParameter {
+    type Error = Error;
+
+    fn try_from(text: String) -> Result<EffectParameter> {
+        EffectParameter::parse(&text)
+    }
+}
+
+impl From<EffectParameter> for String {
+    fn from(parameter: EffectParameter) -> String {
+        parameter.to_string()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::world::effect::REGISTRY;
+
+    fn term(name: &str, parameters: &[(&str, f64)]) -> EffectTerm {
+        EffectTerm {
+            name: name.into(),
+            parameters: parameters.iter().map(|(n, v)| (n.to_string(), *v)).collect(),
+        }
+    }
+
+    /// Every parameter of every effect is found by its name, and can be a coordinate.
+    #[test]
+    fn every_parameter_is_a_coordinate() {
+        for effect in REGISTRY {
+            for index in 0..effect.parameters.len() {
+                let own = EffectParameter { effect, index };
+                assert_eq!(EffectParameter::parse(&own.to_string()).unwrap(), own);
+                let all = Coordinates::new(&[own]);
+                assert_eq!(all.name(all.len() - 1), own.to_string());
+                let neutral: Vec<f64> = [1.0, 0.5, 0.5].into_iter().chain([0.0; 1]).collect();
+                let at: Vec<f64> = match own == DRAG {
+                    true => neutral,
+                    false => neutral.into_iter().chain([own.parameter().neutral]).collect(),
+                };
+                assert_eq!(all.effects(&all.clamp(&at), &[]), [], "{own}: a neutral value is no effect");
+            }
+        }
+        for bad in ["drag", "linear_drag", "linear_drag.k", "ether.c", ""] {
+            assert!(EffectParameter::parse(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn what_is_fitted_stands_in_place_of_what_is_given() {
+        let parse = |name: &str| EffectParameter::parse(name).unwrap();
+        let all = Coordinates::new(&[parse("gust.ax"), parse("wind.ay"), parse("wind.ax")]);
+        let names: Vec<String> = (0..all.len()).map(|i| all.name(i)).collect();
+        let wanted = ["density", "friction", "restitution", "linear_drag.c", "gust.ax", "wind.ay", "wind.ax"];
+        assert_eq!(names, wanted);
+        let given = [term("linear_drag", &[("c", 0.1)]), term("gust", &[("ax", 1.0), ("period", 2.0)])];
+        let found = all.effects(&[1.0, 0.5, 0.5, 0.0, 3.0, -1.0, 2.0], &given);
+        let gust = term("gust", &[("ax", 3.0), ("period", 2.0)]);
+        // The drag is held, not fitted: it stays as it was given.
+        assert_eq!(found, [given[0].clone(), gust, term("wind", &[("ax", 2.0), ("ay", -1.0)])]);
+        assert_eq!(Coordinates::new(&[]).effects(&[1.0, 0.5, 0.5, 0.0], &given), given);
+    }
+}
