@@ -36,6 +36,31 @@ fn quadratic_drag_slows_as_one_over_t() {
     }
 }
 
+/// In flight the path stays to the bit and the spin falls by e^(-c t); off the floor, where spin is grip, the ball comes
+/// slower.
+#[test]
+fn spin_decay_takes_spin_and_nothing_else_in_flight() {
+    for engine in ENGINES {
+        let mut plain = free([2.0, 3.0], 2.0, &[], 1.0 / 240.0);
+        plain.bodies[0].angular_velocity = 10.0;
+        let decay = |scene: &Scene, c: f64| {
+            roll(&Scene { effects: vec![term("spin_decay", &[("c", c)])], ..scene.clone() }, engine)
+        };
+        let (with, without) = (decay(&plain, 0.7), roll(&plain, engine));
+        let path = |t: &Trajectory| [t.bodies[0].x.clone(), t.bodies[0].y.clone()];
+        assert_eq!(path(&with), path(&without), "{engine:?}");
+        near(last(&with.bodies[0].omega), 10.0 * f64::exp(-0.7 * 2.0), 1e-4, "spin", engine);
+        // Topspin that lasts until the bounce speeds it up.
+        let mut falls = lively();
+        falls.bodies.truncate(1);
+        (falls.bodies[0].velocity, falls.bodies[0].angular_velocity) = ([0.0, 0.0], -30.0);
+        falls.steps = 240;
+        let way = |t: &Trajectory| last(&t.bodies[0].x) - falls.bodies[0].position.unwrap()[0];
+        let (kept, lost) = (way(&roll(&falls, engine)), way(&decay(&falls, 20.0)));
+        assert!(kept > 0.1 && lost < 0.2 * kept && lost > 0.0, "{engine:?}: {kept} and {lost}");
+    }
+}
+
 #[test]
 fn wind_and_gravity_error_shift_the_parabola() {
     for engine in ENGINES {

@@ -21,6 +21,7 @@ mod position_scale;
 mod quadratic_drag;
 mod restitution_speed;
 mod rolling_resistance;
+mod spin_decay;
 mod sticky_patch;
 mod tangential_restitution;
 mod time_scale;
@@ -56,6 +57,7 @@ pub static REGISTRY: &[&Effect] = &[
     &camera_tilt::EFFECT,
     &lag::EFFECT,
     &placement_offset::EFFECT,
+    &spin_decay::EFFECT,
     &monomial::EFFECT,
 ];
 
