@@ -599,6 +599,8 @@ fn bad_input_is_a_problem_that_names_it() {
         row("POST", iplw, r#"{"task": "curling"}"#, 404, missing, ""),
         row("POST", iplw, r#"{"task": "bowling", "strategy": "psychic"}"#, 422, wrong, "strategy"),
         row("POST", iplw, r#"{"task": "bowling", "residual": "x"}"#, 422, wrong, "residual"),
+        row("POST", iplw, r#"{"task": "bowling", "fit": ["linear_drag.k"]}"#, 422, wrong, "fit"),
+        row("POST", iplw, r#"{"task": "bowling", "fit": ["gust.phase"]}"#, 422, wrong, "fit"),
         row("POST", iplw, r#"{"task": "bowling", "surface": "surface-9"}"#, 404, missing, ""),
         row("POST", iplw, r#"{"task": "bowling", "surface": "hill"}"#, 404, missing, ""),
         row("POST", "/v1/surfaces", "{}", 400, bad, ""),

@@ -27,7 +27,7 @@ use crate::session::{Kind, SavedWorld, TaskSet, Tried, World, WorldConfig};
 use crate::store::{Measured, Store};
 use crate::task::{Split, Task, ValidAction, split};
 use crate::trajectory::Trajectory;
-use crate::world::Engine;
+use crate::world::{EffectParameter, Engine};
 
 /// The kind of job.
 pub const KIND: &str = "iplw";
@@ -70,6 +70,9 @@ pub fn begin(app: &App, body: Estimation, config: &Value, keep: Keep<JobOut>) ->
     setup.strategy = body.strategy.unwrap_or(setup.strategy);
     if let Some(name) = &body.residual {
         setup.residual = ResidualKind::from_name(name).map_err(named)?;
+    }
+    for name in body.fit.iter().flatten() {
+        setup.cem.fit_along(EffectParameter::parse(name).map_err(named)?);
     }
     setup.rounds = whole("rounds", body.rounds, setup.rounds)?;
     setup.actions = whole("actions", body.actions, setup.actions)?;
@@ -340,6 +343,9 @@ fn named(error: Error) -> Error {
     match error {
         Error::NotFound { kind: kind @ ("strategy" | "residual"), id, known } => {
             Error::input(kind, format!("{id:?}"), format!("one of {}", known.join(", ")))
+        }
+        Error::NotFound { kind: "effect" | "effect parameter", id, known } => {
+            Error::input("fit", format!("{id:?}"), format!("one of {}", known.join(", ")))
         }
         Error::Input(mut input) if input.field == "candidates" => {
             input.field = "actions".into();

@@ -34,6 +34,9 @@ pub struct Estimation {
     /// `trajectory` (the default): simulated from the start to the end; `shooting`: anew from where things were seen,
     /// a stretch at a time, which bears noise, chance in collisions and a simulation that is not quite the world.
     pub residual: Option<String>,
+    /// Parameters of effects that the simulation is given and that are fitted along with the latents:
+    /// `linear_drag.c`, `wind.ax`.
+    pub fit: Option<Vec<String>>,
     /// Most rounds of exploring, measuring and fitting; default 5.
     pub rounds: Option<u64>,
     /// Real interactions a round; default 10.
