@@ -1,7 +1,7 @@
 //! Hides an effect in a task's real world, spends interactions on random actions, has the trials diagnosed, and counts
 //! how often the diagnosis is right.
 //!
-//! `cargo run --release --example hidden_tasks -- --seeds 3 --out tasks.md`: both tasks, every effect of [`HIDDEN`] and
+//! `cargo run --release --example hidden_tasks -- --seeds 3 --out tasks.md`: every family, every effect of [`HIDDEN`] and
 //! nothing, that many worlds each, sizes drawn by seed. `--first 100` takes other seeds, `--trials 50` is how many
 //! interactions, `--noise 0.01` (m) leaves positions and angles alone to be seen, `--engine rapier` lets the other engine
 //! play nature, `--only bowling/wind` takes one row. Every world's outcome is added to a CSV beside the table as soon as
@@ -20,7 +20,7 @@ use iplw::progress::Silent;
 use iplw::reality::{HiddenConfig, HiddenWorld, settled, standard};
 use iplw::rng;
 use iplw::task::scene::EffectTerm;
-use iplw::task::{Split, family, split};
+use iplw::task::{FAMILIES, Split, family, split};
 use iplw::world::Engine;
 use rand::RngExt;
 
@@ -39,7 +39,6 @@ const HIDDEN: [Row; 6] = [
 ];
 /// Sizes are drawn within these shares of the middle one.
 const SIZES: [f64; 2] = [0.75, 1.33];
-const TASKS: [&str; 2] = ["bowling", "basketball"];
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().collect();
@@ -51,14 +50,17 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let (seeds, first, trials) = (number("--seeds", 1), number("--first", 1), number("--trials", 50));
     let noise: f64 = given("--noise").and_then(|v| v.parse().ok()).unwrap_or(0.0);
     let engine = if given("--engine").as_deref() == Some("rapier") { Engine::Rapier } else { Engine::Auto };
-    let out = PathBuf::from(given("--out").unwrap_or_else(|| "hidden_tasks.md".into()));
+    let out = PathBuf::from(given("--out").unwrap_or_else(|| "out/hidden_tasks.md".into()));
     let only = given("--only").unwrap_or_default();
+    if let Some(folder) = out.parent() {
+        std::fs::create_dir_all(folder)?;
+    }
     let log = out.with_extension("csv");
     let known = std::fs::read_to_string(&log).unwrap_or_default();
     let done: HashSet<&str> = known.lines().filter_map(|l| l.split(',').next()).collect();
     let mut file = std::fs::OpenOptions::new().create(true).append(true).open(&log)?;
     for seed in first..first + seeds {
-        for task in TASKS {
+        for task in FAMILIES.map(|f| f.name) {
             for row in &HIDDEN {
                 let name = format!("{task}/{}", row.0);
                 let key = format!("{name}/{seed}/{trials}/{noise}/{engine:?}");
