@@ -31,7 +31,7 @@ fn files_are_written_and_read_back() {
         assert!(at("out").join(name).is_file(), "{name} is missing");
     }
     let html = std::fs::read_to_string(at("out").join("report.html")).unwrap();
-    assert!(!html.contains("src=\"http") && html.contains("<svg"));
+    assert!(!html.contains("src=\"http") && html.contains("data:image/svg+xml"));
     let rolled = Command::new(env!("CARGO_BIN_EXE_iplw"))
         .args(["rollout", "--in"])
         .arg(flat(&at("out").join("extended_scene.json"), &at("line.jsonl")))

@@ -2,7 +2,8 @@
 
 use plotters::prelude::*;
 
-use super::{Chart, Drawn, INK, drawable, empty, gridded, paint, picture, range, tick, units, widened};
+use super::frame::{Chart, Drawn, INK, empty, gridded, picture, units};
+use super::scale::{drawable, paint, range, tick, widened};
 
 /// Arrows of one colour.
 #[derive(Clone, Debug, Default, PartialEq)]
