@@ -5,7 +5,6 @@
 //! is returned; an error names file, line, column and value.
 
 use std::collections::HashSet;
-use std::fmt::Write as _;
 use std::path::Path;
 
 use super::Trial;
@@ -85,27 +84,35 @@ pub fn trials_to_csv(trials: &[Trial]) -> String {
     let mut tracks = trials.iter().flat_map(|t| &t.observed.bodies);
     let later = |v: &[f64]| v.iter().skip(1).any(|v| v.is_finite());
     let moving = tracks.any(|b| later(&b.vx) || later(&b.vy) || later(&b.omega));
-    let header = ["trial", if settings { ",setting" } else { "" }, ",t,body,x,y,angle"];
-    let mut out = header.concat() + if moving { ",vx,vy,omega\n" } else { "\n" };
-    let cell = |v: f64| if v.is_finite() { v.to_string() } else { String::new() };
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    let mut write =
+        |row: &[String]| writer.write_record(row).expect("rows are of one length, and memory takes them");
+    let if_any =
+        |there: bool, cells: &[&str]| cells.iter().filter(|_| there).map(|c| c.to_string()).collect();
+    let header: [Vec<String>; 4] = [
+        if_any(true, &["trial"]),
+        if_any(settings, &["setting"]),
+        if_any(true, &["t", "body", "x", "y", "angle"]),
+        if_any(moving, &["vx", "vy", "omega"]),
+    ];
+    write(&header.concat());
+    let cell = |v: &[f64], i: usize| v.get(i).filter(|v| v.is_finite()).map_or(String::new(), f64::to_string);
     for trial in trials {
         for (i, t) in trial.observed.times.iter().enumerate() {
             for track in &trial.observed.bodies {
-                let _ = write!(out, "{},", quoted(&trial.name));
-                if settings {
-                    let _ = write!(out, "{},", quoted(trial.setting.as_deref().unwrap_or_default()));
-                }
-                let (x, y, angle) = (cell(track.x[i]), cell(track.y[i]), cell(track.angle[i]));
-                let _ = write!(out, "{t},{},{x},{y},{angle}", quoted(&track.name));
+                let mut row = vec![trial.name.clone()];
+                row.extend(settings.then(|| trial.setting.clone().unwrap_or_default()));
+                row.extend([t.to_string(), track.name.clone()]);
+                row.extend([&track.x, &track.y, &track.angle].map(|v| cell(v, i)));
                 if moving {
-                    let of = |v: &[f64]| cell(v.get(i).copied().unwrap_or(f64::NAN));
-                    let _ = write!(out, ",{},{},{}", of(&track.vx), of(&track.vy), of(&track.omega));
+                    row.extend([&track.vx, &track.vy, &track.omega].map(|v| cell(v, i)));
                 }
-                out.push('\n');
+                write(&row);
             }
         }
     }
-    out
+    let bytes = writer.into_inner().expect("memory takes what is left to write");
+    String::from_utf8(bytes).expect("text and numbers were written")
 }
 
 struct Columns {
@@ -261,14 +268,6 @@ fn looks_cut(digits: &[usize]) -> bool {
 fn unreadable(error: &csv::Error) -> Error {
     let line = error.position().map_or(0, |p| p.line() as usize);
     refuse(line, "", "", &format!("comma-separated values ({error})"))
-}
-
-fn quoted(text: &str) -> String {
-    if text.contains([',', '"', '\n']) {
-        format!("\"{}\"", text.replace('"', "\"\""))
-    } else {
-        text.to_string()
-    }
 }
 
 fn refuse(line: usize, field: &str, value: &str, allowed: &str) -> Error {

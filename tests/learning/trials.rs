@@ -41,6 +41,22 @@ fn written_files_read_back_the_same() {
     assert_eq!(format!("{trials:?}"), format!("{again:?}"));
 }
 
+/// A carriage return was once written without quotes, and ended the row for whoever read it.
+#[test]
+fn a_name_with_a_quote_a_comma_and_a_carriage_return_survives() {
+    let scene = scene();
+    let mut trials = trials_from_csv(GOOD, &scene).unwrap();
+    trials[1].name = "the \"second\", begun\ranew".into();
+    let again = trials_from_csv(&trials_to_csv(&trials), &scene).unwrap();
+    assert_eq!(format!("{trials:?}"), format!("{again:?}"));
+}
+
+#[test]
+fn ordinary_files_have_no_quotes_and_every_digit() {
+    let text = "trial,t,body,x,y,angle\na,0,ball,0,1,\na,0,cup,3,3,0.5\na,0.1,ball,0.12345678901234567,,\na,0.1,cup,,,\n";
+    assert_eq!(trials_to_csv(&trials_from_csv(text, &scene()).unwrap()), text);
+}
+
 #[test]
 fn windows_line_ends_and_byte_order_marks_are_taken() {
     let text = format!("\u{feff}{}", GOOD.replace('\n', "\r\n"));
