@@ -82,7 +82,8 @@ openapi:
 # Searches the built-in tasks anew; only when physics or selection changed.
 tasks:
 	$(CARGO) build --release --locked
-	for f in bowling basketball; do ./target/release/iplw tasks $$f --certify > $$f.new && mv $$f.new src/task/$$f.certified.json; done
+	for f in src/task/families/*.certified.json; do \
+		./target/release/iplw tasks $$(basename $$f .certified.json) --certify > $$f.new && mv $$f.new $$f; done
 
 clean:
 	rm -rf out $(VENV) $(VENV)-peers clients/generated/node_modules clients/generated/out

@@ -6,20 +6,19 @@ use std::time::Instant;
 use iplw::policy::{CHUNK, LabelConfig, TrainConfig, Training, label, rank, train};
 use iplw::progress::Silent;
 use iplw::reality::standard;
-use iplw::task::{Split, family, split};
+use iplw::task::{FAMILIES, Split, split};
 
 fn main() -> Result<(), iplw::error::Error> {
-    for name in ["bowling", "basketball"] {
-        let family = family(name)?;
+    for family in FAMILIES {
+        let name = family.name;
         let tasks = (family.tasks)();
         let training = split(&tasks, Split::Train);
         let latents = standard(family).latents;
-        let labels = LabelConfig { per_task: 800, most_per_task: 1600, ..LabelConfig::default() };
+        let labels = LabelConfig::preset(&family.learning.study_labels, 0);
         let start = Instant::now();
         let data = label(&training, &Training::Fixed { latents, effects: Vec::new() }, &labels, &Silent)?;
         let labelled = start.elapsed().as_secs_f64();
-        let config =
-            if name == "bowling" { TrainConfig::paper_bowling() } else { TrainConfig::paper_basketball() };
+        let config = TrainConfig::preset(&family.learning);
         let (policy, _) = train(&data, &config, &Silent)?;
         let trained = start.elapsed().as_secs_f64() - labelled;
         let task = &split(&tasks, Split::Test)[0];

@@ -1,12 +1,13 @@
-//! Writes randomly acted-on scenes of a task family as JSON, one a line, with their real latents and the effect
+//! Writes randomly acted-on scenes of a task family as JSON, one a line, with the latents of its real world and the effect
 //! `linear_drag` filled in: `cargo run --release --example sampled_scenes -- bowling 30 0.8 > scenes.jsonl`.
 
+use iplw::reality::{HiddenWorld, standard};
 use iplw::task::{Placement, Scene, family};
 
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [name, count, damping] = arguments.as_slice() else {
-        eprintln!("usage: sampled_scenes bowling|basketball COUNT DAMPING");
+        eprintln!("usage: sampled_scenes FAMILY COUNT DAMPING");
         std::process::exit(2);
     };
     let count: usize = count.parse().expect("COUNT is a whole number");
@@ -20,7 +21,8 @@ fn main() {
 /// Scene after scene of the family, each with the next placeable action of a fixed stride, latents written in.
 fn sampled(name: &str, count: usize) -> Vec<Scene> {
     let family = family(name).expect("the family exists");
-    let physics = &family.real_physics;
+    let real = HiddenWorld::new(standard(family)).expect("a family's world can be made").reveal();
+    let [density, friction, restitution] = real.latents.values();
     let mut scenes = Vec::new();
     for (i, scene) in (family.candidates)(0).iter().cycle().enumerate() {
         let space = scene.action.as_ref().expect("a family's scenes have actions");
@@ -28,12 +30,14 @@ fn sampled(name: &str, count: usize) -> Vec<Scene> {
         let Placement::Valid(mut placed) = space.place(scene, &action) else { continue };
         let carriers: Vec<bool> = placed.bodies.iter().map(|b| placed.carries_latents(&b.name)).collect();
         for (body, _) in placed.bodies.iter_mut().zip(carriers).filter(|(_, carries)| *carries) {
-            (body.density, body.mass) = (Some(physics.density), None);
-            (body.friction, body.restitution) = (physics.friction, physics.restitution);
+            (body.density, body.mass) = (density.or(body.density), None);
+            body.friction = friction.unwrap_or(body.friction);
+            body.restitution = restitution.unwrap_or(body.restitution);
         }
         let carriers: Vec<bool> = placed.statics.iter().map(|s| placed.carries_latents(&s.name)).collect();
         for (fixed, _) in placed.statics.iter_mut().zip(carriers).filter(|(_, carries)| *carries) {
-            (fixed.friction, fixed.restitution) = (physics.friction, physics.restitution);
+            fixed.friction = friction.unwrap_or(fixed.friction);
+            fixed.restitution = restitution.unwrap_or(fixed.restitution);
         }
         placed.action = None;
         placed.carriers = None;

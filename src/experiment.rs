@@ -8,23 +8,28 @@
 //! Differences from the source: [`EstimateConfig::memory`] decides whether a round's fit sees all trials so far
 //! (default) or only its own; the loop also ends when the estimate has settled or the budget is spent.
 
+mod choice;
 mod config;
 pub mod extension;
 mod fit;
 pub mod quickstart;
 mod report;
 pub mod sense;
+mod stages;
 pub mod statistics;
 pub mod strategies;
 pub mod study;
 pub mod surface;
 pub mod transfer;
+mod tryout;
 mod workflow;
 
-pub use config::{EstimateConfig, Memory, ResidualKind};
+pub use choice::Choice;
+pub use config::{DRAG_PRIOR, EstimateConfig, Memory, ResidualKind};
 pub use report::{EstimateReport, Stopped};
 pub use sense::Sense;
-pub use workflow::{Answer, Asked, Choice, Proposal, Round, Workflow};
+pub use tryout::try_out;
+pub use workflow::{Answer, Asked, Proposal, Round, Workflow};
 
 use std::sync::Arc;
 
@@ -36,7 +41,7 @@ use crate::reality::{Reality, Trial};
 use crate::rng;
 use crate::task::{Task, ValidAction};
 use fit::{Found, fit_round, report_on};
-use workflow::Staged;
+use stages::Staged;
 
 /// Estimates the latents of `reality` over `tasks`; returns the report and the trials it was made from.
 pub fn estimate(

@@ -1,8 +1,8 @@
 //! A round's fit, and the report's last word on it.
 
+use super::choice::Choice;
 use super::config::{EstimateConfig, ResidualKind};
 use super::report::{EstimateReport, Stopped};
-use super::workflow::Choice;
 use crate::error::Result;
 use crate::estimate::fitness::{Racing, Simulation, losses_on};
 use crate::estimate::interval::intervals;

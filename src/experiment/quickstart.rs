@@ -10,12 +10,15 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::config::DRAG_PRIOR;
 use super::extension::{self, Extension, diagnosed};
+use super::stages::Named;
+use super::tryout::try_out;
 use super::{EstimateConfig, EstimateReport, estimate, refit};
 use crate::discover::Finding;
 use crate::error::{Result, within};
 use crate::policy::{
-    EvaluateConfig, Evaluation, LabelConfig, Policy, Random, TrainConfig, Training, evaluate, label, train,
+    EvaluateConfig, Evaluation, LabelConfig, Policy, Random, TrainConfig, Training, label, train,
 };
 use crate::progress::Progress;
 use crate::reality::{HiddenConfig, HiddenWorld, Reality, Trial, Truth};
@@ -140,63 +143,27 @@ pub fn quickstart(
 ) -> Result<(QuickstartReport, Keepsakes)> {
     within("seeds", config.seeds.len() as f64, 1.0, 1000.0)?;
     config.estimate.validate()?;
-    let training = split(tasks, Split::Train);
-    let test = split(tasks, Split::Test);
-    let mut stopwatch = Stopwatch { clock, laps: Vec::new() };
-    let truth = HiddenWorld::new(hidden.clone())?.reveal();
+    let mut story = Story {
+        training: split(tasks, Split::Train),
+        test: split(tasks, Split::Test),
+        hidden,
+        truth: HiddenWorld::new(hidden.clone())?.reveal(),
+        config,
+        stopwatch: Stopwatch { clock, laps: Vec::new() },
+    };
     let mut rows: Vec<(Row, Vec<Evaluation>)> = Vec::new();
     let (mut estimates, mut extensions, mut diagnoses, mut keepsakes) =
         (Vec::new(), Vec::new(), Vec::new(), None);
-    let mut first_finding = None;
     for (n, seed) in config.seeds.iter().enumerate() {
         let staged = Named { inner: progress, name: format!("seed {} of {}", n + 1, config.seeds.len()) };
-        let mut world = HiddenWorld::new(HiddenConfig { seed: *seed, ..hidden.clone() })?;
-        let setup = EstimateConfig { seed: *seed, ..config.estimate.clone() };
-        let (report, trials) = stopwatch
-            .time("explore, measure, estimate", || estimate(&training, &mut world, &setup, &staged))?;
-        let spent = world.interactions();
-        let extended = extend(&trials, &setup, &mut stopwatch, &staged)?;
-        let found = Latents::of(report.values());
-        let named = Named { inner: &staged, name: "what the simulation lacks".into() };
-        let (scene, finding) = stopwatch.time("diagnose", || diagnosed(&trials, &setup, &named))?;
-        let extension = stopwatch.time("fit in the extended simulation", || {
-            extension::extended(&finding, &trials, &setup, found, &named)
-        })?;
-        first_finding = first_finding.or(Some((scene, finding)));
-        for (method, schooling) in [
-            (Method::Random, None),
-            (Method::DomainRandomisation, Some(Training::paper_randomised())),
-            (Method::Iplw, Some(fixed(found, &[]))),
-            (Method::IplwWithDrag, Some(fixed(Latents::of(extended.values()), &extended.extension()))),
-            (Method::IplwDiagnosed, Some(fixed(extension.latents, &extension.effects))),
-            (Method::TrueLatents, Some(fixed(truth.latents, &[]))),
-            (Method::TruePhysics, Some(fixed(truth.latents, &truth.effects))),
-        ] {
-            let named = Named { inner: &staged, name: method.title().into() };
-            let policy: Box<dyn Policy> = match &schooling {
-                None => Box::new(Random { seed: *seed }),
-                Some(schooling) => {
-                    let labels = LabelConfig { seed: rng::derive(*seed, "label", 0), ..config.label.clone() };
-                    let data =
-                        stopwatch.time("label actions", || label(&training, schooling, &labels, &named))?;
-                    let setup = TrainConfig { seed: *seed, ..config.train.clone() };
-                    let (dqn, _) = stopwatch.time("train policies", || train(&data, &setup, &named))?;
-                    Box::new(dqn)
-                }
-            };
-            let evaluation = stopwatch.time("transfer and evaluate", || {
-                try_out(policy.as_ref(), &test, hidden, &config.evaluate, &named)
-            })?;
-            let from_trials = [Method::Iplw, Method::IplwWithDrag, Method::IplwDiagnosed].contains(&method);
-            let interactions = if from_trials { spent } else { 0 };
+        let told = story.told(*seed, &staged)?;
+        for (method, evaluation, interactions) in told.tried {
             take_down(&mut rows, method, evaluation, interactions);
-            if method == Method::Iplw && keepsakes.is_none() {
-                keepsakes = Some((trials.clone(), policy));
-            }
         }
-        estimates.push(report);
-        extensions.push(extended);
-        diagnoses.push(extension);
+        estimates.push(told.estimate);
+        extensions.push(told.with_drag);
+        diagnoses.push(told.extension);
+        keepsakes = keepsakes.or(Some(told.keepsakes));
     }
     let rows = rows.into_iter().map(|(row, evaluations)| averaged(row, &evaluations)).collect();
     let report = QuickstartReport {
@@ -204,30 +171,91 @@ pub fn quickstart(
         estimates,
         extensions,
         diagnoses,
-        truth,
-        seconds: stopwatch.laps,
+        truth: story.truth,
+        seconds: story.stopwatch.laps,
         config: config.clone(),
         version: env!("CARGO_PKG_VERSION").into(),
     };
-    let (trials, policy) = keepsakes.expect("at least one seed was run");
-    let diagnosed = first_finding.expect("at least one seed was run");
-    Ok((report, Keepsakes { trials, diagnosed, policy }))
+    Ok((report, keepsakes.expect("at least one seed was run")))
 }
 
-/// Tries a policy's ranking on the real world; attempts are the agent's own, on a world of its own.
-pub fn try_out(
-    policy: &dyn Policy,
-    tasks: &[Task],
-    hidden: &HiddenConfig,
-    config: &EvaluateConfig,
-    progress: &dyn Progress,
-) -> Result<Evaluation> {
-    let mut world = HiddenWorld::new(hidden.clone())?;
-    let mut attempt = |task: &Task, actions: &[crate::task::ValidAction]| {
-        let tried = world.measure(task, actions)?;
-        Ok(tried.iter().map(|a| a.trajectory.as_ref().map(|t| t.solved())).collect())
-    };
-    evaluate(policy, tasks, config, &mut attempt, progress)
+/// What is the same for every seed.
+struct Story<'a> {
+    training: Vec<Task>,
+    test: Vec<Task>,
+    hidden: &'a HiddenConfig,
+    truth: Truth,
+    config: &'a QuickstartConfig,
+    stopwatch: Stopwatch<'a>,
+}
+
+/// The story of one seed.
+struct Told {
+    estimate: EstimateReport,
+    /// The same trials fitted again with linear drag in the simulation.
+    with_drag: EstimateReport,
+    extension: Extension,
+    /// Every way of getting a policy, how it did, and the real interactions it cost.
+    tried: Vec<(Method, Evaluation, u64)>,
+    keepsakes: Keepsakes,
+}
+
+impl Story<'_> {
+    fn told(&mut self, seed: u64, progress: &dyn Progress) -> Result<Told> {
+        let mut world = HiddenWorld::new(HiddenConfig { seed, ..self.hidden.clone() })?;
+        let setup = EstimateConfig { seed, ..self.config.estimate.clone() };
+        let (report, trials) = self
+            .stopwatch
+            .time("explore, measure, estimate", || estimate(&self.training, &mut world, &setup, progress))?;
+        let spent = world.interactions();
+        let with_drag = extend(&trials, &setup, &mut self.stopwatch, progress)?;
+        let found = Latents::of(report.values());
+        let named = Named { inner: progress, name: "what the simulation lacks".into() };
+        let (scene, finding) = self.stopwatch.time("diagnose", || diagnosed(&trials, &setup, &named))?;
+        let extension = self.stopwatch.time("fit in the extended simulation", || {
+            extension::extended(&finding, &trials, &setup, found, &named)
+        })?;
+        let (mut tried, mut ours): (Vec<_>, Option<Box<dyn Policy>>) = (Vec::new(), None);
+        for (method, schooling) in [
+            (Method::Random, None),
+            (Method::DomainRandomisation, Some(Training::paper_randomised())),
+            (Method::Iplw, Some(fixed(found, &[]))),
+            (Method::IplwWithDrag, Some(fixed(Latents::of(with_drag.values()), &with_drag.extension()))),
+            (Method::IplwDiagnosed, Some(fixed(extension.latents, &extension.effects))),
+            (Method::TrueLatents, Some(fixed(self.truth.latents, &[]))),
+            (Method::TruePhysics, Some(fixed(self.truth.latents, &self.truth.effects))),
+        ] {
+            let named = Named { inner: progress, name: method.title().into() };
+            let policy = self.schooled(schooling.as_ref(), seed, &named)?;
+            let evaluation = self.stopwatch.time("transfer and evaluate", || {
+                try_out(policy.as_ref(), &self.test, self.hidden, &self.config.evaluate, &named)
+            })?;
+            let from_trials = [Method::Iplw, Method::IplwWithDrag, Method::IplwDiagnosed].contains(&method);
+            tried.push((method, evaluation, if from_trials { spent } else { 0 }));
+            if method == Method::Iplw {
+                ours = Some(policy);
+            }
+        }
+        let policy = ours.expect("one of the methods is ours");
+        let keepsakes = Keepsakes { trials, diagnosed: (scene, finding), policy };
+        Ok(Told { estimate: report, with_drag, extension, tried, keepsakes })
+    }
+
+    /// A policy trained in a simulation, or one that ranks at random.
+    fn schooled(
+        &mut self,
+        schooling: Option<&Training>,
+        seed: u64,
+        progress: &dyn Progress,
+    ) -> Result<Box<dyn Policy>> {
+        let Some(schooling) = schooling else { return Ok(Box::new(Random { seed })) };
+        let labels = LabelConfig { seed: rng::derive(seed, "label", 0), ..self.config.label.clone() };
+        let data =
+            self.stopwatch.time("label actions", || label(&self.training, schooling, &labels, progress))?;
+        let setup = TrainConfig { seed, ..self.config.train.clone() };
+        let (dqn, _) = self.stopwatch.time("train policies", || train(&data, &setup, progress))?;
+        Ok(Box::new(dqn))
+    }
 }
 
 /// Fits the trials that the workflow measured once more, with linear drag in the simulation; costs no further
@@ -287,17 +315,5 @@ impl Stopwatch<'_> {
             None => self.laps.push((stage.to_string(), took)),
         }
         result
-    }
-}
-
-/// Puts a name before every stage.
-pub(super) struct Named<'a> {
-    pub inner: &'a dyn Progress,
-    pub name: String,
-}
-
-impl Progress for Named<'_> {
-    fn report(&self, stage: &str, done: u64, total: u64) -> Result<()> {
-        self.inner.report(&format!("{}: {stage}", self.name), done, total)
     }
 }

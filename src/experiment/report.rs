@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::choice::Choice;
 use super::config::EstimateConfig;
-use super::workflow::Choice;
 use crate::estimate::LatentEstimate;
 use crate::task::scene::EffectTerm;
 use crate::world::Sample;

@@ -18,10 +18,10 @@ use crate::estimate::{CemConfig, LatentEstimate};
 use crate::explore::{Importance, REGISTRY};
 use crate::progress::Progress;
 use crate::reality::{HiddenConfig, HiddenWorld, standard};
-use crate::task::{Family, Split, split};
+use crate::task::{Family, Nearer, Split, split};
 use crate::world::Sample;
 use crate::world::effect::DRAG;
-use crate::world::latent::FACTORS;
+use crate::world::latent::{FACTORS, factor_index};
 
 /// What is run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -100,8 +100,7 @@ impl StrategiesConfig {
             estimate: EstimateConfig { strategy: name.into(), ..EstimateConfig::paper(family.prior) },
         };
         let mut arms: Vec<Arm> = REGISTRY.iter().map(|s| paper(s.name())).collect();
-        // All trials so far in place of the last round's: five times the work, an hour on bowling's long rollouts.
-        if family.name == "basketball" {
+        if family.claims.all_trials {
             arms.push(Arm {
                 name: "mixed, all trials".into(),
                 estimate: EstimateConfig { memory: Memory::All, ..EstimateConfig::paper(family.prior) },
@@ -269,89 +268,92 @@ pub fn errors(family: &Family, cells: &[Cell]) -> Vec<ErrorRow> {
     rows
 }
 
-/// What the cells say of the paper's claims about estimates, and of ours. Errors are in units of the prior's
-/// standard deviation, averaged over friction and restitution unless one is named; paired by seed.
+/// What the cells say of the paper's claims about the family's estimates, and of ours. Errors are in units of the
+/// prior's standard deviation, averaged over the claim's factors; paired by seed.
 pub fn claims(family: &Family, config: &StrategiesConfig, cells: &[Cell]) -> Vec<Claim> {
-    let mut claims = Vec::new();
-    for nature in &config.natures {
-        let score = |arm: &str, factors: &[usize], round: Option<usize>| -> Vec<f64> {
-            let of = |seed: &u64| {
-                let cell = cells.iter().find(|c| c.arm == arm && c.nature == *nature && c.seed == *seed)?;
-                let estimate = round.map_or(cell.estimates.last(), |r| cell.estimates.get(r))?;
-                Some(factors.iter().map(|i| off(family, estimate, *i)).sum::<f64>() / factors.len() as f64)
-            };
-            config.seeds.iter().filter_map(of).collect()
-        };
-        let mut less = |text: &str, better: &str, worse: &str, factors: &[usize]| {
-            let (b, w) = (score(better, factors, None), score(worse, factors, None));
-            if b.is_empty() || b.len() != w.len() {
-                return;
-            }
-            let difference: Vec<f64> = w.iter().zip(&b).map(|(w, b)| w - b).collect();
-            let found = Summary::of(&difference);
-            claims.push(Claim {
-                text: format!("{}: {text}", nature.title()),
-                figure: format!(
-                    "error {:.4} against {:.4} of the prior's deviation; difference {} (95 % +- {:.4})",
-                    Summary::of(&b).mean,
-                    Summary::of(&w).mean,
-                    found.show(4),
-                    found.half_width.unwrap_or(f64::INFINITY)
-                ),
-                verdict: found.above_zero(),
-            });
-        };
-        match family.name {
-            "basketball" => {
-                less("rolling alone tells restitution worse than collisions", "collisions", "rolling", &[2]);
-                less("rolling alone tells restitution worse than mixed", "mixed", "rolling", &[2]);
-            }
-            _ => {
-                for single in ["collisions", "rolling"] {
-                    for ours in ["gradient", "mixed"] {
-                        less(&format!("{ours} is nearer than {single} alone"), ours, single, &TOLD);
-                    }
-                }
-                less("collisions tell restitution better than rolling", "collisions", "rolling", &[2]);
-                less("rolling tells friction better than collisions", "rolling", "collisions", &[1]);
-            }
+    let of = |nature: &Nature| {
+        let scores = Scores { family, seeds: &config.seeds, cells, nature: *nature };
+        let stated: Vec<Claim> = family.claims.estimates.iter().filter_map(|c| scores.nearer(c)).collect();
+        stated.into_iter().chain(scores.with_a_tenth())
+    };
+    config.natures.iter().flat_map(of).collect()
+}
+
+/// Errors in one hidden world.
+struct Scores<'a> {
+    family: &'a Family,
+    seeds: &'a [u64],
+    cells: &'a [Cell],
+    nature: Nature,
+}
+
+impl Scores<'_> {
+    /// Whether an arm's estimates are nearer than another's; `None` where one of them was not run.
+    fn nearer(&self, claim: &Nearer) -> Option<Claim> {
+        let factors: Vec<usize> = claim.factors.iter().filter_map(|f| factor_index(f).ok()).collect();
+        let [better, worse] = [claim.better, claim.worse].map(|arm| self.errors(arm, &factors, None));
+        if better.is_empty() || better.len() != worse.len() {
+            return None;
         }
-        let (paper, ours) = (score("mixed", &TOLD, None), score(OURS, &TOLD, None));
+        let difference: Vec<f64> = worse.iter().zip(&better).map(|(w, b)| w - b).collect();
+        let found = Summary::of(&difference);
+        Some(Claim {
+            text: format!("{}: {}", self.nature.title(), claim.text),
+            figure: format!(
+                "error {:.4} against {:.4} of the prior's deviation; difference {} (95 % +- {:.4})",
+                Summary::of(&better).mean,
+                Summary::of(&worse).mean,
+                found.show(4),
+                found.half_width.unwrap_or(f64::INFINITY)
+            ),
+            verdict: found.above_zero(),
+        })
+    }
+
+    /// Whether our arm reaches the accuracy of the paper's with a tenth of its interactions.
+    fn with_a_tenth(&self) -> Option<Claim> {
+        let (paper, ours) = (self.errors("mixed", &TOLD, None), self.errors(OURS, &TOLD, None));
         if paper.is_empty() || ours.is_empty() {
-            continue;
+            return None;
         }
         let wanted = Summary::of(&paper).mean;
-        let rounds = cells.iter().filter(|c| c.arm == OURS).map(|c| c.estimates.len()).min().unwrap_or(0);
-        let reached = (0..rounds).find(|r| Summary::of(&score(OURS, &TOLD, Some(*r))).mean <= wanted);
-        let spent = |arm: &str, round: Option<usize>| {
-            let all: Vec<f64> = cells
-                .iter()
-                .filter(|c| c.arm == arm && c.nature == *nature)
-                .filter_map(|c| round.map_or(c.interactions.last(), |r| c.interactions.get(r)))
-                .map(|n| *n as f64)
-                .collect();
-            Summary::of(&all).mean
-        };
-        claims.push(Claim {
-            text: format!(
-                "{}: past the paper, {OURS} reaches the accuracy of mixed with a tenth",
-                nature.title()
-            ),
+        let rounds =
+            self.cells.iter().filter(|c| c.arm == OURS).map(|c| c.estimates.len()).min().unwrap_or(0);
+        let reached = (0..rounds).find(|r| Summary::of(&self.errors(OURS, &TOLD, Some(*r))).mean <= wanted);
+        let enough = reached.is_some_and(|r| self.spent(OURS, Some(r)) <= 50.0);
+        let nature = self.nature.title();
+        Some(Claim {
+            text: format!("{nature}: past the paper, {OURS} reaches the accuracy of mixed with a tenth"),
             figure: format!(
                 "mixed {wanted:.4} after {:.0} interactions; ours {:.4} after {:.0}, there first after {}",
-                spent("mixed", None),
+                self.spent("mixed", None),
                 Summary::of(&ours).mean,
-                spent(OURS, None),
-                reached.map_or("none".into(), |r| format!("{:.0}", spent(OURS, Some(r))))
+                self.spent(OURS, None),
+                reached.map_or("none".into(), |r| format!("{:.0}", self.spent(OURS, Some(r))))
             ),
-            verdict: if reached.is_some_and(|r| spent(OURS, Some(r)) <= 50.0) {
-                Verdict::Reproduced
-            } else {
-                Verdict::NotReproduced
-            },
-        });
+            verdict: if enough { Verdict::Reproduced } else { Verdict::NotReproduced },
+        })
     }
-    claims
+
+    /// An arm's error after a round (the last if none is given), averaged over `factors`, for each seed that was run.
+    fn errors(&self, arm: &str, factors: &[usize], round: Option<usize>) -> Vec<f64> {
+        let of = |seed: &u64| {
+            let cell = self.mine(arm).find(|c| c.seed == *seed)?;
+            let estimate = round.map_or(cell.estimates.last(), |r| cell.estimates.get(r))?;
+            Some(factors.iter().map(|i| off(self.family, estimate, *i)).sum::<f64>() / factors.len() as f64)
+        };
+        self.seeds.iter().filter_map(of).collect()
+    }
+
+    /// An arm's mean real interactions up to a round.
+    fn spent(&self, arm: &str, round: Option<usize>) -> f64 {
+        let of = |c: &Cell| round.map_or(c.interactions.last(), |r| c.interactions.get(r)).map(|n| *n as f64);
+        Summary::of(&self.mine(arm).filter_map(of).collect::<Vec<_>>()).mean
+    }
+
+    fn mine(&self, arm: &str) -> impl Iterator<Item = &Cell> {
+        self.cells.iter().filter(move |c| c.arm == arm && c.nature == self.nature)
+    }
 }
 
 /// |estimate - truth| of a factor, in standard deviations of the prior.
@@ -372,4 +374,24 @@ fn groups(cells: &[Cell]) -> Vec<(&str, Nature)> {
         }
     }
     found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::task::FAMILIES;
+
+    /// A claim about an arm that is not run, or about a factor that there is not, would be left out silently.
+    #[test]
+    fn a_family_is_judged_by_its_own_claims_and_each_can_be_checked() {
+        for family in FAMILIES {
+            let config = StrategiesConfig::paper(family);
+            for claim in family.claims.estimates {
+                let arm = |name: &str| config.arms.iter().any(|a| a.name == name);
+                assert!(arm(claim.better) && arm(claim.worse), "{}: {}", family.name, claim.text);
+                assert!(!claim.factors.is_empty(), "{}: {}", family.name, claim.text);
+                assert!(claim.factors.iter().all(|f| factor_index(f).is_ok()), "{}", claim.text);
+            }
+        }
+    }
 }

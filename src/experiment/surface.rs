@@ -19,7 +19,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::quickstart::{Named, try_out};
+use super::stages::Named;
+use super::tryout::try_out;
 use crate::error::{Error, Result, within};
 use crate::estimate::gp::Hyper;
 use crate::estimate::surface::{Axis, FORMAT, Point, Related, Route, Surface, design, grid};
@@ -30,7 +31,7 @@ use crate::progress::Progress;
 use crate::reality::HiddenConfig;
 use crate::rng;
 use crate::task::scene::EffectTerm;
-use crate::task::{Family, Scene, Split, Task, split};
+use crate::task::{Family, Labels, Scene, Split, Task, split};
 use crate::world::{Engine, Latents, Rollout, effect, simulate_map};
 
 /// How a surface is found.
@@ -75,14 +76,9 @@ impl SurfaceConfig {
             related: [0.7, 0.6]
                 .map(|kept| Related { latents: base, effects: vec![effect::damping(kept)] })
                 .to_vec(),
-            // Enough that something solves most tasks; basketball's are harder and its rollouts eight times shorter.
-            actions: if family.name == "basketball" { 2000 } else { 600 },
-            labels: 300,
-            train: if family.name == "basketball" {
-                TrainConfig::paper_basketball()
-            } else {
-                TrainConfig::paper_bowling()
-            },
+            actions: family.surface_actions,
+            labels: family.learning.labels.per_task,
+            train: TrainConfig::preset(&family.learning),
             candidates: 5000,
             engine: Engine::Auto,
             seed: 0,
@@ -138,9 +134,7 @@ pub fn surface(family: &Family, config: &SurfaceConfig, progress: &dyn Progress)
     let named = Named { inner: progress, name: "performance surface".into() };
     let (points, counted) = match config.route {
         Route::Ideal => ideal(&validation, &places, config, &named)?,
-        Route::Dqn => {
-            (learned(&split(&tasks, Split::Train), &validation, &places, config, progress)?, validation.len())
-        }
+        Route::Dqn => (learned(family, &validation, &places, config, progress)?, validation.len()),
     };
     Surface {
         format: FORMAT.into(),
@@ -231,28 +225,24 @@ fn expected_auccess(simulated: &[bool], truth: &[bool]) -> f64 {
 
 /// Points by the DQN route.
 fn learned(
-    training: &[Task],
+    family: &Family,
     validation: &[Task],
     places: &[[f64; 3]],
     config: &SurfaceConfig,
     progress: &dyn Progress,
 ) -> Result<Vec<Point>> {
     let evaluation = EvaluateConfig { candidates: config.candidates, ..EvaluateConfig::phyre(config.seed) };
+    let training = split(&(family.tasks)(), Split::Train);
     let mut points = Vec::with_capacity(places.len());
     for (n, latents) in places.iter().enumerate() {
         let name = format!("performance surface: point {} of {}", n + 1, places.len());
         let named = Named { inner: progress, name };
         // A seed of its own for each point: chance in learning is then noise, which the surrogate tells from slope.
         let seed = rng::derive(config.seed, "surface", n as u64);
-        let labels = LabelConfig {
-            per_task: config.labels,
-            enough_solving: 5,
-            most_per_task: 4 * config.labels,
-            engine: config.engine,
-            seed,
-        };
+        let labels = Labels { per_task: config.labels, ..family.learning.labels };
+        let labels = LabelConfig { engine: config.engine, ..LabelConfig::preset(&labels, seed) };
         let world = Training::Fixed { latents: Latents::of(*latents), effects: Vec::new() };
-        let data = label(training, &world, &labels, &named)?;
+        let data = label(&training, &world, &labels, &named)?;
         // Where nothing solves in simulation there is nothing to learn, and any order is as good as another.
         let policy: Box<dyn Policy> = if data.solving() == 0 {
             Box::new(Random { seed })

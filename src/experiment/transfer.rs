@@ -11,7 +11,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::quickstart::try_out;
+use super::tryout::try_out;
 use crate::error::{Result, within};
 use crate::explore;
 use crate::policy::{
@@ -20,7 +20,7 @@ use crate::policy::{
 use crate::progress::Progress;
 use crate::reality::{HiddenConfig, HiddenWorld, Reality};
 use crate::rng;
-use crate::task::{Family, Split, Task, ValidAction, split};
+use crate::task::{Family, Labels, Split, Task, ValidAction, split};
 
 /// Where a policy comes from.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -85,21 +85,17 @@ pub struct Point {
 }
 
 impl TransferConfig {
-    /// As in the paper: 1000 batches of 16 (bowling) or 32 (basketball) in simulation.
+    /// As in the paper: 1000 batches in simulation, of as many examples as the family's preset has.
     pub fn paper(family: &Family) -> TransferConfig {
-        // More labels than the batches can use rank unseen tasks better.
-        let label = LabelConfig { per_task: 800, most_per_task: 1600, ..LabelConfig::default() };
-        let train = match family.name {
-            "basketball" => TrainConfig::paper_basketball(),
-            _ => TrainConfig::paper_bowling(),
-        };
+        let label = LabelConfig::preset(&family.learning.study_labels, 0);
+        let train = TrainConfig::preset(&family.learning);
         TransferConfig { label, train, evaluate: EvaluateConfig::phyre(0), learn: None }
     }
 
     /// A small run of the same shape, for a look.
     pub fn quick(family: &Family) -> TransferConfig {
         let mut config = TransferConfig::paper(family);
-        (config.label.per_task, config.label.most_per_task) = (200, 400);
+        config.label = LabelConfig::preset(&Labels { per_task: 200, ..family.learning.study_labels }, 0);
         config.train.batches = 500;
         config.evaluate.candidates = 2000;
         config

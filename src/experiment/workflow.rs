@@ -10,14 +10,16 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use super::choice::Choice;
 use super::config::{EstimateConfig, Memory};
 use super::fit::{Found, fit_round, report_on};
 use super::report::{EstimateReport, Stopped};
 use super::sense;
+use super::stages::Staged;
 use crate::error::{Error, Result};
 use crate::estimate::Cem;
 use crate::estimate::cem::State;
-use crate::explore::{self, Candidate, Chosen, Groups, Importance, Situation};
+use crate::explore::{self, Importance, Situation};
 use crate::progress::Progress;
 use crate::reality::Trial;
 use crate::rng;
@@ -73,28 +75,6 @@ pub struct Round {
     /// Residual of the best sample, m^2 per trajectory; `None` if nothing was measured.
     pub residual: Option<f64>,
     /// Rollouts simulated.
-    pub rollouts: u64,
-}
-
-/// What a strategy chose in a round, and from what.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Choice {
-    /// Actions chosen.
-    pub actions: usize,
-    /// Different tasks among them.
-    pub tasks: usize,
-    /// Mean collisions (`explore::collisions_of`) of a chosen action, as simulated.
-    pub collisions: f64,
-    /// Mean body time steps on a carrying surface of a chosen action, as simulated.
-    pub rolling_steps: f64,
-    /// The same over all candidates.
-    pub candidate_collisions: f64,
-    pub candidate_rolling_steps: f64,
-    /// How many were chosen from which group, where the strategy deals them out.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub groups: Option<Groups>,
-    /// Rollouts simulated to choose, beyond one for each candidate; restarted segments count as the part they are.
-    #[serde(default)]
     pub rollouts: u64,
 }
 
@@ -393,41 +373,5 @@ impl Proposal {
     /// The action, checked against the task it is for.
     pub fn action_on(&self, task: &Task) -> Result<ValidAction> {
         task.actions().validate(&self.action)
-    }
-}
-
-impl Choice {
-    fn of(candidates: &[Candidate], made: &Chosen) -> Choice {
-        let chosen = &made.indices;
-        let mean = |of: &mut dyn Iterator<Item = u32>| {
-            let (sum, n) = of.fold((0.0, 0.0), |(sum, n), v| (sum + f64::from(v), n + 1.0));
-            if n > 0.0 { sum / n } else { 0.0 }
-        };
-        let mut tasks: Vec<usize> = chosen.iter().map(|i| candidates[*i].task).collect();
-        tasks.sort_unstable();
-        tasks.dedup();
-        Choice {
-            actions: chosen.len(),
-            tasks: tasks.len(),
-            collisions: mean(&mut chosen.iter().map(|i| candidates[*i].collisions)),
-            rolling_steps: mean(&mut chosen.iter().map(|i| candidates[*i].rolling_steps)),
-            candidate_collisions: mean(&mut candidates.iter().map(|c| c.collisions)),
-            candidate_rolling_steps: mean(&mut candidates.iter().map(|c| c.rolling_steps)),
-            groups: made.groups,
-            rollouts: made.rollouts,
-        }
-    }
-}
-
-/// Adds the round to the stage's name.
-pub(super) struct Staged<'a> {
-    pub inner: &'a dyn Progress,
-    pub round: usize,
-    pub rounds: usize,
-}
-
-impl Progress for Staged<'_> {
-    fn report(&self, stage: &str, done: u64, total: u64) -> Result<()> {
-        self.inner.report(&format!("round {} of {}: {stage}", self.round + 1, self.rounds), done, total)
     }
 }

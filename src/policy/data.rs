@@ -13,7 +13,7 @@ use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::rng;
 use crate::task::scene::EffectTerm;
-use crate::task::{Placement, Scene, Task, ValidAction};
+use crate::task::{Labels, Placement, Scene, Task, ValidAction};
 use crate::world::{Engine, Latents, Rollout, simulate_map};
 
 /// Tasks and labelled actions on them.
@@ -152,10 +152,12 @@ impl Training {
     }
 }
 
-impl Default for LabelConfig {
-    /// About 20 to 30 solving actions for a task of which 1 in 10 solves; rarer ones are searched ten times as long.
-    fn default() -> Self {
-        LabelConfig { per_task: 300, enough_solving: 15, most_per_task: 1500, engine: Engine::Auto, seed: 0 }
+impl LabelConfig {
+    /// A family's preset.
+    pub fn preset(labels: &Labels, seed: u64) -> LabelConfig {
+        let Labels { per_task, enough_solving, stretch } = *labels;
+        let most_per_task = stretch * per_task;
+        LabelConfig { per_task, enough_solving, most_per_task, engine: Engine::Auto, seed }
     }
 }
 
@@ -253,7 +255,7 @@ mod tests {
     }
 
     fn config(per_task: usize) -> LabelConfig {
-        LabelConfig { per_task, enough_solving: 0, most_per_task: per_task, ..LabelConfig::default() }
+        LabelConfig::preset(&Labels { per_task, enough_solving: 0, stretch: 1 }, 0)
     }
 
     fn plain() -> Training {

@@ -72,7 +72,7 @@ pub fn measure_each(
 
 /// The standard real world of a family: the paper's latents, with damping 0.8 per second.
 pub fn standard(family: &Family) -> HiddenConfig {
-    let physics = &family.real_physics;
+    let physics = family.real_physics.open();
     HiddenConfig {
         latents: Latents::of([physics.density, physics.friction, physics.restitution]),
         effects: vec![effect::damping(physics.damping)],

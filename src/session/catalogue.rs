@@ -5,7 +5,7 @@ use std::sync::{Arc, OnceLock};
 use super::observation::Layout;
 use crate::error::{Error, Result};
 use crate::task::action::{Component, Quantity};
-use crate::task::{FAMILIES, Family, Scene, Split, Task, custom};
+use crate::task::{FAMILIES, Family, Learning, Scene, Split, Task, custom};
 
 /// Every built-in family with its tasks.
 pub struct Catalogue {
@@ -97,6 +97,11 @@ impl TaskSet {
             layouts: tasks.iter().map(|_| OnceLock::new()).collect(),
         };
         TaskSet { name, family, tasks, known: Arc::new(known) }
+    }
+
+    /// How policies are trained on these tasks if nobody says otherwise.
+    pub fn learning(&self) -> &'static Learning {
+        self.family.map_or(&Learning::STANDARD, |f| &f.learning)
     }
 
     /// Indices of the tasks of a part of the family, or of all; may be none.

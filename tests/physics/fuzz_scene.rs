@@ -6,7 +6,7 @@
 
 use crate::fuzz_one::{Fate, fuzz_one};
 use iplw::rng::{Stream, stream};
-use iplw::task::{Placement, Scene, family};
+use iplw::task::{FAMILIES, Placement, Scene};
 use iplw::world::effect;
 use rand::RngExt;
 use rayon::iter::Either;
@@ -76,8 +76,8 @@ fn vanishing_and_crossed_shapes_are_refused() {
 /// Legal scenes that between them use every field, every shape and every effect.
 fn seeds() -> Vec<Value> {
     let mut seeds = Vec::new();
-    for name in ["bowling", "basketball"] {
-        let scene = (family(name).expect("built in").candidates)(0).swap_remove(0);
+    for family in FAMILIES {
+        let scene = (family.candidates)(0).swap_remove(0);
         let space = scene.action.as_ref().expect("it has one");
         let placed = (0..).find_map(|k| match space.place(&scene, &space.at(k).expect("it exists")) {
             Placement::Valid(placed) => Some(placed),

@@ -3,7 +3,7 @@
 
 use iplw::task::scene::{Body, Goal, Shape, Static};
 use iplw::task::shape::{Disc, Halfspace, Polygon, Rectangle, Segment};
-use iplw::task::{Placement, Scene, family};
+use iplw::task::{FAMILIES, Placement, Scene};
 use iplw::trajectory::{End, Trajectory};
 use iplw::world::{Engine, Latents, Level, Rollout, chosen, effect, simulate, simulate_map, simulate_map_at};
 use proptest::prelude::*;
@@ -267,11 +267,11 @@ fn rollouts(scenes: &[Scene]) -> Vec<Rollout<'_>> {
     scenes.iter().map(rollout).collect()
 }
 
-/// Scenes of both families and of our own, damped and not, some with goals reached early.
+/// Scenes of every family and of our own, damped and not, some with goals reached early.
 fn mixed_scenes() -> Vec<Scene> {
     let mut scenes = Vec::new();
-    for name in ["bowling", "basketball"] {
-        let found = (family(name).unwrap().candidates)(0);
+    for family in FAMILIES {
+        let found = (family.candidates)(0);
         for (i, scene) in found.iter().enumerate().take(40) {
             let space = scene.action.as_ref().unwrap();
             if let Placement::Valid(mut placed) =

@@ -6,4 +6,5 @@ mod worlds;
 
 mod cli;
 mod discover_cli;
+mod families;
 mod rooms;

@@ -139,7 +139,8 @@ fn action(server: &Running, task: &str, valid: bool) -> u64 {
 #[test]
 fn default_worlds_play_whole_episodes() {
     let server = Running::start();
-    for id in ["bowling-sim", "bowling-real", "basketball-sim", "basketball-real"] {
+    let ready = |f: &&iplw::task::Family| ["sim", "real"].map(|kind| format!("{}-{kind}", f.name));
+    for id in iplw::task::FAMILIES.iter().flat_map(ready) {
         let world = server.get(&format!("/v1/worlds/{id}"));
         assert_eq!(world["id"], id);
         assert_eq!(world["state"], json!({"task": null, "phase": "new", "episodes": 0}));
@@ -195,7 +196,7 @@ fn unseeded_resets_go_on_deterministically() {
 #[test]
 fn certified_actions_solve_their_tasks_in_the_real_world() {
     let server = Running::start();
-    for family in ["bowling", "basketball"] {
+    for family in iplw::task::FAMILIES.map(|f| f.name) {
         let tasks = server.get(&format!("/v1/tasks/{family}"));
         let row = &tasks["tasks"][0];
         let body = json!({"task": row["id"]});
@@ -843,6 +844,17 @@ fn jobs_are_cancelled_and_their_queue_is_bounded() {
         (&json!("cancelled"), &Value::Null, &Value::Null)
     );
     assert_eq!(server.send(Method::DELETE, &path, "").status(), 204);
+}
+
+/// Every family was once trained with bowling's.
+#[test]
+fn policies_are_trained_with_the_batch_size_of_their_family() {
+    let server = Running::start();
+    for family in iplw::task::FAMILIES {
+        let body = json!({"task": format!("{}:000", family.name), "batches": 1});
+        let trained = server.finish(&server.post("/v1/policies", &body, 202));
+        assert_eq!(trained["result"]["config"]["batch_size"], family.learning.batch_size, "{trained}");
+    }
 }
 
 #[test]

@@ -564,8 +564,8 @@ fn pages_stay_in_step_while_items_come_and_go() {
             all.push(make());
         }
     }
-    let mut wanted: Vec<String> =
-        ["basketball-real", "basketball-sim", "bowling-real", "bowling-sim"].map(String::from).to_vec();
+    let ready = |f: &&iplw::task::Family| ["sim", "real"].map(|kind| format!("{}-{kind}", f.name));
+    let mut wanted: Vec<String> = iplw::task::FAMILIES.iter().flat_map(ready).collect();
     wanted.extend(all);
     wanted.sort();
     assert_eq!(seen, wanted, "each once, in order");

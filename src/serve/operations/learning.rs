@@ -47,7 +47,7 @@ pub fn begin(app: &App, id: &str, body: &LearnIn, config: &Value, keep: Keep<Job
     let tasks = explored(world.tasks());
     let seed = body.seed.unwrap_or(0);
     let usual = LearnConfig::paper();
-    let paper = TrainConfig::paper_bowling();
+    let paper = TrainConfig::preset(world.tasks().learning());
     let whole = |field: &str, value: Option<u64>, default: usize, most: u64| match value {
         None => Ok(default),
         Some(v) if (1..=most).contains(&v) => Ok(v as usize),

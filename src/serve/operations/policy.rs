@@ -63,7 +63,8 @@ pub fn training(app: &App, body: TrainIn, config: &Value, keep: Keep<JobOut>) ->
         Some(v) if v <= most => Ok(v as usize),
         Some(v) => Err(Error::input(field, v, format!("a whole number up to {most}"))),
     };
-    let paper = TrainConfig::paper_bowling();
+    let usual = tasks.learning();
+    let paper = TrainConfig::preset(usual);
     let setup = TrainConfig {
         batches: whole("batches", body.batches, paper.batches, 100_000)?,
         batch_size: whole("batch_size", body.batch_size, paper.batch_size, 4096)?,
@@ -71,7 +72,7 @@ pub fn training(app: &App, body: TrainIn, config: &Value, keep: Keep<JobOut>) ->
         ..paper
     };
     setup.validate()?;
-    let labels = LabelConfig { seed, ..LabelConfig::default() };
+    let labels = LabelConfig::preset(&usual.labels, seed);
     let training = name.into();
     let plan = TrainPlan { task: body.task, training, schooling, labels, setup, config: config.clone() };
     let new = New { kind: TRAIN, config, plan: &json(&plan)?, seed };

@@ -21,9 +21,9 @@ pub struct TrainIn {
     /// Effects of the simulation.
     #[schema(value_type = Option<Vec<EffectIn>>)]
     pub effects: Option<Vec<Object<EffectIn>>>,
-    /// Updates; default 1000.
+    /// Updates; the family's own number if absent.
     pub batches: Option<u64>,
-    /// Examples per update; default 16.
+    /// Examples per update; the family's own number if absent.
     pub batch_size: Option<u64>,
     pub seed: Option<u64>,
 }

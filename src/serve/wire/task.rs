@@ -21,6 +21,8 @@ pub struct FamilyOut {
     pub name: &'static str,
     /// One sentence.
     pub about: &'static str,
+    /// Id under which Gymnasium makes the environment.
+    pub gymnasium: &'static str,
     /// Number of tasks.
     pub tasks: usize,
     pub split: SplitCounts,
@@ -84,6 +86,7 @@ impl FamilyOut {
         FamilyOut {
             name: family.name,
             about: family.about,
+            gymnasium: family.gymnasium,
             tasks: tasks.len(),
             split: split_counts(tasks),
             action_space: tasks.first().map(|t| ActionSpaceOut::from(t.actions())),

@@ -12,24 +12,24 @@
 
 use rand::seq::SliceRandom;
 
-use super::action::{ActionSpace, Component, Discrete, Quantity};
-use super::scene::{Body, FORMAT, Goal, Scene};
-use super::shape::Disc;
-use super::{Family, RealPhysics, Selection, assemble};
+use super::certified::Selection;
+use super::claims::{Claims, STRATEGIES_BY_JUMP_START, nearer};
+use super::family::{Family, assemble, walls};
+use super::presets::Learning;
+use super::real::RealPhysics;
+use crate::task::action::{ActionSpace, Component, Discrete, Quantity};
+use crate::task::scene::{Body, FORMAT, Goal, Scene};
+use crate::task::shape::Disc;
 
 /// The family's row in the registry.
 pub static FAMILY: Family = Family {
     name: "bowling",
     about: "place a red ball so that the green and the blue ball touch for 3 s",
+    gymnasium: "iplw/Bowling-v0",
     tasks: || assemble(&FAMILY, include_str!("bowling.certified.json"), 0),
     candidates,
     split: [60, 20, 20],
-    real_physics: RealPhysics {
-        density: 0.25,
-        friction: WALL_FRICTION,
-        restitution: WALL_RESTITUTION,
-        damping: 0.8,
-    },
+    real_physics: RealPhysics::new(0.25, WALL_FRICTION, WALL_RESTITUTION, 0.8),
     // PHYRE's own hundred tasks of the template: 0.1 to 23 % solve, mean 9.1, median 8.9.
     selection: Selection {
         bins: &[(0.001, 0.03, 20), (0.03, 0.07, 20), (0.07, 0.11, 20), (0.11, 0.15, 20), (0.15, 0.23, 20)],
@@ -37,7 +37,29 @@ pub static FAMILY: Family = Family {
         sample: 1000,
     },
     prior: [(1.0, 0.5), (1.0, 0.5), (0.5, 0.25)],
+    learning: Learning::STANDARD,
+    surface_actions: 600,
+    claims: Claims {
+        estimates: &[
+            nearer("gradient is nearer than collisions alone", "gradient", "collisions", BOTH),
+            nearer("mixed is nearer than collisions alone", "mixed", "collisions", BOTH),
+            nearer("gradient is nearer than rolling alone", "gradient", "rolling", BOTH),
+            nearer("mixed is nearer than rolling alone", "mixed", "rolling", BOTH),
+            nearer(
+                "collisions tell restitution better than rolling",
+                "collisions",
+                "rolling",
+                &["restitution"],
+            ),
+            nearer("rolling tells friction better than collisions", "rolling", "collisions", &["friction"]),
+        ],
+        jump_starts: STRATEGIES_BY_JUMP_START,
+        all_trials: false,
+    },
 };
+
+/// What its trials can tell.
+const BOTH: &[&str] = &["friction", "restitution"];
 
 /// Pixels per metre in PHYRE.
 const PIXELS_PER_METRE: f64 = 6.0;
@@ -85,7 +107,7 @@ fn scene(x: [f64; 2], diameter: [f64; 2], bottom: f64) -> Scene {
         name: "bowling".into(),
         gravity: [0.0, -9.8],
         bodies: vec![ball("green", 0), ball("blue", 1), movable("red", 2.0 / PIXELS_PER_METRE, None)],
-        statics: super::walls(SIDE, WALL, WALL_FRICTION, WALL_RESTITUTION),
+        statics: walls(SIDE, WALL, WALL_FRICTION, WALL_RESTITUTION),
         time_step: 1.0 / 240.0,
         steps: 4000,
         observe_every: 60,

@@ -10,21 +10,43 @@
 
 use rand::seq::SliceRandom;
 
-use super::action::{ActionSpace, Component, Discrete, Quantity};
-use super::scene::{Body, FORMAT, Goal, Scene, Static};
-use super::shape::{Disc, Rectangle};
-use super::{Family, RealPhysics, Selection, assemble};
+use super::certified::Selection;
+use super::claims::{Claims, STRATEGIES_BY_JUMP_START, nearer};
+use super::family::{Family, assemble, walls};
+use super::presets::Learning;
+use super::real::RealPhysics;
+use crate::task::action::{ActionSpace, Component, Discrete, Quantity};
+use crate::task::scene::{Body, FORMAT, Goal, Scene, Static};
+use crate::task::shape::{Disc, Rectangle};
 
 /// The family's row in the registry.
 pub static FAMILY: Family = Family {
     name: "basketball",
     about: "place a ball and a 45-degree plank so that the ball drops, bounces and lands in the basket",
+    gymnasium: "iplw/Basketball-v0",
     tasks: || assemble(&FAMILY, include_str!("basketball.certified.json"), 0),
     candidates,
     split: [15, 5, 5],
-    real_physics: RealPhysics { density: 1.0, friction: 0.2, restitution: 0.7, damping: 0.8 },
+    real_physics: RealPhysics::new(1.0, 0.2, 0.7, 0.8),
     selection: Selection { bins: &[(0.002, 0.10, 25)], in_real_world: true, sample: 4000 },
     prior: [(1.0, 0.5), (0.5, 0.25), (0.5, 0.25)],
+    // The paper's batches for this family.
+    learning: Learning { batch_size: 32, ..Learning::STANDARD },
+    // More than bowling's: its tasks are harder, and its rollouts eight times shorter.
+    surface_actions: 2000,
+    claims: Claims {
+        estimates: &[
+            nearer(
+                "rolling alone tells restitution worse than collisions",
+                "collisions",
+                "rolling",
+                &["restitution"],
+            ),
+            nearer("rolling alone tells restitution worse than mixed", "mixed", "rolling", &["restitution"]),
+        ],
+        jump_starts: STRATEGIES_BY_JUMP_START,
+        all_trials: true,
+    },
 };
 
 /// Width and height of a scene, m.
@@ -54,25 +76,8 @@ fn candidates(seed: u64) -> Vec<Scene> {
 
 /// The scene whose basket has its centre line at `x` and stands at height `bottom`, m.
 fn scene(x: f64, bottom: f64) -> Scene {
-    let [half, depth, side] = BASKET;
-    let part = |name: &str, centre: [f64; 2], half_width: f64, half_height: f64| Static {
-        name: name.into(),
-        shape: Rectangle { half_width, half_height }.into(),
-        friction: 0.5,
-        restitution: 0.2,
-        position: centre,
-        angle: 0.0,
-    };
-    let mut statics = super::walls(SIDE, WALL, 0.5, 0.2);
-    statics.push(part("basket_bottom", [x, bottom + side], half + 2.0 * side, side));
-    for (name, to) in [("basket_left", -1.0), ("basket_right", 1.0)] {
-        statics.push(part(
-            name,
-            [x + to * (half + side), bottom + 2.0 * side + depth / 2.0],
-            side,
-            depth / 2.0,
-        ));
-    }
+    let mut statics = walls(SIDE, WALL, 0.5, 0.2);
+    statics.extend(basket(x, bottom));
     statics.push(Static {
         name: "plank".into(),
         shape: Rectangle { half_width: PLANK[0], half_height: PLANK[1] }.into(),
@@ -81,24 +86,12 @@ fn scene(x: f64, bottom: f64) -> Scene {
         position: [LINES[0] / 2.0, LINES[1] / 2.0],
         angle: -std::f64::consts::FRAC_PI_4,
     });
-    let reach = PLANK[0] * std::f64::consts::FRAC_1_SQRT_2 + PLANK[1];
-    let set = |target: &str, set, low, high| Component { target: target.into(), set, low, high };
+    let [half, depth, side] = BASKET;
     Scene {
         format: FORMAT.into(),
         name: "basketball".into(),
         gravity: [0.0, -9.8],
-        bodies: vec![Body {
-            name: "ball".into(),
-            shape: Disc { radius: BALL }.into(),
-            mass: None,
-            density: Some(1.0),
-            friction: 0.5,
-            restitution: 0.5,
-            position: None,
-            angle: 0.0,
-            velocity: [0.0, 0.0],
-            angular_velocity: 0.0,
-        }],
+        bodies: vec![ball()],
         statics,
         time_step: 1.0 / 120.0,
         steps: 500,
@@ -114,18 +107,59 @@ fn scene(x: f64, bottom: f64) -> Scene {
             hold_s: 0.0,
             stop: None,
         }),
-        action: Some(ActionSpace {
-            components: vec![
-                set("ball", Quantity::X, BALL, LINES[0]),
-                set("ball", Quantity::Y, LINES[1] + 3.0, SIDE - BALL),
-                set("plank", Quantity::X, reach, LINES[0]),
-                set("plank", Quantity::Y, reach, LINES[1]),
-            ],
-            bounds: Some([0.0, 0.0, SIDE, SIDE]),
-            discrete: Discrete::Grid { counts: vec![20, 10, 20, 10] },
-        }),
+        action: Some(actions()),
         carriers: Some(vec!["ball".into(), "plank".into()]),
         calibrate: ["density", "friction", "restitution"].map(String::from).to_vec(),
         ..Scene::empty()
+    }
+}
+
+fn ball() -> Body {
+    Body {
+        name: "ball".into(),
+        shape: Disc { radius: BALL }.into(),
+        mass: None,
+        density: Some(1.0),
+        friction: 0.5,
+        restitution: 0.5,
+        position: None,
+        angle: 0.0,
+        velocity: [0.0, 0.0],
+        angular_velocity: 0.0,
+    }
+}
+
+/// Bottom and sides of the basket.
+fn basket(x: f64, bottom: f64) -> Vec<Static> {
+    let [half, depth, side] = BASKET;
+    let part = |name: &str, position: [f64; 2], half_width: f64, half_height: f64| Static {
+        name: name.into(),
+        shape: Rectangle { half_width, half_height }.into(),
+        friction: 0.5,
+        restitution: 0.2,
+        position,
+        angle: 0.0,
+    };
+    let middle = bottom + 2.0 * side + depth / 2.0;
+    vec![
+        part("basket_bottom", [x, bottom + side], half + 2.0 * side, side),
+        part("basket_left", [x - (half + side), middle], side, depth / 2.0),
+        part("basket_right", [x + (half + side), middle], side, depth / 2.0),
+    ]
+}
+
+/// Ball above the lines, plank below the one and left of the other.
+fn actions() -> ActionSpace {
+    let reach = PLANK[0] * std::f64::consts::FRAC_1_SQRT_2 + PLANK[1];
+    let set = |target: &str, set, low, high| Component { target: target.into(), set, low, high };
+    ActionSpace {
+        components: vec![
+            set("ball", Quantity::X, BALL, LINES[0]),
+            set("ball", Quantity::Y, LINES[1] + 3.0, SIDE - BALL),
+            set("plank", Quantity::X, reach, LINES[0]),
+            set("plank", Quantity::Y, reach, LINES[1]),
+        ],
+        bounds: Some([0.0, 0.0, SIDE, SIDE]),
+        discrete: Discrete::Grid { counts: vec![20, 10, 20, 10] },
     }
 }

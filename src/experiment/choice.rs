@@ -1,0 +1,51 @@
+//! What a strategy chose in a round, and from what.
+
+use serde::{Deserialize, Serialize};
+
+use crate::explore::{Candidate, Chosen, Groups};
+
+/// What a strategy chose in a round, and from what.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Choice {
+    /// Actions chosen.
+    pub actions: usize,
+    /// Different tasks among them.
+    pub tasks: usize,
+    /// Mean collisions (`explore::collisions_of`) of a chosen action, as simulated.
+    pub collisions: f64,
+    /// Mean body time steps on a carrying surface of a chosen action, as simulated.
+    pub rolling_steps: f64,
+    /// The same over all candidates.
+    pub candidate_collisions: f64,
+    pub candidate_rolling_steps: f64,
+    /// How many were chosen from which group, where the strategy deals them out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub groups: Option<Groups>,
+    /// Rollouts simulated to choose, beyond one for each candidate; restarted segments count as the part they are.
+    #[serde(default)]
+    pub rollouts: u64,
+}
+
+impl Choice {
+    /// Counts what was chosen of `candidates`.
+    pub(super) fn of(candidates: &[Candidate], made: &Chosen) -> Choice {
+        let chosen = &made.indices;
+        let mean = |of: &mut dyn Iterator<Item = u32>| {
+            let (sum, n) = of.fold((0.0, 0.0), |(sum, n), v| (sum + f64::from(v), n + 1.0));
+            if n > 0.0 { sum / n } else { 0.0 }
+        };
+        let mut tasks: Vec<usize> = chosen.iter().map(|i| candidates[*i].task).collect();
+        tasks.sort_unstable();
+        tasks.dedup();
+        Choice {
+            actions: chosen.len(),
+            tasks: tasks.len(),
+            collisions: mean(&mut chosen.iter().map(|i| candidates[*i].collisions)),
+            rolling_steps: mean(&mut chosen.iter().map(|i| candidates[*i].rolling_steps)),
+            candidate_collisions: mean(&mut candidates.iter().map(|c| c.collisions)),
+            candidate_rolling_steps: mean(&mut candidates.iter().map(|c| c.rolling_steps)),
+            groups: made.groups,
+            rollouts: made.rollouts,
+        }
+    }
+}

@@ -1,0 +1,114 @@
+//! Files of weights: what they hold, and what is refused (tests).
+
+use rand::RngExt;
+
+use super::tests::{actions, trained};
+use super::*;
+use crate::policy::toy;
+use crate::rng;
+
+/// One layer in plain Rust, reading the tensors as PyTorch's `Linear` would: y_o = sum_i W[o, i] x_i + b_o.
+fn linear(file: &safetensors::SafeTensors, name: &str, x: &[f64]) -> Vec<f64> {
+    let read = |part: &str| -> (Vec<usize>, Vec<f64>) {
+        let tensor = file.tensor(&format!("{name}.{part}")).unwrap();
+        let values = tensor.data().as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b).into());
+        (tensor.shape().to_vec(), values.collect())
+    };
+    let ((shape, weight), (outputs, bias)) = (read("weight"), read("bias"));
+    assert_eq!((shape[1], shape[0]), (x.len(), outputs[0]), "{name}");
+    let dot = |o: usize| x.iter().enumerate().map(|(i, v)| weight[o * x.len() + i] * v).sum::<f64>();
+    (0..shape[0]).map(|o| dot(o) + bias[o]).collect()
+}
+
+#[test]
+fn the_file_alone_gives_the_scores() {
+    let (dqn, task) = (trained(), toy::task(0.27));
+    let bytes = dqn.to_safetensors().unwrap();
+    let file = safetensors::SafeTensors::deserialize(&bytes).unwrap();
+    let wide = |v: Vec<f32>| -> Vec<f64> { v.into_iter().map(f64::from).collect() };
+    let relu = |v: Vec<f64>| -> Vec<f64> { v.into_iter().map(|x| x.max(0.0)).collect() };
+    let some = actions(&task, 20);
+    for (action, score) in some.iter().zip(dqn.score(&task, &some).unwrap()) {
+        let seen = relu(linear(&file, "scene", &wide(features::scene_features(&task))));
+        let done = relu(linear(&file, "action", &wide(features::action_features(&task, action))));
+        let (gamma, beta) = (linear(&file, "film_gamma", &done), linear(&file, "film_beta", &done));
+        let film = (0..seen.len()).map(|i| (1.0 + gamma[i]) * seen[i] + beta[i]).collect();
+        let by_hand = linear(&file, "score", &relu(linear(&file, "hidden", &relu(film))))[0];
+        assert!((by_hand - f64::from(score)).abs() < 1e-4 * by_hand.abs().max(1.0), "{by_hand} {score}");
+    }
+}
+
+#[test]
+fn saved_and_loaded_is_the_same() {
+    let (dqn, task) = (trained(), toy::task(0.7));
+    let bytes = dqn.to_safetensors().unwrap();
+    let loaded = Dqn::from_safetensors(&bytes).unwrap();
+    assert_eq!(loaded, dqn);
+    assert_eq!(loaded.to_safetensors().unwrap(), bytes);
+    assert_eq!(loaded.score(&task, &actions(&task, 50)), dqn.score(&task, &actions(&task, 50)));
+}
+
+/// `bytes` with its header replaced by an edited one.
+fn with_header(bytes: &[u8], edit: impl Fn(String) -> String) -> Vec<u8> {
+    let n = u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
+    let header = edit(String::from_utf8(bytes[8..8 + n].to_vec()).unwrap());
+    [&(header.len() as u64).to_le_bytes()[..], header.as_bytes(), &bytes[8 + n..]].concat()
+}
+
+#[test]
+fn weights_that_do_not_fit_are_refused_by_name() {
+    let bytes = trained().to_safetensors().unwrap();
+    let check = |bytes: &[u8], wanted: &str| match Dqn::from_safetensors(bytes) {
+        Err(Error::Input(input)) => {
+            let text = input.to_string();
+            assert!(text.contains(wanted), "{text}, not {wanted}");
+            assert!(!input.allowed.is_empty());
+        }
+        other => panic!("{other:?}"),
+    };
+    let edited = |from: &str, to: &str| {
+        with_header(&bytes, |h| {
+            assert!(h.contains(from), "{from} not in {h}");
+            h.replace(from, to)
+        })
+    };
+    check(b"", "safetensors");
+    check(b"not a safetensors file at all", "safetensors");
+    check(&bytes[..bytes.len() - 1], "safetensors");
+    check(&bytes[..100], "safetensors");
+    check(&edited("\"iplw\":", "\"other\":"), "metadata.iplw");
+    check(&edited("hidden.weight", "hodden.weight"), "hodden.weight");
+    check(&edited(r#"\"features\":\"1\""#, r#"\"features\":\"0\""#), "metadata.iplw.features");
+    check(&edited("iplw.policy/1", "iplw.policy/2"), "metadata.iplw.format");
+    check(&edited(r#"\"hidden\":32"#, r#"\"hidden\":64"#), "scene.weight");
+    check(&edited(r#"\"hidden\":32"#, r#"\"hidden\":99999999999"#), "hidden");
+    check(&edited(r#"\"dimensions\":["#, r#"\"dimensions\":[1"#), "weight");
+    check(&edited(r#"\"family\""#, r#"\"famyli\""#), "famyli");
+    check(&edited("[1,32]", "[32,1]"), "score.weight");
+    let mut not_finite = bytes.clone();
+    let last = not_finite.len() - 4;
+    not_finite[last..].copy_from_slice(&f32::NAN.to_le_bytes());
+    check(&not_finite, "finite");
+}
+
+/// Whatever is done to a file, loading it gives a policy or an error that names what is wrong.
+#[test]
+fn corrupted_files_never_panic() {
+    let bytes = trained().to_safetensors().unwrap();
+    let header = 8 + u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
+    let mut rng = rng::stream(5, "corrupt");
+    for _ in 0..2000 {
+        let mut broken = bytes.clone();
+        for _ in 0..rng.random_range(1..4) {
+            let at = rng.random_range(0..header);
+            broken[at] = rng.random();
+        }
+        if rng.random_range(0..4) == 0 {
+            broken.truncate(rng.random_range(0..bytes.len()));
+        }
+        match Dqn::from_safetensors(&broken) {
+            Ok(_) | Err(Error::Input(_)) => {}
+            Err(other) => panic!("{other:?}"),
+        }
+    }
+}

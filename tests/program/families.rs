@@ -1,0 +1,24 @@
+//! What commands do for every family.
+
+use std::process::Command;
+
+use iplw::policy::Dqn;
+use iplw::task::FAMILIES;
+
+/// It once took bowling's 16 for every family.
+#[test]
+fn train_takes_the_batch_size_of_the_family() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("policy.safetensors");
+    for family in FAMILIES {
+        let task = format!("{}:000", family.name);
+        let file = path.to_str().unwrap();
+        let said = Command::new(env!("CARGO_BIN_EXE_iplw"))
+            .args(["train", "--task", &task, "--batches", "1", "--out", file])
+            .output()
+            .unwrap();
+        assert!(said.status.success(), "{task}: {}", String::from_utf8_lossy(&said.stderr));
+        let policy = Dqn::from_safetensors(&std::fs::read(&path).unwrap()).unwrap();
+        assert_eq!(policy.card().trained[0].batch_size, family.learning.batch_size, "{task}");
+    }
+}
