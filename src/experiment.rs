@@ -25,7 +25,7 @@ mod tryout;
 mod workflow;
 
 pub use choice::Choice;
-pub use config::{DRAG_PRIOR, EstimateConfig, Memory, ResidualKind};
+pub use config::{EstimateConfig, Memory, ResidualKind};
 pub use report::{EstimateReport, Stopped};
 pub use sense::Sense;
 pub use tryout::try_out;

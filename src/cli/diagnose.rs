@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use iplw::discover::report::{Diagnosis, FoundParameter, HeldOut};
+use iplw::discover::report::{Calibrated, Diagnosis, FoundEffect, FoundParameter, HeldOut};
 use iplw::discover::{Config, Finding, diagnose};
 use iplw::error::{Error, Result};
 use iplw::picture::report::{Block, Report, Section};
@@ -129,9 +129,55 @@ fn gained(g: &HeldOut) -> String {
     format!("error {:.5} m -> {:.5} m, floor {:.5} m: {removed}", g.base_rmse, g.extended_rmse, g.floor_rmse)
 }
 
+/// The report: what was found first, what was considered last; sections without anything to say are left out.
 fn page(scene: &Scene, d: &Diagnosis, plots: &[Plot]) -> Report {
-    let number = |v: f64| format!("{v:.6}");
-    let mut found = vec![Block::KeyValues(vec![
+    let pictures = plots
+        .iter()
+        .map(|(_, caption, svg)| Block::Svg { svg: svg.clone(), caption: caption.clone() })
+        .collect();
+    let sections = [
+        section("What was found", found(d)),
+        section("Effects", table(effects(d), "p is corrected for the search over the library")),
+        section("Sets that tie", ties(d)),
+        section("Next experiment", next(d)),
+        section("Latents", table(latents(d), "")),
+        section(
+            "Gain",
+            table(gains(d), "Starts are fitted for every trial; everything else comes from other trials."),
+        ),
+        section("Residuals before and after", pictures),
+        section("What was considered", considered(d)),
+    ];
+    let name = if scene.name.is_empty() { "a scene".to_string() } else { scene.name.clone() };
+    Report {
+        title: format!("Diagnosis of {name}"),
+        lead: d.reason.clone(),
+        sections: sections.into_iter().filter(|s| !s.blocks.is_empty()).collect(),
+    }
+}
+
+fn section(heading: &str, blocks: Vec<Block>) -> Section {
+    Section { heading: heading.into(), blocks }
+}
+
+/// Names of columns, and rows.
+type Rows = (&'static [&'static str], Vec<Vec<String>>);
+
+/// A table, unless it has no rows.
+fn table((columns, rows): Rows, note: &str) -> Vec<Block> {
+    if rows.is_empty() {
+        return Vec::new();
+    }
+    let columns = columns.iter().map(|n| n.to_string()).collect();
+    vec![Block::Table { columns, rows, note: note.into() }]
+}
+
+fn number(v: f64) -> String {
+    format!("{v:.6}")
+}
+
+fn found(d: &Diagnosis) -> Vec<Block> {
+    let mut blocks = vec![Block::KeyValues(vec![
         ("verdict".into(), d.verdict.name().into()),
         ("why".into(), d.reason.clone()),
         ("error of the base model, m".into(), number(d.residual.base_rmse)),
@@ -149,65 +195,55 @@ fn page(scene: &Scene, d: &Diagnosis, plots: &[Plot]) -> Report {
             true => "What is left, as an acceleration without a name; it is part of the extended scene:",
             false => "What is left, as an acceleration without a name; on held-out trials it does not help:",
         };
-        found.push(Block::Text(text.into()));
-        found.push(Block::Code(law.formula.clone()));
+        blocks.push(Block::Text(text.into()));
+        blocks.push(Block::Code(law.formula.clone()));
     }
-    let rows: Vec<Vec<String>> = d
-        .effects
-        .iter()
-        .flat_map(|e| e.parameters.iter().map(move |p| (e, p)))
-        .map(|(e, p)| {
-            vec![
-                e.name.clone(),
-                p.name.clone(),
-                p.setting.clone().unwrap_or_default(),
-                format!("{:.6}", p.value),
-                p.unit.clone(),
-                interval(&p.ci95),
-                format!("{:.1e}", e.p_value),
-            ]
-        })
-        .collect();
-    let columns = |names: &[&str]| names.iter().map(|n| n.to_string()).collect::<Vec<_>>();
-    let mut sections = vec![Section { heading: "What was found".into(), blocks: found }];
-    if !rows.is_empty() {
-        let columns = columns(&["effect", "parameter", "setting", "value", "unit", "interval", "p"]);
-        let note = "p is corrected for the search over the library".to_string();
-        sections
-            .push(Section { heading: "Effects".into(), blocks: vec![Block::Table { columns, rows, note }] });
-    }
-    if d.rivals.len() > 1 {
-        let text = d.rivals.iter().map(|r| r.join(" + ")).collect::<Vec<_>>().join("\n\n");
-        sections.push(Section { heading: "Sets that tie".into(), blocks: vec![Block::Text(text)] });
-    }
-    if let Some(next) = &d.next_experiment {
-        let text = format!("{}\n\nWhy: {}", next.action, next.why);
-        sections.push(Section { heading: "Next experiment".into(), blocks: vec![Block::Text(text)] });
-    }
-    if !d.calibrated.is_empty() {
-        let rows = d
-            .calibrated
-            .iter()
-            .map(|c| {
-                let known =
-                    if c.identifiable { interval(&c.ci95) } else { "not told by these trials".into() };
-                vec![c.name.clone(), format!("{:.5}", c.value), known]
-            })
-            .collect();
-        let columns = columns(&["latent", "value", "interval"]);
-        let note = String::new();
-        sections
-            .push(Section { heading: "Latents".into(), blocks: vec![Block::Table { columns, rows, note }] });
-    }
+    blocks
+}
+
+fn effects(d: &Diagnosis) -> Rows {
+    let all = d.effects.iter().flat_map(|e| e.parameters.iter().map(move |p| (e, p)));
+    let row = |(e, p): (&FoundEffect, &FoundParameter)| {
+        vec![
+            e.name.clone(),
+            p.name.clone(),
+            p.setting.clone().unwrap_or_default(),
+            number(p.value),
+            p.unit.clone(),
+            interval(&p.ci95),
+            format!("{:.1e}", e.p_value),
+        ]
+    };
+    (&["effect", "parameter", "setting", "value", "unit", "interval", "p"], all.map(row).collect())
+}
+
+fn ties(d: &Diagnosis) -> Vec<Block> {
+    let sets = d.rivals.iter().map(|r| r.join(" + ")).collect::<Vec<_>>().join("\n\n");
+    if d.rivals.len() > 1 { vec![Block::Text(sets)] } else { Vec::new() }
+}
+
+fn next(d: &Diagnosis) -> Vec<Block> {
+    let text = d.next_experiment.iter().map(|next| format!("{}\n\nWhy: {}", next.action, next.why));
+    text.map(Block::Text).collect()
+}
+
+fn latents(d: &Diagnosis) -> Rows {
+    let row = |c: &Calibrated| {
+        let known = if c.identifiable { interval(&c.ci95) } else { "not told by these trials".into() };
+        vec![c.name.clone(), format!("{:.5}", c.value), known]
+    };
+    (&["latent", "value", "interval"], d.calibrated.iter().map(row).collect())
+}
+
+fn gains(d: &Diagnosis) -> Rows {
     let law = d.residual_law.as_ref().map(|l| &l.held_out);
-    let gains: Vec<Vec<String>> = [
+    let all = [
         ("held-out trials", d.gain.held_out.as_ref()),
         ("held-out trials, with the law without a name", law),
         ("a setting never fitted", d.gain.extrapolation.as_ref()),
-    ]
-    .iter()
-    .filter_map(|(what, g)| {
-        let g = (*g)?;
+    ];
+    let rows = all.into_iter().filter_map(|(what, g)| {
+        let g = g?;
         Some(vec![
             what.to_string(),
             g.trials.to_string(),
@@ -216,35 +252,20 @@ fn page(scene: &Scene, d: &Diagnosis, plots: &[Plot]) -> Report {
             number(g.floor_rmse),
             g.excess_removed.map_or("-".into(), |e| format!("{e:.4}")),
         ])
-    })
-    .collect();
-    if !gains.is_empty() {
-        let columns = columns(&["on", "trials", "base, m", "extended, m", "floor, m", "excess removed"]);
-        let note = "Starts are fitted for every trial; everything else comes from other trials.".to_string();
-        let blocks = vec![Block::Table { columns, rows: gains, note }];
-        sections.push(Section { heading: "Gain".into(), blocks });
-    }
-    let pictures = plots
-        .iter()
-        .map(|(_, caption, svg)| Block::Svg { svg: svg.clone(), caption: caption.clone() })
-        .collect();
-    sections.push(Section { heading: "Residuals before and after".into(), blocks: pictures });
-    let rows = d
-        .considered
-        .iter()
-        .map(|c| {
-            vec![
-                c.effects.join(" + "),
-                format!("{:.4}", c.held_out),
-                format!("{:.1e}", c.p_value),
-                if c.accepted { "yes" } else { "no" }.into(),
-            ]
-        })
-        .collect();
-    let columns = columns(&["set", "held-out error over noise (mean square)", "p", "accepted"]);
-    let table = Block::Table { columns, rows, note: "Best first.".into() };
-    let blocks = vec![Block::Details { summary: "every set that was fitted".into(), blocks: vec![table] }];
-    sections.push(Section { heading: "What was considered".into(), blocks });
-    let name = if scene.name.is_empty() { "a scene".to_string() } else { scene.name.clone() };
-    Report { title: format!("Diagnosis of {name}"), lead: d.reason.clone(), sections }
+    });
+    (&["on", "trials", "base, m", "extended, m", "floor, m", "excess removed"], rows.collect())
+}
+
+fn considered(d: &Diagnosis) -> Vec<Block> {
+    let rows = d.considered.iter().map(|c| {
+        vec![
+            c.effects.join(" + "),
+            format!("{:.4}", c.held_out),
+            format!("{:.1e}", c.p_value),
+            if c.accepted { "yes" } else { "no" }.into(),
+        ]
+    });
+    let columns: &[&str] = &["set", "held-out error over noise (mean square)", "p", "accepted"];
+    let blocks = table((columns, rows.collect()), "Best first.");
+    vec![Block::Details { summary: "every set that was fitted".into(), blocks }]
 }

@@ -9,18 +9,18 @@ use iplw::experiment::surface;
 use iplw::experiment::{EstimateConfig, EstimateReport, Memory, ResidualKind, Sense, estimate_with};
 use iplw::explore::{Importance, strategy};
 use iplw::reality::{HiddenWorld, standard};
-use iplw::task::{Family, Split, split};
+use iplw::task::{FAMILIES, Family, Split, split};
 use iplw::world::effect::DRAG;
 use iplw::world::{EffectParameter, Engine};
 
-use super::{output, parse, tasks_named};
+use super::{output, parse};
 
 /// Explores in simulation by a strategy, spends the chosen actions on the hidden world, fits the latents by the
 /// cross-entropy method, and repeats.
 #[derive(clap::Args)]
 pub struct Args {
-    /// bowling, basketball, or one task such as bowling:017.
-    #[arg(long, default_value = "bowling")]
+    /// A family, or one task such as bowling:017.
+    #[arg(long, default_value = FAMILIES[0].name)]
     task: String,
     /// The hidden world, over the family's own: `damping=0.8,density=..,friction=..,restitution=..,noise=..`.
     #[arg(long, default_value = "")]
@@ -78,7 +78,7 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    let (tasks, family) = tasks_named(&args.task)?;
+    let (tasks, family) = parse::tasks(&args.task)?;
     let mut config = match args.preset.as_str() {
         "fast" => EstimateConfig::fast(family.prior),
         "paper" => EstimateConfig::paper(family.prior),

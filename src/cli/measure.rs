@@ -6,14 +6,14 @@ use iplw::error::Result;
 use iplw::reality::{HiddenWorld, Reality, settled, standard, trials_to_csv};
 use iplw::task::{Split, split};
 
-use super::{output, parse, tasks_named};
+use super::{output, parse};
 
 /// Random actions on the task's training part are carried out in a hidden world and observed. The scene that is
 /// written is the simulation's: nominal latents, none of the hidden effects. Each trial is a setting of its own,
 /// since what is placed differs between trials.
 #[derive(clap::Args)]
 pub struct Args {
-    /// bowling, basketball, or one task such as bowling:017.
+    /// A family, or one task such as bowling:017.
     #[arg(long)]
     task: String,
     /// Effect of the hidden world, `name:parameter=value,...` (see `iplw effects`); may be repeated. None: the family's
@@ -39,7 +39,7 @@ pub struct Args {
 
 pub fn run(args: &Args) -> Result<()> {
     iplw::error::within("--trials", args.trials as f64, 1.0, 100_000.0)?;
-    let (tasks, family) = tasks_named(&args.task)?;
+    let (tasks, family) = parse::tasks(&args.task)?;
     let mut config = standard(family);
     if !args.effects.is_empty() {
         config.effects = args.effects.iter().map(|e| parse::effect(e)).collect::<Result<_>>()?;

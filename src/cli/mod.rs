@@ -17,7 +17,7 @@ mod train;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use iplw::error::{Error, Result};
+use iplw::error::Error;
 
 /// Worlds to act in, latent factors to estimate, policies to transfer.
 ///
@@ -121,22 +121,5 @@ fn exit_code(error: &Error) -> u8 {
         | Error::Cancelled
         | Error::Failed(_) => 1,
         Error::Entry { error, .. } => exit_code(error),
-    }
-}
-
-/// Tasks of a family, or the single task `family:number`.
-fn tasks_named(name: &str) -> Result<(Vec<iplw::task::Task>, &'static iplw::task::Family)> {
-    let family = iplw::task::family(name.split(':').next().unwrap_or(name))?;
-    let all = (family.tasks)();
-    if name == family.name {
-        return Ok((all, family));
-    }
-    match all.into_iter().find(|t| t.id == name) {
-        Some(task) => Ok((vec![task], family)),
-        None => Err(Error::NotFound {
-            kind: "task",
-            id: name.into(),
-            known: vec![format!("{}:000 and on", family.name)],
-        }),
     }
 }

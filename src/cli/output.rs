@@ -25,6 +25,17 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
     written.map_err(|e| Error::io(path, e))
 }
 
+/// Rows under a header as CSV; cells are quoted where they must be.
+pub fn csv(header: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> Result<Vec<u8>> {
+    let failed = |e: csv::Error| Error::Failed(format!("a table could not be written as CSV: {e}"));
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    writer.write_record(header).map_err(failed)?;
+    for row in rows {
+        writer.write_record(row).map_err(failed)?;
+    }
+    writer.into_inner().map_err(|e| Error::Failed(e.to_string()))
+}
+
 /// Makes the directory for results that `option` names, so that a place that cannot be written to is refused before the
 /// work, not after.
 pub fn directory(option: &str, path: &Path) -> Result<()> {

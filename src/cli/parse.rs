@@ -6,6 +6,7 @@ use iplw::error::{Error, Result};
 use iplw::estimate::surface::Related;
 use iplw::reality::HiddenConfig;
 use iplw::task::scene::EffectTerm;
+use iplw::task::{Family, Task, family};
 use iplw::world::{Engine, Latents, effect};
 
 /// `name:parameter=value,...` as an effect.
@@ -18,6 +19,23 @@ pub fn effect(text: &str) -> Result<EffectTerm> {
     let term = EffectTerm { name: name.to_string(), parameters };
     effect::resolve(&term, "--effect")?;
     Ok(term)
+}
+
+/// Tasks of a family, or the single task `family:number`.
+pub fn tasks(name: &str) -> Result<(Vec<Task>, &'static Family)> {
+    let family = family(name.split(':').next().unwrap_or(name))?;
+    let all = (family.tasks)();
+    if name == family.name {
+        return Ok((all, family));
+    }
+    match all.into_iter().find(|t| t.id == name) {
+        Some(task) => Ok((vec![task], family)),
+        None => Err(Error::NotFound {
+            kind: "task",
+            id: name.into(),
+            known: vec![format!("{}:000 and on", family.name)],
+        }),
+    }
 }
 
 /// What `--real` says of a hidden world, laid over a base.

@@ -12,7 +12,7 @@ use tracing_subscriber::prelude::*;
 
 use super::output;
 
-/// Worlds over HTTP, and over ZeroMQ if asked. Four are ready at once: bowling-sim, bowling-real, basketball-sim, basketball-real.
+/// Worlds over HTTP, and over ZeroMQ if asked. A simulated and a real one of every family are ready at once: bowling-sim, bowling-real, ...
 /// Documentation is served at /docs, the OpenAPI document at /openapi.json.
 #[derive(clap::Args)]
 pub struct Args {

@@ -8,7 +8,7 @@ use iplw::estimate::Surface;
 use iplw::estimate::surface::{Axis, Route};
 use iplw::experiment::surface::{SurfaceConfig, surface};
 use iplw::picture::surface::{Mark, surface_svg};
-use iplw::task::{Family, family};
+use iplw::task::{FAMILIES, Family, family};
 use iplw::world::latent::FACTORS;
 
 use super::{output, parse};
@@ -18,8 +18,8 @@ use super::{output, parse};
 /// estimate --surface` spends actions accordingly.
 #[derive(clap::Args)]
 pub struct Args {
-    /// bowling or basketball.
-    #[arg(long, default_value = "bowling")]
+    /// A family (`iplw tasks` lists them).
+    #[arg(long, default_value = FAMILIES[0].name)]
     task: String,
     /// `ideal`: actions that solve in the simulation are tried first, no learning (a minute or so); `dqn`: a policy
     /// is trained at every point (ten seconds or so each).

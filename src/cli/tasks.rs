@@ -10,7 +10,7 @@ use super::output;
 /// Without a name, every family; with one, its tasks.
 #[derive(clap::Args)]
 pub struct Args {
-    /// bowling or basketball.
+    /// A family.
     name: Option<String>,
     /// Print JSON: tasks with scenes and certificates, splits, action space.
     #[arg(long)]
@@ -30,7 +30,8 @@ pub fn run(args: &Args) -> Result<()> {
     };
     if args.certify {
         let [family] = families.as_slice() else {
-            return Err(Error::input("name", "missing", "one family to certify: bowling or basketball"));
+            let known = FAMILIES.map(|f| f.name).join(", ");
+            return Err(Error::input("name", "missing", format!("one family to certify of {known}")));
         };
         let bar = output::Bar::new();
         let rows = certify(family, args.seed, &bar)?;
@@ -82,6 +83,7 @@ fn describe(family: &Family) -> Value {
     json!({
         "name": family.name,
         "about": family.about,
+        "gymnasium": family.gymnasium,
         "splits": {"train": ids(Split::Train), "validation": ids(Split::Validation), "test": ids(Split::Test)},
         "action_space": tasks.first().map(|t| json!({
             "dimension": t.actions().dimension(),

@@ -4,20 +4,19 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use iplw::error::{Error, Result};
-use iplw::experiment::quickstart::try_out;
+use iplw::experiment::try_out;
 use iplw::policy::{Dqn, EvaluateConfig, LabelConfig, TrainConfig, Training, label, train};
 use iplw::reality::standard;
-use iplw::task::{Split, split};
-use iplw::world::Engine;
+use iplw::task::{FAMILIES, Labels, Split, split};
 use serde_json::json;
 
-use super::{output, parse, tasks_named};
+use super::{output, parse};
 
 /// Labels random actions of the training tasks in a simulation and trains a policy on them.
 #[derive(clap::Args)]
 pub struct TrainArgs {
-    /// bowling or basketball.
-    #[arg(long, default_value = "bowling")]
+    /// A family, or one of its tasks.
+    #[arg(long, default_value = FAMILIES[0].name)]
     task: String,
     /// Latents of the simulation, `density=..,friction=..,restitution=..`; the scene's own where not given.
     #[arg(long, default_value = "")]
@@ -28,13 +27,16 @@ pub struct TrainArgs {
     /// Effect of the simulation, `name:parameter=value,...`; may be repeated.
     #[arg(long = "effect", value_name = "EFFECT")]
     effects: Vec<String>,
-    /// Labelled actions per training task.
-    #[arg(long, default_value_t = 300)]
-    per_task: usize,
-    #[arg(long, default_value_t = 1000)]
-    batches: usize,
-    #[arg(long, default_value_t = 16)]
-    batch_size: usize,
+    /// Labelled actions per training task, and further ones of a task that few of them solve; the family's number if
+    /// not given.
+    #[arg(long)]
+    per_task: Option<usize>,
+    /// Updates; the family's number if not given.
+    #[arg(long)]
+    batches: Option<usize>,
+    /// Examples per update, half of them solving; the family's number if not given.
+    #[arg(long)]
+    batch_size: Option<usize>,
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// File for the weights (safetensors).
@@ -45,8 +47,8 @@ pub struct TrainArgs {
 /// Lets a policy rank the actions of each task and tries them in the hidden world, best first, up to 100.
 #[derive(clap::Args)]
 pub struct EvaluateArgs {
-    /// bowling, basketball, or one task such as bowling:017.
-    #[arg(long, default_value = "bowling")]
+    /// A family, or one task such as bowling:017.
+    #[arg(long, default_value = FAMILIES[0].name)]
     task: String,
     /// File of weights that `iplw train` wrote.
     #[arg(long)]
@@ -68,8 +70,10 @@ pub struct EvaluateArgs {
 }
 
 pub fn train_policy(args: &TrainArgs) -> Result<()> {
-    let (tasks, _) = tasks_named(&args.task)?;
-    iplw::error::within("--per-task", args.per_task as f64, 1.0, 50_000.0)?;
+    let (tasks, family) = parse::tasks(&args.task)?;
+    let usual = &family.learning;
+    let per_task = args.per_task.unwrap_or(usual.labels.per_task);
+    iplw::error::within("--per-task", per_task as f64, 1.0, 50_000.0)?;
     let effects = args.effects.iter().map(|e| parse::effect(e)).collect::<Result<Vec<_>>>()?;
     let training = if args.randomised {
         match Training::paper_randomised() {
@@ -81,24 +85,19 @@ pub fn train_policy(args: &TrainArgs) -> Result<()> {
     } else {
         Training::Fixed { latents: parse::latents(&args.latents)?, effects }
     };
-    let labels = LabelConfig {
-        per_task: args.per_task,
-        enough_solving: 5,
-        most_per_task: 4 * args.per_task,
-        engine: Engine::Auto,
-        seed: args.seed,
-    };
+    let labels = LabelConfig::preset(&Labels { per_task, ..usual.labels }, args.seed);
     let config = TrainConfig {
-        batches: args.batches,
-        batch_size: args.batch_size,
+        batches: args.batches.unwrap_or(usual.batches),
+        batch_size: args.batch_size.unwrap_or(usual.batch_size),
         seed: args.seed,
-        ..TrainConfig::paper_bowling()
+        ..TrainConfig::preset(usual)
     };
     config.validate()?;
     output::file("--out", &args.out)?;
     let bar = output::Bar::new();
     let started = Instant::now();
-    let data = label(&split(&tasks, Split::Train), &training, &labels, &bar)?;
+    let tasks = if tasks.len() > 1 { split(&tasks, Split::Train) } else { tasks };
+    let data = label(&tasks, &training, &labels, &bar)?;
     let labelled = started.elapsed().as_secs_f64();
     let (policy, log) = train(&data, &config, &bar)?;
     bar.clear();
@@ -119,7 +118,7 @@ pub fn train_policy(args: &TrainArgs) -> Result<()> {
 }
 
 pub fn evaluate_policy(args: &EvaluateArgs) -> Result<()> {
-    let (tasks, family) = tasks_named(&args.task)?;
+    let (tasks, family) = parse::tasks(&args.task)?;
     iplw::error::within("--candidates", args.candidates as f64, 1.0, 1e6)?;
     let which = [Split::Train, Split::Validation, Split::Test];
     let Some(part) = which.into_iter().find(|s| s.name() == args.split) else {

@@ -92,9 +92,6 @@ impl ResidualKind {
     }
 }
 
-/// Mean and standard deviation of c (1/s): half a second to half a minute of memory are all likely.
-pub const DRAG_PRIOR: (f64, f64) = (0.3, 0.3);
-
 impl EstimateConfig {
     /// As in the paper: 10 rounds of 50 actions, each followed by one iteration of 1000 samples.
     pub fn paper(prior: [(f64, f64); 3]) -> EstimateConfig {

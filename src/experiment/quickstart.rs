@@ -10,7 +10,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::config::DRAG_PRIOR;
 use super::extension::{self, Extension, diagnosed};
 use super::stages::Named;
 use super::tryout::try_out;

@@ -14,7 +14,6 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::config::DRAG_PRIOR;
 use super::extension::{self, Extension, diagnosed};
 use super::statistics::{Claim, Summary, Verdict};
 use super::strategies::{Arm, Nature};

@@ -11,38 +11,33 @@ use iplw::experiment::quickstart::{Keepsakes, Method, QuickstartConfig, Quicksta
 use iplw::picture::plot::{self, Series};
 use iplw::picture::{Block, Report, Section, Style, filmstrip_svg, trails_svg};
 use iplw::policy::{EvaluateConfig, LabelConfig, TrainConfig};
-use iplw::reality::{HiddenConfig, HiddenWorld, Reality, standard, trials_to_csv};
-use iplw::task::{Split, Task, family, split};
-use iplw::world::Engine;
+use iplw::reality::{HiddenConfig, HiddenWorld, Reality, Trial, standard, trials_to_csv};
+use iplw::task::{Labels, Split, Task, family, split};
 use iplw::world::latent::FACTORS;
 use serde_json::json;
 
+use super::args::ExperimentArgs;
 use crate::cli::diagnose::write_report;
 use crate::cli::output;
+
+/// The story over several seeds.
+pub fn several(args: &ExperimentArgs) -> Result<()> {
+    story(&args.task, (0..args.seeds.unwrap_or(3)).collect(), args.quick, &args.out)
+}
 
 /// Runs the story and writes it down.
 pub fn story(name: &str, seeds: Vec<u64>, quick: bool, out: &Path) -> Result<()> {
     let family = family(name)?;
     let tasks = (family.tasks)();
     let hidden = standard(family);
-    let train = match name {
-        "basketball" => TrainConfig::paper_basketball(),
-        _ => TrainConfig::paper_bowling(),
-    };
-    // More labels than the paper's batches can use rank unseen tasks better (0.61 to 0.65 AUCCESS from 250 to 800).
-    let per_task = if quick { 60 } else { 800 };
+    let full = family.learning.study_labels;
+    let labels = if quick { Labels { per_task: 60, ..full } } else { full };
     let config = QuickstartConfig {
         family: name.to_string(),
         seeds,
         estimate: EstimateConfig::fast(family.prior),
-        label: LabelConfig {
-            per_task,
-            enough_solving: 15,
-            most_per_task: per_task * 2,
-            engine: Engine::Auto,
-            seed: 0,
-        },
-        train,
+        label: LabelConfig::preset(&labels, 0),
+        train: TrainConfig::preset(&family.learning),
         evaluate: EvaluateConfig {
             candidates: if quick { 2000 } else { 10_000 },
             ..EvaluateConfig::phyre(0)
@@ -148,24 +143,25 @@ fn write_all(
     hidden: &HiddenConfig,
     table: &str,
 ) -> Result<()> {
-    let mut curves = String::from("method,attempts,share_solved\n");
-    for row in &report.rows {
-        for (k, share) in row.curve.iter().enumerate() {
-            curves += &format!("{},{},{share}\n", row.method.title(), k + 1);
-        }
-    }
-    let mut auccess = String::from("method,seed,auccess,real_interactions\n");
-    for row in &report.rows {
-        for (i, seed) in report.config.seeds.iter().enumerate() {
-            let (value, spent) = (row.auccess[i], row.real_interactions[i]);
-            auccess += &format!("{},{seed},{value},{spent}\n", row.method.title());
-        }
-    }
+    let curves = report.rows.iter().flat_map(|row| {
+        let share =
+            |(k, s): (usize, &f64)| vec![row.method.title().into(), (k + 1).to_string(), s.to_string()];
+        row.curve.iter().enumerate().map(share)
+    });
+    let auccess = report.rows.iter().flat_map(|row| {
+        report.config.seeds.iter().enumerate().map(|(i, seed)| {
+            let numbers =
+                [seed.to_string(), row.auccess[i].to_string(), row.real_interactions[i].to_string()];
+            [vec![row.method.title().to_string()], numbers.to_vec()].concat()
+        })
+    });
+    let curves = output::csv(&["method", "attempts", "share_solved"], curves)?;
+    let auccess = output::csv(&["method", "seed", "auccess", "real_interactions"], auccess)?;
     let solved_plot = solved_plot(report);
     let json = serde_json::to_string_pretty(report).map_err(|e| Error::Failed(e.to_string()))?;
     let html = html(report, keepsakes, tasks, hidden, &solved_plot)?;
-    output::write_whole(&out.join("curves.csv"), curves.as_bytes())?;
-    output::write_whole(&out.join("auccess.csv"), auccess.as_bytes())?;
+    output::write_whole(&out.join("curves.csv"), &curves)?;
+    output::write_whole(&out.join("auccess.csv"), &auccess)?;
     output::write_whole(&out.join("trials.csv"), trials_to_csv(&keepsakes.trials).as_bytes())?;
     output::write_whole(&out.join("result.json"), json.as_bytes())?;
     output::write_whole(&out.join("solved.svg"), solved_plot.as_bytes())?;
@@ -198,10 +194,32 @@ fn html(
     hidden: &HiddenConfig,
     solved_plot: &str,
 ) -> Result<String> {
+    let section = |heading: &str, blocks: Vec<Block>| Section { heading: heading.into(), blocks };
+    let page = Report {
+        title: format!("From a hidden world to a policy: {}", report.config.family),
+        lead: lead(report),
+        sections: vec![
+            section("Transfer to the hidden world", transfer_blocks(report, solved_plot)),
+            section("What the simulation lacks", lacking_blocks(report)),
+            section("Latent factors", latent_blocks(report)),
+            section("What the policy does", films(keepsakes, tasks, hidden)?),
+            section("Trials spent on exploration", explored_blocks(keepsakes)),
+            section("How it was run", setup_blocks(report)?),
+        ],
+    };
+    Ok(page.to_html())
+}
+
+fn columns(names: &[&str]) -> Vec<String> {
+    names.iter().map(|n| n.to_string()).collect()
+}
+
+/// The answer in a sentence.
+fn lead(report: &QuickstartReport) -> String {
     let of = |m: Method| report.rows.iter().find(|r| r.method == m).map_or(f64::NAN, |r| r.mean().0);
     let spent =
         report.estimates.iter().map(|e| e.real_interactions).sum::<u64>() / report.estimates.len() as u64;
-    let lead = format!(
+    format!(
         "A policy trained in a simulation grounded by {spent} measurements of a hidden world reaches AUCCESS {:.3} \
          on tasks it has never seen, and {:.3} where the simulation is extended by what a diagnosis of the same \
          measurements found; {:.3} with \
@@ -211,7 +229,10 @@ fn html(
         of(Method::DomainRandomisation),
         of(Method::TrueLatents),
         of(Method::Random),
-    );
+    )
+}
+
+fn transfer_blocks(report: &QuickstartReport, solved_plot: &str) -> Vec<Block> {
     let rows = report.rows.iter().map(|row| {
         let (mean, error) = row.mean();
         vec![
@@ -223,62 +244,43 @@ fn html(
             row.real_interactions.iter().map(u64::to_string).collect::<Vec<_>>().join(", "),
         ]
     });
-    let columns = |names: &[&str]| names.iter().map(|n| n.to_string()).collect::<Vec<_>>();
-    let transfer = Section {
-        heading: "Transfer to the hidden world".into(),
-        blocks: vec![
-            Block::Table {
-                columns: columns(&["policy", "AUCCESS", "standard error", "solved at 1", "within 10", "real interactions"]),
-                rows: rows.collect(),
-                note: "AUCCESS weights early successes, as PHYRE defines it. True latents leaves out the hidden \
-                       effect, as the paper's oracle does; the last row knows that too."
-                    .into(),
-            },
-            Block::Svg { svg: solved_plot.into(), caption: "Share of test tasks solved within so many attempts.".into() },
-        ],
-    };
-    let latents = Section { heading: "Latent factors".into(), blocks: latent_blocks(report) };
-    let mut films =
-        Section { heading: "What the policy does".into(), blocks: films(keepsakes, tasks, hidden)? };
-    films.blocks.insert(
-        0,
-        Block::Text("The policy's first choice on some test tasks, carried out in the hidden world.".into()),
-    );
-    let mut explored = Vec::new();
-    for trial in keepsakes.trials.iter().take(3) {
-        explored.push(Block::Svg {
-            svg: trails_svg(&trial.scene, &trial.observed, &Style { width: 360, ..Style::default() }),
-            caption: format!("Measured: {}", trial.name),
-        });
-    }
+    let names = ["policy", "AUCCESS", "standard error", "solved at 1", "within 10", "real interactions"];
+    let note = "AUCCESS weights early successes, as PHYRE defines it. True latents leaves out the hidden \
+                effect, as the paper's oracle does; the last row knows that too.";
+    vec![
+        Block::Table { columns: columns(&names), rows: rows.collect(), note: note.into() },
+        Block::Svg {
+            svg: solved_plot.into(),
+            caption: "Share of test tasks solved within so many attempts.".into(),
+        },
+    ]
+}
+
+fn lacking_blocks(report: &QuickstartReport) -> Vec<Block> {
     let found = report.diagnoses.iter().map(|d| Block::Text(lacks(d)));
     let pointer =
         "The first seed's diagnosis in full, with its pictures: diagnosis/report.html beside this page.";
-    let lacking = Section {
-        heading: "What the simulation lacks".into(),
-        blocks: found.chain([Block::Text(pointer.into())]).collect(),
+    found.chain([Block::Text(pointer.into())]).collect()
+}
+
+fn explored_blocks(keepsakes: &Keepsakes) -> Vec<Block> {
+    let picture = |trial: &Trial| Block::Svg {
+        svg: trails_svg(&trial.scene, &trial.observed, &Style { width: 360, ..Style::default() }),
+        caption: format!("Measured: {}", trial.name),
     };
-    let exploration = Section { heading: "Trials spent on exploration".into(), blocks: explored };
-    let setup = Section {
-        heading: "How it was run".into(),
-        blocks: vec![
-            Block::Table {
-                columns: columns(&["stage", "seconds"]),
-                rows: report.seconds.iter().map(|(s, t)| vec![s.clone(), format!("{t:.1}")]).collect(),
-                note: format!("iplw {}, seeds {:?}.", report.version, report.config.seeds),
-            },
-            Block::Code(
-                serde_json::to_string_pretty(&json!(report.config))
-                    .map_err(|e| Error::Failed(e.to_string()))?,
-            ),
-        ],
-    };
-    let page = Report {
-        title: format!("From a hidden world to a policy: {}", report.config.family),
-        lead,
-        sections: vec![transfer, lacking, latents, films, exploration, setup],
-    };
-    Ok(page.to_html())
+    keepsakes.trials.iter().take(3).map(picture).collect()
+}
+
+fn setup_blocks(report: &QuickstartReport) -> Result<Vec<Block>> {
+    let config = serde_json::to_string_pretty(&json!(report.config));
+    Ok(vec![
+        Block::Table {
+            columns: columns(&["stage", "seconds"]),
+            rows: report.seconds.iter().map(|(s, t)| vec![s.clone(), format!("{t:.1}")]).collect(),
+            note: format!("iplw {}, seeds {:?}.", report.version, report.config.seeds),
+        },
+        Block::Code(config.map_err(|e| Error::Failed(e.to_string()))?),
+    ])
 }
 
 fn latent_blocks(report: &QuickstartReport) -> Vec<Block> {
@@ -327,7 +329,8 @@ fn latent_blocks(report: &QuickstartReport) -> Vec<Block> {
 /// The policy's first placeable choice on a few test tasks, in the hidden world.
 fn films(keepsakes: &Keepsakes, tasks: &[Task], hidden: &HiddenConfig) -> Result<Vec<Block>> {
     let mut world = HiddenWorld::new(hidden.clone())?;
-    let mut blocks = Vec::new();
+    let about = "The policy's first choice on some test tasks, carried out in the hidden world.";
+    let mut blocks = vec![Block::Text(about.into())];
     for task in split(tasks, Split::Test).iter().take(3) {
         let candidates = (0..task.actions().count().min(50_000))
             .map(|i| task.actions().at(i))

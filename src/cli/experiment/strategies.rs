@@ -11,15 +11,16 @@ use iplw::task::{Family, family};
 use iplw::world::latent::FACTORS;
 use serde_json::json;
 
+use super::args::ExperimentArgs;
 use super::cells::Cells;
-use super::{ExperimentArgs, claims_table, claims_text, importance};
+use super::shared::{claims_table, claims_text, importance};
 use crate::cli::output;
 
 pub fn run(args: &ExperimentArgs) -> Result<()> {
     let family = family(&args.task)?;
     let mut config =
         if args.quick { StrategiesConfig::quick(family) } else { StrategiesConfig::paper(family) };
-    config.seeds = args.seeds(&config.seeds);
+    config.seeds = args.chosen_seeds(&config.seeds);
     config.natures = match args.hidden.as_str() {
         "both" => config.natures,
         "damped" => vec![Nature::Damped],
@@ -101,44 +102,6 @@ fn write_all(
     claims: &[Claim],
     seconds: &[f64],
 ) -> Result<()> {
-    let mut errors = String::from("arm,hidden_world,factor,interactions,error,standard_error,bias,seeds\n");
-    for r in rows {
-        let se = r.standard_error.map_or(String::new(), |e| e.to_string());
-        errors += &format!(
-            "\"{}\",{},{},{},{},{se},{},{}\n",
-            r.arm,
-            r.nature.title(),
-            r.factor,
-            r.interactions,
-            r.error,
-            r.bias,
-            r.seeds
-        );
-    }
-    let mut estimates =
-        String::from("arm,hidden_world,seed,interactions,density,friction,restitution,drag\n");
-    let mut choices = String::from(
-        "arm,hidden_world,seed,round,actions,tasks,collisions,rolling_steps,candidate_collisions,candidate_rolling_steps\n",
-    );
-    for c in cells {
-        let of = format!("\"{}\",{},{}", c.arm, c.nature.title(), c.seed);
-        for (n, estimate) in c.interactions.iter().zip(&c.estimates) {
-            let values: Vec<String> = estimate.iter().map(f64::to_string).collect();
-            estimates += &format!("{of},{n},{}\n", values.join(","));
-        }
-        for (round, s) in c.choices.iter().enumerate() {
-            choices += &format!(
-                "{of},{},{},{},{},{},{},{}\n",
-                round + 1,
-                s.actions,
-                s.tasks,
-                s.collisions,
-                s.rolling_steps,
-                s.candidate_collisions,
-                s.candidate_rolling_steps
-            );
-        }
-    }
     let plots: Vec<(String, String)> = config
         .natures
         .iter()
@@ -155,15 +118,63 @@ fn write_all(
     });
     let table = text_table(family, config, rows, claims);
     let html = html(family, config, rows, claims, cells, &plots, seconds)?;
-    output::write_whole(&out.join("errors.csv"), errors.as_bytes())?;
-    output::write_whole(&out.join("estimates.csv"), estimates.as_bytes())?;
-    output::write_whole(&out.join("choices.csv"), choices.as_bytes())?;
+    output::write_whole(&out.join("errors.csv"), &errors_csv(rows)?)?;
+    output::write_whole(&out.join("estimates.csv"), &estimates_csv(cells)?)?;
+    output::write_whole(&out.join("choices.csv"), &choices_csv(cells)?)?;
     for (name, svg) in &plots {
         output::write_whole(&out.join(name), svg.as_bytes())?;
     }
     output::write_whole(&out.join("result.json"), result.to_string().as_bytes())?;
     output::write_whole(&out.join("table.txt"), table.trim_start().as_bytes())?;
     output::write_whole(&out.join("report.html"), html.as_bytes())
+}
+
+fn errors_csv(rows: &[ErrorRow]) -> Result<Vec<u8>> {
+    let header = "arm,hidden_world,factor,interactions,error,standard_error,bias,seeds";
+    let row = |r: &ErrorRow| {
+        vec![
+            r.arm.clone(),
+            r.nature.title().into(),
+            r.factor.clone(),
+            r.interactions.to_string(),
+            r.error.to_string(),
+            r.standard_error.map_or(String::new(), |e| e.to_string()),
+            r.bias.to_string(),
+            r.seeds.to_string(),
+        ]
+    };
+    output::csv(&header.split(',').collect::<Vec<_>>(), rows.iter().map(row))
+}
+
+/// What begins every row about a cell.
+fn cell_columns(c: &Cell) -> Vec<String> {
+    vec![c.arm.clone(), c.nature.title().into(), c.seed.to_string()]
+}
+
+fn estimates_csv(cells: &[Cell]) -> Result<Vec<u8>> {
+    let header = "arm,hidden_world,seed,interactions,density,friction,restitution,drag";
+    let rows = cells.iter().flat_map(|c| {
+        c.interactions.iter().zip(&c.estimates).map(|(n, estimate)| {
+            let mut row = cell_columns(c);
+            row.push(n.to_string());
+            row.extend(estimate.iter().map(|v| v.to_string()));
+            row
+        })
+    });
+    output::csv(&header.split(',').collect::<Vec<_>>(), rows)
+}
+
+fn choices_csv(cells: &[Cell]) -> Result<Vec<u8>> {
+    let header = "arm,hidden_world,seed,round,actions,tasks,collisions,rolling_steps,candidate_collisions,\
+                  candidate_rolling_steps";
+    let rows = cells.iter().flat_map(|c| {
+        c.choices.iter().enumerate().map(|(round, s)| {
+            let counts = [round + 1, s.actions, s.tasks].map(|n| n.to_string());
+            let means = [s.collisions, s.rolling_steps, s.candidate_collisions, s.candidate_rolling_steps];
+            [cell_columns(c), counts.to_vec(), means.map(|v| v.to_string()).to_vec()].concat()
+        })
+    });
+    output::csv(&header.split(',').collect::<Vec<_>>(), rows)
 }
 
 fn plot_of(config: &StrategiesConfig, rows: &[ErrorRow], nature: Nature, factor: &str) -> String {

@@ -1,4 +1,4 @@
-//! `iplw experiment latents | bowling | basketball`: the paper's transfer figures with their baselines.
+//! `iplw experiment latents | harder | FAMILY`: the paper's transfer figures with their baselines.
 
 use std::path::Path;
 
@@ -16,22 +16,26 @@ use iplw::task::action::{ActionSpace, Discrete, Quantity};
 use iplw::task::{Family, Split, Task, ValidAction, family, split};
 use serde_json::json;
 
+use super::args::ExperimentArgs;
 use super::cells::Cells;
-use super::{ExperimentArgs, claims_table, claims_text, importance};
+use super::shared::{claims_table, claims_text, importance};
 use crate::cli::output;
 
-pub fn run(args: &ExperimentArgs) -> Result<()> {
-    let named = if matches!(args.name.as_str(), "latents" | "harder") { &args.task } else { &args.name };
-    let family = family(named)?;
-    match args.name.as_str() {
-        "latents" => carry_out(args, family, Study::latents(family), &args.out),
-        "harder" => harder(args, family),
-        _ => carry_out(args, family, Study::strategies(family), &args.out),
-    }
+/// The paper's first experiment.
+pub fn latents(args: &ExperimentArgs) -> Result<()> {
+    let family = family(&args.task)?;
+    carry_out(args, family, Study::latents(family), &args.out)
+}
+
+/// The comparison of strategies on the family that the experiment is named after.
+pub fn strategies(args: &ExperimentArgs) -> Result<()> {
+    let family = family(&args.name)?;
+    carry_out(args, family, Study::strategies(family), &args.out)
 }
 
 /// Every real world that was asked for, in a directory of its own.
-fn harder(args: &ExperimentArgs, family: &Family) -> Result<()> {
+pub fn harder(args: &ExperimentArgs) -> Result<()> {
+    let family = family(&args.task)?;
     let studies = Study::harder(family);
     let known: Vec<String> = studies.iter().map(|s| s.name.clone()).collect();
     let wanted = args.worlds.as_ref().unwrap_or(&known);
@@ -49,7 +53,7 @@ fn carry_out(args: &ExperimentArgs, family: &Family, mut study: Study, out: &Pat
     if args.quick {
         study = study.quick(family);
     }
-    study.seeds = args.seeds(&study.seeds);
+    study.seeds = args.chosen_seeds(&study.seeds);
     study.trials = args.trials.unwrap_or(study.trials);
     study.transfer.train.batches = args.batches.map_or(study.transfer.train.batches, |b| b as usize);
     if let Some(rounds) = &args.rounds {
@@ -99,7 +103,7 @@ fn carry_out(args: &ExperimentArgs, family: &Family, mut study: Study, out: &Pat
     )?;
     let seconds = cells.finish();
     let rows = study.rows(&policies, &results);
-    let claims = study.claims(&rows);
+    let claims = study.claims(family, &rows);
     write_all(out, family, &study, &rows, &claims, &policies, &results, seconds)?;
     output::print(&text_table(&study, &rows, &claims))?;
     output::print(&format!("\n{seconds:.0} s of work; report: {}\n", out.join("report.html").display()))
@@ -154,39 +158,6 @@ fn write_all(
     results: &[Transfer],
     seconds: f64,
 ) -> Result<()> {
-    let mut summary =
-        String::from("policy,round,interactions,batches,auccess,standard_error,ci95_half_width,seeds\n");
-    for row in rows {
-        for (batches, s) in &row.curve {
-            let number = |v: Option<f64>| v.map_or(String::new(), |v| v.to_string());
-            summary += &format!(
-                "\"{}\",{},{},{batches},{},{},{},{}\n",
-                row.name,
-                row.round.map_or(String::new(), |r| r.to_string()),
-                row.interactions,
-                s.mean,
-                number(s.standard_error),
-                number(s.half_width),
-                s.n
-            );
-        }
-    }
-    let mut single = String::from("policy,round,seed,trial,interactions,batches,real_attempts,auccess\n");
-    for (cell, result) in cells.iter().zip(results) {
-        for point in &result.points {
-            single += &format!(
-                "\"{}\",{},{},{},{},{},{},{}\n",
-                cell.row,
-                cell.round.map_or(String::new(), |r| r.to_string()),
-                cell.seed,
-                cell.trial,
-                cell.interactions,
-                point.batches,
-                point.interactions,
-                point.auccess
-            );
-        }
-    }
     let plots = plots(study, rows);
     let pictures = pictures(family, study, cells)?;
     let table = text_table(study, rows, claims);
@@ -194,8 +165,8 @@ fn write_all(
     let result = json!({
         "study": study, "rows": rows, "claims": claims, "seconds": seconds, "version": env!("CARGO_PKG_VERSION"),
     });
-    output::write_whole(&out.join("summary.csv"), summary.as_bytes())?;
-    output::write_whole(&out.join("trials.csv"), single.as_bytes())?;
+    output::write_whole(&out.join("summary.csv"), &summary_csv(rows)?)?;
+    output::write_whole(&out.join("trials.csv"), &trials_csv(cells, results)?)?;
     for (name, svg) in plots.iter().map(|(n, _, s)| (n, s)).chain(pictures.iter().map(|(n, _, s)| (n, s))) {
         output::write_whole(&out.join(format!("{name}.svg")), svg.as_bytes())?;
         output::write_whole(&out.join(format!("{name}.png")), &svg_to_png(svg, 960)?)?;
@@ -203,6 +174,54 @@ fn write_all(
     output::write_whole(&out.join("result.json"), result.to_string().as_bytes())?;
     output::write_whole(&out.join("table.txt"), table.trim_start().as_bytes())?;
     output::write_whole(&out.join("report.html"), html.as_bytes())
+}
+
+/// A row for each point of each row's curve.
+fn summary_csv(rows: &[Row]) -> Result<Vec<u8>> {
+    let header = [
+        "policy",
+        "round",
+        "interactions",
+        "batches",
+        "auccess",
+        "standard_error",
+        "ci95_half_width",
+        "seeds",
+    ];
+    let number = |v: Option<f64>| v.map_or(String::new(), |v| v.to_string());
+    let points = rows.iter().flat_map(|row| row.curve.iter().map(move |point| (row, point)));
+    let line = points.map(|(row, (batches, s))| {
+        vec![
+            row.name.clone(),
+            row.round.map_or(String::new(), |r| r.to_string()),
+            row.interactions.to_string(),
+            batches.to_string(),
+            s.mean.to_string(),
+            number(s.standard_error),
+            number(s.half_width),
+            s.n.to_string(),
+        ]
+    });
+    output::csv(&header, line)
+}
+
+/// A row for each evaluation of each policy.
+fn trials_csv(cells: &[Cell], results: &[Transfer]) -> Result<Vec<u8>> {
+    let header = ["policy", "round", "seed", "trial", "interactions", "batches", "real_attempts", "auccess"];
+    let points = cells.iter().zip(results).flat_map(|(c, r)| r.points.iter().map(move |point| (c, point)));
+    let line = points.map(|(cell, point)| {
+        vec![
+            cell.row.clone(),
+            cell.round.map_or(String::new(), |r| r.to_string()),
+            cell.seed.to_string(),
+            cell.trial.to_string(),
+            cell.interactions.to_string(),
+            point.batches.to_string(),
+            point.interactions.to_string(),
+            point.auccess.to_string(),
+        ]
+    });
+    output::csv(&header, line)
 }
 
 /// (file name, caption, SVG)

@@ -1,0 +1,71 @@
+//! Options of `iplw run` and `iplw experiment`.
+
+use std::path::PathBuf;
+
+use iplw::task::FAMILIES;
+
+/// The story: a hidden world, its latents estimated, a policy trained in the grounded simulation and tried on
+/// unseen tasks of the hidden world, beside its baselines. Writes report.html, data as CSV and JSON, plots.
+#[derive(clap::Args)]
+pub struct RunArgs {
+    /// A family (`iplw tasks` lists them).
+    #[arg(long, default_value = FAMILIES[0].name)]
+    pub task: String,
+    /// Seed of everything random.
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// Directory for the report and its data.
+    #[arg(long, default_value = "out/quickstart")]
+    pub out: PathBuf,
+    /// A small run for a look: fewer labels, fewer candidates.
+    #[arg(long)]
+    pub quick: bool,
+}
+
+/// Experiments; one that was stopped goes on where it was when it is run again.
+///
+/// `quickstart`: the story over several seeds. `strategies`: every way of choosing actions, error of the latents
+/// against real interactions. `latents`: policies from latents estimated on 10,000 random real trajectories beside
+/// every baseline, learning on in the real world. The name of a family (`bowling`, say): jump start of every strategy
+/// over 10 rounds of 50 interactions. `harder`: real worlds with wind, quadratic drag, a sticky patch, another engine.
+#[derive(clap::Args)]
+pub struct ExperimentArgs {
+    /// quickstart, strategies, latents, harder or the name of a family.
+    pub name: String,
+    /// A family (`iplw tasks` lists them).
+    #[arg(long, default_value = FAMILIES[0].name)]
+    pub task: String,
+    /// Number of seeds, the first of the experiment's own; the experiment's number if not given.
+    #[arg(long)]
+    pub seeds: Option<u64>,
+    /// Learning trials for each estimate (`latents`, `harder`, a family's); 3 if not given.
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    pub trials: Option<u64>,
+    /// Rounds after which policies are trained, `1,3` (a family's), and the last; all if not given.
+    #[arg(long, value_delimiter = ',')]
+    pub rounds: Option<Vec<usize>>,
+    /// Batches that policies are trained for in simulation (`latents`, `harder`, a family's); the family's number if
+    /// not given.
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    pub batches: Option<u64>,
+    /// Of `harder`: some of its real worlds, `wind,quadratic_drag,sticky_patch,other_engine`; all if not given.
+    #[arg(long, value_delimiter = ',')]
+    pub worlds: Option<Vec<String>>,
+    /// Of `strategies`: the hidden worlds, damped, no-drag or both.
+    #[arg(long, default_value = "both")]
+    pub hidden: String,
+    /// Directory for the report and its data.
+    #[arg(long)]
+    pub out: PathBuf,
+    /// A small run for a look.
+    #[arg(long)]
+    pub quick: bool,
+}
+
+impl ExperimentArgs {
+    /// As many seeds as were asked for, an experiment's own first; its own if no number was.
+    pub fn chosen_seeds(&self, own: &[u64]) -> Vec<u64> {
+        let wanted = self.seeds.map_or(own.len(), |n| n as usize);
+        (0..wanted).map(|i| own.get(i).copied().unwrap_or(2000 + i as u64)).collect()
+    }
+}
