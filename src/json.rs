@@ -20,10 +20,13 @@ pub fn parse<T: DeserializeOwned>(text: &str) -> Result<T> {
 }
 
 /// [`parse`] for a value that is JSON already.
-pub fn from_value<T: DeserializeOwned>(value: serde_json::Value) -> Result<T> {
-    serde_path_to_error::deserialize(value).map_err(|e| {
-        let path = e.path().to_string();
-        refuse(if path == "." { "" } else { &path }, e.inner())
+pub fn from_value<T: DeserializeOwned>(value: Value) -> Result<T> {
+    // To know where one is costs more than to read: that is found out only once something is wrong.
+    T::deserialize(&value).or_else(|_| {
+        serde_path_to_error::deserialize(value).map_err(|e| {
+            let path = e.path().to_string();
+            refuse(if path == "." { "" } else { &path }, e.inner())
+        })
     })
 }
 

@@ -8,17 +8,13 @@ use std::time::Duration;
 
 use tokio::sync::Semaphore;
 
-use super::ServeConfig;
+use super::config::{Clock, ServeConfig};
 use super::metrics::Metrics;
-use super::operations;
 use super::problem::{Answer, Problem, explain};
 use crate::error::Result;
-use crate::job::{Runner, RunnerConfig};
+use crate::job::{Recipes, Runner, RunnerConfig};
 use crate::session::{Catalogue, Registry, RegistryConfig};
 use crate::store::Store;
-
-/// Seconds since anywhere; counts up.
-pub type Clock = Arc<dyn Fn() -> Duration + Send + Sync>;
 
 /// What requests and jobs share.
 pub struct Base {
@@ -33,6 +29,8 @@ pub struct Base {
 pub struct App {
     base: Arc<Base>,
     pub jobs: Runner,
+    /// The OpenAPI document, JSON.
+    pub document: &'static str,
     /// Set once the server is to stop.
     pub stopping: tokio::sync::watch::Sender<bool>,
     /// Held while answers to proposals are taken.
@@ -59,8 +57,12 @@ const STREAMED: usize = 32;
 pub const THREADS: usize = AT_WORK + STREAMED + 8;
 
 impl App {
-    /// Opens the store, assembles the tasks and makes the default worlds.
-    pub fn new(config: &ServeConfig) -> Result<App> {
+    /// Opens the store, assembles the tasks and makes the default worlds. `recipes` make the work of jobs.
+    pub fn new(
+        config: &ServeConfig,
+        recipes: fn(&Arc<Base>) -> Recipes,
+        document: &'static str,
+    ) -> Result<App> {
         let store = Arc::new(match &config.data_dir {
             Some(directory) => Store::open(directory)?,
             None => Store::in_memory()?,
@@ -75,9 +77,10 @@ impl App {
             metrics: Metrics::default(),
             clock: config.clock.clone(),
         });
-        let app = App {
-            jobs: Runner::start(store, operations::recipes(&base), runner)?,
+        Ok(App {
+            jobs: Runner::start(store, recipes(&base), runner)?,
             base,
+            document,
             stopping: tokio::sync::watch::Sender::new(false),
             telling: Mutex::default(),
             keys: Mutex::default(),
@@ -86,9 +89,7 @@ impl App {
             streamed: Arc::new(Semaphore::new(STREAMED)),
             nonce: nonce(),
             made: AtomicU64::new(0),
-        };
-        operations::asked::catch_up(&app)?;
-        Ok(app)
+        })
     }
 
     /// An id that no world of this or an earlier server has.

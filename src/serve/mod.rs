@@ -2,13 +2,19 @@
 //!
 //! | file | what it does |
 //! |---|---|
-//! | `http/` | routes, bodies, headers; every route documents itself |
+//! | `operations/` | what a client can ask for: functions over wire structs, each with its declaration |
+//! | `operation/` | how an operation is declared, and what its function takes and gives |
+//! | `http/` | routes and the OpenAPI document, from the declarations; bodies and headers |
 //! | `zmq/` | the same over ZeroMQ: connections, frames, order |
-//! | `operations/` | what a client can ask for, as functions over wire structs; shared by all transports |
 //! | `wire/` | JSON and msgpack in and out |
-//! | `problem` | errors as RFC 9457; the only place that knows status codes |
-//! | `app` | what handlers share; work runs off the async threads |
+//! | `problem` | errors as RFC 9457 |
+//! | `app` | what operations share; work runs off the async threads |
 //! | `metrics` | counters |
+//! | `config` | how a server is run |
+//!
+//! An action on its way: `http/route` (or `zmq/peer`) makes an `Asked` of what was sent; the operation's declaration
+//! reads its input from it (`Body<StepIn>`) and calls the function beside it (`operations/world`), which steps a
+//! `session::World`; the answer becomes JSON or msgpack where it came in.
 //!
 //! [`serve`] runs until the process is told to stop; [`Server`] is the same for tests and other programs.
 
@@ -16,8 +22,10 @@
 #![allow(clippy::result_large_err)]
 
 mod app;
+mod config;
 mod http;
 mod metrics;
+mod operation;
 mod operations;
 mod problem;
 mod wire;
@@ -25,37 +33,16 @@ mod zmq;
 
 use std::future::Future;
 use std::net::SocketAddr;
-use std::path::PathBuf;
-use std::sync::{Arc, OnceLock};
-use std::time::{Duration, Instant};
+use std::sync::{Arc, LazyLock};
+use std::time::Duration;
 
 use axum::serve::ListenerExt;
 use tokio::net::TcpListener;
 
 use crate::error::{Error, Result};
 use app::App;
-pub use app::Clock;
-
-/// How a server is run.
-#[derive(Clone)]
-pub struct ServeConfig {
-    /// Address to listen on; port 0 takes a free one.
-    pub http: SocketAddr,
-    /// Where to listen for ZeroMQ besides: `tcp://HOST:PORT` or `ipc://PATH`.
-    pub zmq: Option<String>,
-    /// Where jobs, worlds and policies are kept; in memory if absent.
-    pub data_dir: Option<PathBuf>,
-    /// A world made by a client goes after not being used for so long.
-    pub idle: Duration,
-    /// Most worlds at a time.
-    pub worlds: usize,
-    /// Jobs running at a time.
-    pub workers: usize,
-    /// Most jobs queued.
-    pub queue: usize,
-    /// What time it is.
-    pub clock: Clock,
-}
+pub use config::{Clock, ServeConfig};
+use operations::OPERATIONS;
 
 /// A server that listens and does not answer yet.
 pub struct Server {
@@ -64,22 +51,6 @@ pub struct Server {
     address: SocketAddr,
     zmq: Option<zmq::Endpoint>,
     idle: Duration,
-}
-
-impl Default for ServeConfig {
-    fn default() -> Self {
-        let start = Instant::now();
-        ServeConfig {
-            http: SocketAddr::from(([127, 0, 0, 1], 8080)),
-            zmq: None,
-            data_dir: None,
-            idle: Duration::from_secs(30 * 60),
-            worlds: 4096,
-            workers: 2,
-            queue: 64,
-            clock: Arc::new(move || start.elapsed()),
-        }
-    }
 }
 
 /// Serves until SIGINT or SIGTERM. Once it listens, `listening on http://HOST:PORT` stands alone on a line of
@@ -113,8 +84,10 @@ pub fn serve_blocking(config: ServeConfig) -> Result<()> {
 
 /// The OpenAPI 3.1 document, pretty JSON with a newline at the end.
 pub fn openapi() -> String {
-    openapi_document()
+    DOCUMENT.clone()
 }
+
+static DOCUMENT: LazyLock<String> = LazyLock::new(|| http::document(&OPERATIONS));
 
 impl Server {
     /// Opens the store, makes the default worlds and listens.
@@ -130,7 +103,12 @@ impl Server {
             None => None,
         };
         let idle = config.idle;
-        let app = tokio::task::spawn_blocking(move || App::new(&config))
+        let made = move || {
+            let app = App::new(&config, operations::recipes, &DOCUMENT)?;
+            operations::asked::catch_up(&app)?;
+            Ok(app)
+        };
+        let app = tokio::task::spawn_blocking(made)
             .await
             .map_err(|e| Error::Failed(format!("the server could not be made: {e}")))??;
         Ok(Server { app: Arc::new(app), listener, address, zmq, idle })
@@ -153,7 +131,7 @@ impl Server {
         let sweeper = tokio::spawn(sweep(app.clone(), idle));
         let writer = tokio::spawn(write(app.clone()));
         let (told, stopping) = (app.clone(), app.clone());
-        let service = http::service(app.clone());
+        let service = http::service(app.clone(), &OPERATIONS);
         let graceful = async move {
             stop.await;
             told.stopping.send_replace(true);
@@ -218,15 +196,6 @@ fn flush(app: &App) {
     if let Err(e) = app.store.flush_worlds() {
         tracing::error!("counters of worlds could not be stored: {e}");
     }
-}
-
-fn openapi_document() -> String {
-    static DOCUMENT: OnceLock<String> = OnceLock::new();
-    let made = || {
-        let (_, document) = http::routes();
-        document.to_pretty_json().map(|json| json + "\n").unwrap_or_default()
-    };
-    DOCUMENT.get_or_init(made).clone()
 }
 
 /// Ready once the process is told to stop.

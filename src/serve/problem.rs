@@ -99,6 +99,12 @@ impl Problem {
         Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "defect", "Internal error", detail)
     }
 
+    /// An answer that cannot be written: a defect too.
+    pub fn unwritable(e: impl std::fmt::Display) -> Problem {
+        tracing::error!("an answer cannot be written: {e}");
+        Problem::defect()
+    }
+
     /// A path that leads nowhere.
     pub fn no_route(path: &str) -> Problem {
         let detail = format!("nothing is at {path}; /openapi.json lists what there is");

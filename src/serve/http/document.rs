@@ -1,17 +1,59 @@
-//! What the OpenAPI document says beyond what each route says of itself, so that generated clients and tests made from
-//! it meet no surprise: a description of every response, bounds of parameters that many routes share, whole numbers
-//! beyond 63 bits, bytes as bytes.
+//! The OpenAPI document: what each operation says of itself, and what is said of all, so that generated clients and tests
+//! made from it meet no surprise: a description of every response, bounds of parameters that many operations share,
+//! whole numbers beyond 63 bits, bytes as bytes.
 
 use axum::http::StatusCode;
-use utoipa::Number;
-use utoipa::openapi::path::{Operation, Parameter};
+use utoipa::openapi::path::{Operation, Parameter, PathItem, PathsBuilder};
 use utoipa::openapi::schema::{
     AdditionalProperties, ArrayItems, KnownFormat, Object, Schema, SchemaFormat, SchemaType, Type,
 };
 use utoipa::openapi::{Content, OpenApi, RefOr, Required};
+use utoipa::{Number, OpenApi as _};
 
-/// Completes the document.
-pub fn complete(document: &mut OpenApi) {
+use crate::serve::problem::Problem;
+
+/// Everything but what the operations say of themselves.
+#[derive(utoipa::OpenApi)]
+#[openapi(
+    info(
+        title = "iplw",
+        description = "2D physics worlds to act in, latent factors to estimate, policies to transfer. \
+            All quantities are SI. Every error is a problem (RFC 9457) that names the field, its value and what \
+            is allowed. A POST that makes something takes an `Idempotency-Key`: repeated under the same key, it \
+            makes nothing and is answered the same. Lists come in pages: `limit`, and `cursor` from the `next` of \
+            the page before. Every route that takes JSON takes the same map as `application/msgpack`, and gives it \
+            where that is accepted. In msgpack an array may be extension 78, `[dtype, shape, bytes]` with NumPy's \
+            dtype, little endian, C order; answers have them so on `Accept: application/msgpack; arrays=raw`.",
+    ),
+    tags(
+        (name = "worlds", description = "Worlds as resources: reset, step, set_latents, rollout, render."),
+        (name = "batch", description = "Many worlds in one request: all of it is done, or nothing."),
+        (name = "tasks", description = "Built-in families of tasks."),
+        (name = "workflow", description = "Explore, measure, estimate: as a job."),
+        (name = "policies", description = "Train, act, evaluate, download and upload weights."),
+        (name = "jobs", description = "Long work: progress by server-sent events, cancel."),
+        (name = "system", description = "Health, metrics, this document."),
+    ),
+    components(schemas(Problem))
+)]
+struct Head;
+
+/// The document of these operations: pretty JSON with a newline at the end.
+pub fn document(operations: &[crate::serve::operation::Operation]) -> String {
+    let mut document = Head::openapi();
+    document.info.version = env!("CARGO_PKG_VERSION").into();
+    let schemas = &mut document.components.get_or_insert_default().schemas;
+    for operation in operations {
+        schemas.extend(operation.described.schemas.iter().cloned());
+        let item = PathItem::new(operation.method.clone(), operation.described.operation());
+        document.paths =
+            PathsBuilder::from(std::mem::take(&mut document.paths)).path(operation.path, item).build();
+    }
+    complete(&mut document);
+    document.to_pretty_json().map(|json| json + "\n").unwrap_or_default()
+}
+
+fn complete(document: &mut OpenApi) {
     let optional = optional(document);
     for item in document.paths.paths.values_mut() {
         let operations = [&mut item.get, &mut item.post, &mut item.put, &mut item.delete];

@@ -1,20 +1,23 @@
-//! Large answers, sent piece by piece while they are written: never in memory as a whole.
+//! Answers that go out while they are made: large ones piece by piece, never in memory as a whole, and events.
 
+use std::convert::Infallible;
 use std::io::{self, BufWriter, Write};
+use std::sync::Arc;
 use std::time::Duration;
 
 use axum::body::Body;
 use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::sse::{self, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
-use serde::Serialize;
 use tokio::runtime::Handle;
 use tokio::sync::{mpsc, oneshot};
 use tokio_stream::wrappers::ReceiverStream;
 
-use super::extract::Caller;
-use crate::error::Result;
+use crate::job::Watcher;
 use crate::serve::app::App;
+use crate::serve::operation::Whole;
 use crate::serve::problem::{Answer, Problem};
+use crate::serve::wire::Event;
 
 /// Size of a piece, bytes.
 const PIECE: usize = 64 * 1024;
@@ -22,24 +25,20 @@ const PIECE: usize = 64 * 1024;
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Does `work` off the async threads; its answer goes out as JSON from there.
-pub async fn answer_streamed<T: Serialize>(
-    caller: &Caller,
-    work: impl FnOnce(&App) -> Result<T> + Send + 'static,
+pub async fn answered(
+    app: &Arc<App>,
+    work: impl FnOnce(&App) -> Answer<Box<dyn Whole>> + Send + 'static,
 ) -> Answer<Response> {
-    let (begun, beginning) = oneshot::channel::<Answer<()>>();
+    let (begun, beginning) = oneshot::channel::<()>();
     let (sender, pieces) = mpsc::channel(4);
-    let (app, handle) = (caller.app.clone(), Handle::current());
+    let (app, handle) = (app.clone(), Handle::current());
     let written = tokio::spawn(async move {
         app.run_streamed(move |app| {
-            let value = match work(app) {
-                Ok(value) => value,
-                Err(e) => return Err(e.into()),
-            };
+            let value = work(app)?;
             // A client that has hung up is noticed at the first piece.
-            let _ = begun.send(Ok(()));
+            let _ = begun.send(());
             let mut out = BufWriter::with_capacity(PIECE, Pieces { sender: sender.clone(), handle });
-            let done =
-                serde_json::to_writer(&mut out, &value).map_err(io::Error::from).and_then(|()| out.flush());
+            let done = value.write(&mut out).map_err(io::Error::from).and_then(|()| out.flush());
             if let Err(e) = done {
                 // The client sees a body that ends before its end.
                 let _ = sender.try_send(Err(e));
@@ -56,6 +55,39 @@ pub async fn answer_streamed<T: Serialize>(
     let body = Body::from_stream(ReceiverStream::new(pieces));
     Ok((StatusCode::OK, [(header::CONTENT_TYPE, kind)], body).into_response())
 }
+
+/// Server-sent events of a job, until its last or until the client hangs up.
+pub fn events(app: &Arc<App>, mut watcher: Watcher) -> Response {
+    let (sender, receiver) = mpsc::channel::<Result<sse::Event, Infallible>>(16);
+    let mut stopping = app.stopping.subscribe();
+    tokio::spawn(async move {
+        loop {
+            let next = tokio::select! {
+                next = watcher.next() => next,
+                // A client that hung up must not be waited for until the next event.
+                () = sender.closed() => return,
+                () = async { let _ = stopping.wait_for(|s| *s).await; } => {
+                    // The runner ends its jobs when the server stops; its last word is worth a moment.
+                    tokio::time::timeout(LAST_WORD, watcher.next()).await.unwrap_or(None)
+                }
+            };
+            let Some((id, job)) = next else { return };
+            let event = Event::new(id, job);
+            let Ok(message) =
+                sse::Event::default().id(event.id.to_string()).event(event.name).json_data(&event.data)
+            else {
+                return;
+            };
+            if sender.send(Ok(message)).await.is_err() {
+                return;
+            }
+        }
+    });
+    Sse::new(ReceiverStream::new(receiver)).keep_alive(KeepAlive::default()).into_response()
+}
+
+/// How long an event is waited for once the server is told to stop.
+const LAST_WORD: Duration = Duration::from_secs(2);
 
 /// Hands on what is written; waits for the client to take it, but not for ever.
 struct Pieces {

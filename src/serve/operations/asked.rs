@@ -6,22 +6,73 @@
 use std::collections::BTreeMap;
 use std::sync::PoisonError;
 
-use super::estimation::{self, Plan, Real};
-use super::{Keep, text};
+use super::measured::{observe_at, trajectory, usable};
+use super::rounds::{Last, Rounds, asking, placed, refuse};
+use super::text::text;
 use crate::error::{Error, Result};
-use crate::experiment::{Asked, Proposal};
+use crate::experiment::Proposal;
 use crate::job::{self, Job};
-use crate::json::from_value;
 use crate::reality::trials_from_csv;
 use crate::serve::app::App;
-use crate::serve::wire::{Object, ProposalOut, Proposals, TellIn, TellQuery, Told, TrialIn};
+use crate::serve::operation::{Asked, Described, Id, Input, Keep, Operation, get, post};
+use crate::serve::problem::Answer;
+use crate::serve::wire::{Object, ProposalOut, Proposals, TellIn, TellQuery, Told};
 use crate::store::{JobState, Measured};
-use crate::task::{Placement, Scene, Task};
-use crate::trajectory::{Track, Trajectory};
+
+/// What an estimation that asks can be asked and told.
+pub fn operations() -> Vec<Operation> {
+    vec![
+        get("list_proposals", "/v1/iplw/{id}/proposals", "workflow")
+            .about("What an estimation with `\"real\": \"ask_tell\"` wants carried out on the real world.")
+            .refuses(&[(404, ""), (409, "It does not ask")])
+            .does(proposals),
+        post("tell_trials", "/v1/iplw/{id}/trials", "workflow")
+            .about(
+                "Takes what was measured, as JSON or as a trials file (`text/csv`, whose `trial` is the proposal's \
+                 number; the\nother fields are then query parameters). Answers add up until every proposal of the \
+                 round has one, has failed,\nor the round is closed. The same answer again changes nothing.",
+            )
+            .refuses(&[(404, ""), (409, "Answered differently before, or the round is over")])
+            .makes(200, None, tell),
+    ]
+}
+
+/// Answers, in either form.
+enum Answers {
+    Json(TellIn),
+    Csv(String, TellQuery),
+}
+
+impl Input for Answers {
+    fn describe(to: &mut Described) {
+        to.query::<String>("failed", "With CSV: numbers of proposals that could not be carried out, `3,4`");
+        to.query::<u64>("round", "With CSV: number of the round that is meant");
+        to.query::<bool>("close", "With CSV: ends the round");
+        to.query::<bool>("replace", "With CSV: answers take the place of different ones");
+        to.body::<TellIn>();
+        to.body_of_media("text/csv");
+    }
+
+    fn read(from: &mut Asked) -> Answer<Answers> {
+        if let Some(csv) = from.text("text/csv", "csv")? {
+            return Ok(Answers::Csv(csv, TellQuery::from_query(&from.query()?)?));
+        }
+        from.without_query()?;
+        from.body().map(Answers::Json)
+    }
+}
+
+fn tell(app: &App, (Id(id), answers): (Id, Answers), keep: Keep<Told>) -> Result<Told> {
+    let news = match answers {
+        Answers::Json(body) => news_of_json(app, &id, body)?,
+        Answers::Csv(csv, query) => news_of_csv(app, &id, &csv, &query)?,
+    };
+    take(app, &id, &news, keep)
+}
 
 /// What is to be carried out now.
-pub fn proposals(app: &App, id: &str) -> Result<Proposals> {
-    let (job, tasks) = asking(app, id)?;
+fn proposals(app: &App, Id(id): Id) -> Result<Proposals> {
+    let (job, tasks) = asking(app, &id)?;
     let waiting = job.row.state == JobState::Waiting;
     let last = Rounds::of(app, job.row.number)?.last;
     let round = last.as_ref().map_or(0, |l| l.number);
@@ -46,8 +97,7 @@ pub fn proposals(app: &App, id: &str) -> Result<Proposals> {
     })
 }
 
-/// Takes answers as JSON.
-pub fn tell(app: &App, id: &str, body: TellIn, keep: Keep<Told>) -> Result<Told> {
+fn news_of_json(app: &App, id: &str, body: TellIn) -> Result<News> {
     let (job, tasks) = asking(app, id)?;
     let rounds = Rounds::of(app, job.row.number)?;
     let mut news = News { round: body.round, close: body.close, replace: body.replace, ..News::default() };
@@ -63,11 +113,11 @@ pub fn tell(app: &App, id: &str, body: TellIn, keep: Keep<Told>) -> Result<Told>
         rounds.find(app, job.row.number, number, &field)?;
         news.add(number, None, &field)?;
     }
-    take(app, id, news, keep)
+    Ok(news)
 }
 
-/// Takes answers as a trials file; `trial` is the number of the proposal.
-pub fn tell_csv(app: &App, id: &str, csv: &str, query: &TellQuery, keep: Keep<Told>) -> Result<Told> {
+/// Of a trials file; `trial` is the number of the proposal.
+fn news_of_csv(app: &App, id: &str, csv: &str, query: &TellQuery) -> Result<News> {
     let (job, tasks) = asking(app, id)?;
     let rounds = Rounds::of(app, job.row.number)?;
     let mut news = News { round: query.round, close: query.close, replace: query.replace, ..News::default() };
@@ -85,7 +135,7 @@ pub fn tell_csv(app: &App, id: &str, csv: &str, query: &TellQuery, keep: Keep<To
         rounds.find(app, job.row.number, *number, "failed")?;
         news.add(*number, None, "failed")?;
     }
-    take(app, id, news, keep)
+    Ok(news)
 }
 
 /// Queues those jobs whose answers were all there when an earlier server ended.
@@ -108,19 +158,8 @@ struct News {
     replace: bool,
 }
 
-/// The rounds of a job, as far as telling needs them.
-struct Rounds {
-    last: Option<Last>,
-}
-
-struct Last {
-    number: u64,
-    asked: Asked,
-    open: bool,
-}
-
 /// Takes news in, all of it or none.
-fn take(app: &App, id: &str, news: News, keep: Keep<Told>) -> Result<Told> {
+fn take(app: &App, id: &str, news: &News, keep: Keep<Told>) -> Result<Told> {
     let _alone = app.telling.lock().unwrap_or_else(PoisonError::into_inner);
     let job = app.jobs.get(id)?;
     let number = job.row.number;
@@ -128,39 +167,8 @@ fn take(app: &App, id: &str, news: News, keep: Keep<Told>) -> Result<Told> {
         Rounds::of(app, number)?.last.ok_or_else(|| refuse("nothing is proposed yet; ask for proposals"))?;
     let before = app.store.measured(number, 0)?;
     let open = last.open && job.row.state == JobState::Waiting;
-    if let Some(round) = news.round
-        && round > last.number
-    {
-        return Err(Error::input("round", round, format!("the open round, {}, or one before", last.number)));
-    }
-    let of_open = |n: &u64| *n >= last.first();
-    let mut fresh = Measured::new();
-    for (n, outcome) in &news.outcomes {
-        match before.get(n) {
-            Some(kept) if kept == outcome => {}
-            _ if !of_open(n) => {
-                return Err(refuse(format!(
-                    "proposal {n} is of a round that is fitted; what was told of it stands"
-                )));
-            }
-            _ if !open => return Err(refuse(closed(&job))),
-            Some(_) if !news.replace => {
-                let how = "send \"replace\": true to tell it anew while the round is open";
-                return Err(refuse(format!("proposal {n} was told of differently before; {how}")));
-            }
-            _ => drop(fresh.insert(*n, outcome.clone())),
-        }
-    }
-    // A repeated request of a round that is over closes nothing, least of all the round after it.
-    let meant = match news.round {
-        Some(round) => round == last.number,
-        None => news.outcomes.is_empty() || news.outcomes.keys().any(of_open),
-    };
-    if news.round.is_some_and(|r| r < last.number) && news.outcomes.keys().any(of_open) {
-        let allowed = format!("{}, the round of these proposals", last.number);
-        return Err(Error::input("round", news.round.unwrap_or_default(), allowed));
-    }
-    if news.close && meant {
+    let mut fresh = news.fresh(&last, &before, &job, open)?;
+    if news.close && news.means(&last) {
         if !open && news.outcomes.is_empty() {
             return Err(refuse(closed(&job)));
         }
@@ -172,12 +180,8 @@ fn take(app: &App, id: &str, news: News, keep: Keep<Told>) -> Result<Told> {
             }
         }
     }
-    let told: BTreeMap<u64, bool> = before
-        .iter()
-        .chain(&fresh)
-        .filter(|(n, _)| of_open(n))
-        .map(|(n, outcome)| (*n, outcome.is_some()))
-        .collect();
+    let of_round = before.iter().chain(&fresh).filter(|(n, _)| **n >= last.first());
+    let told: BTreeMap<u64, bool> = of_round.map(|(n, outcome)| (*n, outcome.is_some())).collect();
     let (asked, known) = (last.asked.proposals.len() as u64, told.len() as u64);
     let answered = told.values().filter(|measured| **measured).count() as u64;
     let complete = open && known == asked;
@@ -202,61 +206,46 @@ impl News {
             Some(_) => Err(Error::input(field, number, "each proposal once in a request")),
         }
     }
-}
 
-impl Rounds {
-    fn of(app: &App, job: i64) -> Result<Rounds> {
-        let last = app.store.last_round(job)?;
-        let last = last.map(|row| {
-            Ok::<_, Error>(Last {
-                number: row.number,
-                asked: estimation::asked(&row.asked)?,
-                open: row.done.is_none(),
-            })
-        });
-        Ok(Rounds { last: last.transpose()? })
-    }
-
-    /// The proposal with this number, of this round or one before.
-    fn find(&self, app: &App, job: i64, number: u64, field: &str) -> Result<Proposal> {
-        let Some(last) = &self.last else {
-            return Err(refuse("nothing is proposed yet; ask for proposals"));
-        };
-        if number < last.first() {
-            for row in app.store.rounds(job)? {
-                let asked = estimation::asked(&row.asked)?;
-                if let Some(p) = asked.proposals.into_iter().find(|p| p.number == number) {
-                    return Ok(p);
+    /// What was not told before; errors if anything may not be told now.
+    fn fresh(&self, last: &Last, before: &Measured, job: &Job, open: bool) -> Result<Measured> {
+        if let Some(round) = self.round.filter(|round| *round > last.number) {
+            let allowed = format!("the open round, {}, or one before", last.number);
+            return Err(Error::input("round", round, allowed));
+        }
+        let mut fresh = Measured::new();
+        for (n, outcome) in &self.outcomes {
+            match before.get(n) {
+                Some(kept) if kept == outcome => {}
+                _ if *n < last.first() => {
+                    return Err(refuse(format!(
+                        "proposal {n} is of a round that is fitted; what was told of it stands"
+                    )));
                 }
+                _ if !open => return Err(refuse(closed(job))),
+                Some(_) if !self.replace => {
+                    let how = "send \"replace\": true to tell it anew while the round is open";
+                    return Err(refuse(format!("proposal {n} was told of differently before; {how}")));
+                }
+                _ => drop(fresh.insert(*n, outcome.clone())),
             }
         }
-        last.asked.proposals.iter().find(|p| p.number == number).cloned().ok_or_else(|| {
-            let (first, end) = (last.first(), last.first() + last.asked.proposals.len() as u64);
-            let allowed = format!("the number of a proposal: {first} to {} are open", end.saturating_sub(1));
-            Error::input(field, number, allowed)
-        })
-    }
-}
-
-impl Last {
-    /// Number of its first proposal.
-    fn first(&self) -> u64 {
-        self.asked.proposals.first().map_or(0, |p| p.number)
-    }
-}
-
-/// The job, which must be one that asks, and its tasks.
-fn asking(app: &App, id: &str) -> Result<(Job, Vec<Task>)> {
-    let job = app.jobs.get(id)?;
-    let plan =
-        (job.row.kind == estimation::KIND).then(|| from_value::<Plan>(job.row.plan.clone())).transpose()?;
-    match plan {
-        Some(plan) if plan.real == Real::Asked => {
-            let tasks = app.catalogue.named(&plan.task)?;
-            Ok((job, tasks.tasks.to_vec()))
+        let of_last = self.outcomes.keys().any(|n| *n >= last.first());
+        match self.round {
+            Some(round) if round < last.number && of_last => {
+                let allowed = format!("{}, the round of these proposals", last.number);
+                Err(Error::input("round", round, allowed))
+            }
+            _ => Ok(fresh),
         }
-        _ => {
-            Err(refuse(format!("{id} does not ask for measurements; start one with \"real\": \"ask_tell\"")))
+    }
+
+    /// Whether the last round is meant. A repeated request of a round that is over closes nothing, least of all the
+    /// round after it.
+    fn means(&self, last: &Last) -> bool {
+        match self.round {
+            Some(round) => round == last.number,
+            None => self.outcomes.is_empty() || self.outcomes.keys().any(|n| *n >= last.first()),
         }
     }
 }
@@ -268,127 +257,5 @@ fn closed(job: &Job) -> String {
             "the round is being fitted; ask for proposals until new ones stand".into()
         }
         state => format!("the job has {}; nothing more is asked", state.name()),
-    }
-}
-
-fn refuse(reason: impl Into<String>) -> Error {
-    Error::Refused { reason: reason.into() }
-}
-
-/// The scene in which a proposal is carried out.
-fn placed(tasks: &[Task], proposal: &Proposal) -> Result<Scene> {
-    let task = tasks.iter().find(|t| t.id == proposal.task);
-    let task = task.ok_or_else(|| Error::Failed(format!("there is no task {} any more", proposal.task)))?;
-    match task.place(&proposal.action_on(task)?) {
-        Placement::Valid(scene) => Ok(*scene),
-        Placement::Invalid(reason) => Err(Error::Failed(format!("a proposal cannot be placed: {reason}"))),
-    }
-}
-
-/// When a simulation of the scene is observed, s: the start, every `observe_every` steps, the end.
-fn observe_at(scene: &Scene) -> Vec<f64> {
-    let every = scene.observe_every.max(1);
-    let mut steps: Vec<u32> = (0..=scene.steps / every).map(|k| k * every).collect();
-    if !scene.steps.is_multiple_of(every) {
-        steps.push(scene.steps);
-    }
-    steps.into_iter().map(|k| f64::from(k) * scene.time_step).collect()
-}
-
-/// A trial as measured, with a track for every body of the scene.
-fn trajectory(trial: TrialIn, scene: &Scene, field: &str) -> Result<Trajectory> {
-    let n = trial.t.len();
-    for (i, t) in trial.t.iter().enumerate() {
-        let least = if i == 0 { 0.0 } else { trial.t[i - 1] };
-        if !(t.is_finite() && *t <= MOST && (if i == 0 { *t >= 0.0 } else { *t > least })) {
-            let allowed = if i == 0 {
-                "a time from 0 s".into()
-            } else {
-                format!("a time after {least} s, up to {MOST}")
-            };
-            return Err(Error::input(format!("{field}.t[{i}]"), t, allowed));
-        }
-    }
-    for name in trial.bodies.keys() {
-        if !scene.bodies.iter().any(|b| b.name == *name) {
-            let known: Vec<String> = scene.bodies.iter().map(|b| format!("{:?}", b.name)).collect();
-            let allowed = format!("a body of the scene: {}", known.join(", "));
-            return Err(Error::input(format!("{field}.bodies.{name}"), "unknown", allowed));
-        }
-    }
-    let mut bodies = trial.bodies;
-    let mut tracks = Vec::new();
-    for body in &scene.bodies {
-        let mut track = Track { name: body.name.clone(), ..Track::default() };
-        let given = bodies.remove(&body.name).map(|Object(t)| t).unwrap_or_default();
-        let columns = [
-            ("x", given.x, &mut track.x),
-            ("y", given.y, &mut track.y),
-            ("angle", given.angle, &mut track.angle),
-            ("vx", given.vx, &mut track.vx),
-            ("vy", given.vy, &mut track.vy),
-            ("omega", given.omega, &mut track.omega),
-        ];
-        for (name, values, column) in columns {
-            let at = format!("{field}.bodies.{}.{name}", body.name);
-            let Some(values) = values else {
-                *column = vec![f64::NAN; n];
-                continue;
-            };
-            if values.len() != n {
-                return Err(Error::input(
-                    at,
-                    format!("{} values", values.len()),
-                    format!("{n}, one for each time in t"),
-                ));
-            }
-            for (i, value) in values.iter().enumerate() {
-                if value.is_some_and(|v| !v.is_finite() || v.abs() > MOST) {
-                    let allowed = format!("a number from -{MOST} to {MOST}, or null");
-                    return Err(Error::input(format!("{at}[{i}]"), value.unwrap_or_default(), allowed));
-                }
-            }
-            *column = values.into_iter().map(|v| v.unwrap_or(f64::NAN)).collect();
-        }
-        tracks.push(track);
-    }
-    let observed = Trajectory { times: trial.t, bodies: tracks, ..Trajectory::default() };
-    usable(&observed, &format!("{field}.t"))?;
-    Ok(observed)
-}
-
-/// Largest time, place, angle or speed that is taken for one.
-const MOST: f64 = 1e6;
-/// How late the first observation may be, s.
-const LATE: f64 = 0.1;
-
-/// Errors unless something was observed from the start on.
-fn usable(observed: &Trajectory, field: &str) -> Result<()> {
-    let allowed = format!("times from the moment the bodies were let go, the first from 0 to {LATE} s");
-    match observed.times.first() {
-        None => return Err(Error::input(field, "empty", allowed)),
-        Some(first) if !(0.0..=LATE).contains(first) => return Err(Error::input(field, first, allowed)),
-        Some(_) => {}
-    }
-    if crate::residual::observations(observed) == 0 {
-        let field = field.trim_end_matches('t').trim_end_matches([' ', ':', '.']);
-        return Err(Error::input(field, "without any position", "x and y of a body at one time at least"));
-    }
-    Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn observation_times_are_those_of_a_rollout() {
-        let tasks = crate::session::Catalogue::new().family("bowling").unwrap();
-        let task = &tasks.tasks[0];
-        let times = observe_at(&task.scene);
-        assert_eq!((times.len(), times[0], times[1]), (68, 0.0, 60.0 * task.scene.time_step));
-        assert_eq!(times[67], f64::from(task.scene.steps) * task.scene.time_step);
-        let even = Scene { steps: 120, observe_every: 60, ..task.scene.clone() };
-        assert_eq!(observe_at(&even).len(), 3);
     }
 }

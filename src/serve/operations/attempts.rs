@@ -1,7 +1,7 @@
 //! Attempts that a job makes in a world and makes once: those in a real world are kept as they are made, in one
 //! transaction with its counter, and found again by a job that is begun again.
 
-use super::text;
+use super::text::text;
 use crate::error::Result;
 use crate::json::parse;
 use crate::serve::app::Base;

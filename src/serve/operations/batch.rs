@@ -1,15 +1,44 @@
 //! Batches: many worlds in one request, all of it or nothing.
 
-use super::{Keep, world};
 use crate::error::Result;
 use crate::serve::app::App;
+use crate::serve::operation::{Body, Keep, Operation, Weight, delete, post};
 use crate::serve::wire::{
     CreateWorlds, ResetWorlds, StepWorlds, WorldIds, WorldOut, WorldsMade, WorldsReset, WorldsStepped,
 };
 use crate::session::{Action, Autoreset, Kind, Listed, reset_many, step_many};
 
-/// Makes worlds.
-pub fn create(app: &App, body: CreateWorlds, keep: Keep<WorldsMade>) -> Result<WorldsMade> {
+/// What can be asked of many worlds at once.
+pub fn operations() -> Vec<Operation> {
+    vec![
+        post("create_worlds", "/v1/batch/worlds", "batch")
+            .about("Makes many worlds that differ in their seeds; all of them or none.")
+            .refuses(&[(404, "Unknown task"), (413, ""), (429, "No room for more worlds")])
+            .makes(201, None, create),
+        delete("delete_worlds", "/v1/batch/worlds", "batch")
+            .about("Forgets many worlds; all of them or none.")
+            .refuses(&[(404, ""), (413, "")])
+            .does(|app, Body(body): Body<WorldIds>| app.worlds.remove_many(&body.checked()?)),
+        post("reset_worlds", "/v1/batch/reset", "batch")
+            .about("Starts an episode in each of many worlds (those of the mask); in all of them or none.")
+            .refuses(&[(404, "Unknown world or task"), (413, "")])
+            .weighed(|app, Body(body): &Body<ResetWorlds>| weight(app, &body.worlds), reset),
+        post("step_worlds", "/v1/batch/step", "batch")
+            .about(
+                "Carries out one action in each of many worlds, simulated as one batch. An error in any entry names \
+                 it, and then\nnothing was done.",
+            )
+            .refuses(&[
+                (404, "Unknown world"),
+                (409, "Reset that world first"),
+                (413, ""),
+                (429, "The budget is spent"),
+            ])
+            .weighed(|app, Body(body): &Body<StepWorlds>| weight(app, &body.worlds), step),
+    ]
+}
+
+fn create(app: &App, Body(body): Body<CreateWorlds>, keep: Keep<WorldsMade>) -> Result<WorldsMade> {
     let (world, seeds) = body.parts()?;
     let config = world.config(&app.catalogue)?;
     let ids: Vec<String> = seeds.iter().map(|_| app.world_id()).collect();
@@ -21,20 +50,13 @@ pub fn create(app: &App, body: CreateWorlds, keep: Keep<WorldsMade>) -> Result<W
     Ok(out(&made))
 }
 
-/// Forgets worlds.
-pub fn delete(app: &App, body: WorldIds) -> Result<()> {
-    app.worlds.remove_many(&body.checked()?)
-}
-
-/// Starts episodes.
-pub fn reset(app: &App, body: ResetWorlds) -> Result<WorldsReset> {
+fn reset(app: &App, Body(body): Body<ResetWorlds>) -> Result<WorldsReset> {
     let (ids, resets) = body.parts()?;
     let worlds = app.worlds.get_many(&ids, app.now())?;
     Ok(WorldsReset::new(reset_many(&worlds, &resets)?, worlds[0].features()))
 }
 
-/// Carries out one action in each world.
-pub fn step(app: &App, body: StepWorlds) -> Result<WorldsStepped> {
+fn step(app: &App, Body(body): Body<StepWorlds>) -> Result<WorldsStepped> {
     body.checked()?;
     let worlds = app.worlds.get_many(&body.worlds, app.now())?;
     let autoreset = body.autoreset.map_or(Autoreset::Disabled, Autoreset::from);
@@ -54,9 +76,9 @@ pub fn step(app: &App, body: StepWorlds) -> Result<WorldsStepped> {
 }
 
 /// Worlds up to this many make a light batch, if they are light.
-pub const FEW: usize = 16;
+const FEW: usize = 16;
 
-/// Whether a batch of these worlds takes a fraction of a millisecond.
-pub fn is_light(app: &App, worlds: &[String]) -> bool {
-    worlds.len() <= FEW && world::is_light(app, worlds.iter().map(String::as_str))
+fn weight(app: &App, worlds: &[String]) -> Weight {
+    let light = |id: &String| app.worlds.get(id, app.now()).is_ok_and(|w| w.is_light());
+    if worlds.len() <= FEW && worlds.iter().all(light) { Weight::Light } else { Weight::Usual }
 }

@@ -5,18 +5,32 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::{Keep, json, trials};
+use super::text::json;
+use super::trials;
 use crate::discover::{Config, diagnose};
 use crate::error::{Error, Result};
 use crate::job::{New, Outcome, Work};
 use crate::json::{from_value, parse};
 use crate::reality::trials_from_csv;
 use crate::serve::app::{App, Base};
+use crate::serve::operation::{Body, Keep, Operation, post};
 use crate::serve::wire::{DiagnosisIn, JobOut};
 use crate::task::Scene;
 
-/// The kind of job.
-pub const KIND: &str = "diagnose";
+/// What can be asked about what a simulation gets wrong.
+pub fn operations() -> Vec<Operation> {
+    vec![
+        post("start_diagnosis", "/v1/diagnoses", "workflow")
+            .about(
+                "Diagnoses measured trials: what the simulation gets wrong, by name. A job; its result is an \
+                 `iplw.diagnosis/1`\ndocument with the `extended_scene`.",
+            )
+            .refuses(&[(404, "Unknown job"), (409, "A job without trials")])
+            .queues(KIND, begin, work),
+    ]
+}
+
+const KIND: &str = "diagnose";
 
 /// A diagnosis with everything decided; the texts are files' contents, so that no digit is lost.
 #[derive(Serialize, Deserialize)]
@@ -27,7 +41,7 @@ struct Plan {
 }
 
 /// Queues a diagnosis.
-pub fn begin(app: &App, body: DiagnosisIn, keep: Keep<JobOut>) -> Result<JobOut> {
+fn begin(app: &App, Body(body): Body<DiagnosisIn>, keep: Keep<JobOut>) -> Result<JobOut> {
     let (scene, csv) = match (&body.job, body.scene, body.trials) {
         (Some(id), None, None) => (trials::scene(app, id)?, trials::csv(app, id)?),
         (None, Some(scene), Some(csv)) => (scene.0, csv),
@@ -50,7 +64,7 @@ pub fn begin(app: &App, body: DiagnosisIn, keep: Keep<JobOut>) -> Result<JobOut>
 }
 
 /// The work of a diagnosis: begun again, it does everything again, and finds the same.
-pub fn work(_: &Arc<Base>, plan: &Value) -> Result<Work> {
+fn work(_: &Arc<Base>, plan: &Value) -> Result<Work> {
     let plan: Plan = from_value(plan.clone())?;
     Ok(Box::new(move |context| {
         let scene: Scene = parse(&plan.scene)?;

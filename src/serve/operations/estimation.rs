@@ -13,7 +13,8 @@ use std::time::Instant;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::{Keep, json, surface, text};
+use super::surface;
+use super::text::{json, text};
 use crate::error::{Error, Result};
 use crate::estimate::Surface;
 use crate::experiment::{Answer, Asked, EstimateConfig, Proposal, ResidualKind, Round, Workflow};
@@ -22,12 +23,23 @@ use crate::job::{Context, New, Outcome, Work};
 use crate::json::{from_value, parse};
 use crate::progress::Progress;
 use crate::serve::app::{App, Base};
+use crate::serve::operation::{Keep, Kept, Operation, post};
 use crate::serve::wire::{Estimation, JobOut, Object, RealChoice, RealIn, effects};
 use crate::session::{Kind, SavedWorld, TaskSet, Tried, World, WorldConfig};
 use crate::store::{Measured, Store};
 use crate::task::{Split, Task, ValidAction, split};
 use crate::trajectory::Trajectory;
 use crate::world::{EffectParameter, Engine};
+
+/// What can be asked about the latents of a real world.
+pub fn operations() -> Vec<Operation> {
+    vec![
+        post("start_iplw", "/v1/iplw", "workflow")
+            .about("Estimates the latents of a real world: explore in simulation, measure, fit. A job.")
+            .refuses(&[(404, "Unknown task or world")])
+            .queues(KIND, begin, work),
+    ]
+}
 
 /// The kind of job.
 pub const KIND: &str = "iplw";
@@ -59,7 +71,7 @@ pub enum Real {
 }
 
 /// Queues an estimation.
-pub fn begin(app: &App, body: Estimation, config: &Value, keep: Keep<JobOut>) -> Result<JobOut> {
+fn begin(app: &App, Kept(body, config): Kept<Estimation>, keep: Keep<JobOut>) -> Result<JobOut> {
     let tasks = app.catalogue.named(&body.task)?;
     let family = tasks.family.ok_or_else(|| Error::Failed("a built-in task without a family".into()))?;
     let mut setup = EstimateConfig::fast(family.prior);
@@ -110,12 +122,12 @@ pub fn begin(app: &App, body: Estimation, config: &Value, keep: Keep<JobOut>) ->
         (None, None) => Real::Own(Box::new(own(tasks, RealIn::default(), seed)?)),
     };
     let plan = json(&Plan { task: body.task, setup, real, surface: body.surface, budget: body.budget })?;
-    let new = New { kind: KIND, config, plan: &plan, seed };
+    let new = New { kind: KIND, config: &config, plan: &plan, seed };
     Ok(app.jobs.submit(new, &|job| keep(&job.into()))?.into())
 }
 
 /// The work of a plan.
-pub fn work(base: &Arc<Base>, plan: &Value) -> Result<Work> {
+fn work(base: &Arc<Base>, plan: &Value) -> Result<Work> {
     let plan: Plan = from_value(plan.clone())?;
     let base = base.clone();
     // Held from now on, so that it does not idle out.

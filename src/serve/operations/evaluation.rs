@@ -7,29 +7,45 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::attempts::Attempts;
-use super::policy::{RANDOM, began_with, load};
-use super::{Keep, json};
+use super::stored::{RANDOM, RANKED, began_with, load, of_policy};
+use super::text::json;
 use crate::error::{Error, Result};
 use crate::job::{New, Outcome, Work};
 use crate::json::from_value;
 use crate::policy::{EvaluateConfig, Policy, Random, evaluate, evaluate_orders};
 use crate::serve::app::{App, Base};
+use crate::serve::operation::{Id, Keep, Kept, Operation, post};
 use crate::serve::wire::{EvaluateIn, JobOut, RankingIn, SplitIn};
 use crate::session::World;
 use crate::task::{Placement, Split, Task, ValidAction, split};
 
-/// The kind of job.
-pub const KIND: &str = "evaluate";
-/// The policy that lives with the client: its order of actions comes with the request.
-pub const RANKED: &str = "ranked";
+/// Evaluation.
+pub fn operations() -> Vec<Operation> {
+    vec![
+        post("evaluate_policy", "/v1/policies/{id}/evaluate", "policies")
+            .about(
+                "Tries a policy's ranking in a world: AUCCESS. A job; its attempts are counted in the world. The \
+                 policy `random`\nis always there, and so is `ranked`, for policies outside the server: their \
+                 ranking comes with the request.",
+            )
+            .refuses(&[(404, "Unknown policy or world"), (409, "`untrained`, which knows nothing yet")])
+            .queues(KIND, begin, work),
+    ]
+}
+
+const KIND: &str = "evaluate";
 /// Most actions of a ranking, over all of its tasks.
 const MOST_RANKED: usize = 100_000;
 
 /// Queues an evaluation.
-pub fn begin(app: &App, id: &str, body: &EvaluateIn, config: &Value, keep: Keep<JobOut>) -> Result<JobOut> {
+fn begin(
+    app: &App,
+    (Id(id), Kept(body, asked)): (Id, Kept<EvaluateIn>),
+    keep: Keep<JobOut>,
+) -> Result<JobOut> {
     let world = app.worlds.get(&body.world, app.now())?;
     let part = body.split.unwrap_or(SplitIn::Test);
-    match (&body.ranking, id) {
+    match (&body.ranking, id.as_str()) {
         (Some(_), RANKED) if body.split.is_some() => {
             let name = Split::from(part).name();
             return Err(Error::input("split", format!("{name:?}"), "absent: the ranking names its tasks"));
@@ -49,7 +65,7 @@ pub fn begin(app: &App, id: &str, body: &EvaluateIn, config: &Value, keep: Keep<
                 return Err(Error::input("split", format!("{name:?}"), allowed));
             };
             if id != RANDOM {
-                load(app, id)?.fits(first).map_err(|e| match e {
+                load(app, &id)?.fits(first).map_err(|e| match e {
                     Error::Input(input) => Error::input("world", format!("{:?}", body.world), input.allowed),
                     other => other,
                 })?;
@@ -61,15 +77,16 @@ pub fn begin(app: &App, id: &str, body: &EvaluateIn, config: &Value, keep: Keep<
         return Err(Error::input("attempts", attempts, "a whole number from 1 to 100"));
     }
     let seed = body.seed.unwrap_or(0);
+    let config = of_policy(asked, &id);
     let plan = Plan {
-        policy: id.into(),
-        world: body.world.clone(),
+        policy: id,
+        world: body.world,
         split: part.into(),
         attempts,
         setup: EvaluateConfig::phyre(seed),
-        ranking: body.ranking.clone(),
+        ranking: body.ranking,
     };
-    let new = New { kind: KIND, config, plan: &json(&plan)?, seed };
+    let new = New { kind: KIND, config: &config, plan: &json(&plan)?, seed };
     Ok(app.jobs.submit(new, &|job| keep(&job.into()))?.into())
 }
 
@@ -86,7 +103,7 @@ struct Plan {
 }
 
 /// The work of an evaluation.
-pub fn work(base: &Arc<Base>, plan: &Value) -> Result<Work> {
+fn work(base: &Arc<Base>, plan: &Value) -> Result<Work> {
     let plan: Plan = from_value(plan.clone())?;
     let base = base.clone();
     // Held from now on: the world does not idle out, and the policy may be replaced.

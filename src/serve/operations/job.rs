@@ -1,28 +1,69 @@
 //! Jobs of all kinds.
 
-use super::Page;
 use crate::error::Result;
-use crate::job::{Deleted, Job};
+use crate::job::Deleted;
 use crate::serve::app::App;
+use crate::serve::operation::{
+    Asked, Content, Described, Id, Input, Operation, Output, Page, Reply, delete, get,
+};
+use crate::serve::problem::Answer;
 use crate::serve::wire::{JobOut, Jobs};
 
-/// A page of all jobs.
-pub fn list(app: &App, page: &Page) -> Result<Jobs> {
+/// What can be asked of jobs.
+pub fn operations() -> Vec<Operation> {
+    vec![
+        get("list_jobs", "/v1/jobs", "jobs").about("Jobs, oldest first.").does(list),
+        get("get_job", "/v1/jobs/{id}", "jobs")
+            .about("One job.")
+            .refuses(&[(404, "")])
+            .does(|app, Id(id)| Ok(JobOut::from(app.jobs.get(&id)?))),
+        delete("delete_job", "/v1/jobs/{id}", "jobs")
+            .about("Cancels a job that has not ended (202); forgets one that has (204).")
+            .answers::<JobOut>(202, "It is told to stop")
+            .answers_nothing(204, "Forgotten")
+            .refuses(&[(404, "")])
+            .does(remove),
+        get("follow_job", "/v1/jobs/{id}/events", "jobs")
+            .about(
+                "Follows a job: server-sent events `progress`, and `done` at the end, each with the job as data. \
+                 With\n`Last-Event-ID`, only what came after; 204 if nothing ever will.",
+            )
+            .answers_media(200, "Events", &["text/event-stream"])
+            .answers_nothing(204, "The job has ended and its last event was seen")
+            .refuses(&[(404, ""), (422, "")])
+            .only_http()
+            .does(events),
+    ]
+}
+
+/// The number of the last event seen, 0 if none was.
+struct LastEvent(u64);
+
+impl Input for LastEvent {
+    fn describe(to: &mut Described) {
+        to.header::<u64>("Last-Event-ID", "Number of the last event seen");
+    }
+
+    fn read(from: &mut Asked) -> Answer<LastEvent> {
+        from.last_event().map(LastEvent)
+    }
+}
+
+fn list(app: &App, page: Page) -> Result<Jobs> {
     let after: i64 = page.after("jobs")?.unwrap_or(0);
     let mut all = app.jobs.list(after, page.fetch())?;
     let next = page.cut("jobs", &mut all, |j| j.row.number);
     Ok(Jobs { jobs: all.into_iter().map(JobOut::from).collect(), next })
 }
 
-/// One job.
-pub fn get(app: &App, id: &str) -> Result<JobOut> {
-    Ok(app.jobs.get(id)?.into())
+fn remove(app: &App, Id(id): Id) -> Result<Reply> {
+    Ok(match app.jobs.delete(&id)? {
+        Deleted::Cancelled(job) => (202, JobOut::from(*job)).reply(),
+        Deleted::Forgotten => ().reply(),
+    })
 }
 
-/// Cancels a job, or forgets one that has ended (`None`).
-pub fn delete(app: &App, id: &str) -> Result<Option<JobOut>> {
-    Ok(match app.jobs.delete(id)? {
-        Deleted::Cancelled(job) => Some(Job::into(*job)),
-        Deleted::Forgotten => None,
-    })
+fn events(app: &App, (Id(id), LastEvent(seen)): (Id, LastEvent)) -> Result<Reply> {
+    let watcher = app.jobs.watch(&id, seen)?;
+    Ok(if watcher.exhausted() { ().reply() } else { Reply::of(Content::Events(watcher)) })
 }

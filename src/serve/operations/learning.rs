@@ -8,8 +8,8 @@ use serde_json::{Value, json};
 
 use super::attempts::Attempts;
 use super::estimation::explored;
-use super::policy::{began_with, free_id, load, row};
-use super::{Keep, json};
+use super::stored::{UNTRAINED, began_with, free_id, load, of_policy, row};
+use super::text::json;
 use crate::error::{Error, Result};
 use crate::experiment::transfer::LearnConfig;
 use crate::explore;
@@ -19,15 +19,27 @@ use crate::policy::{Dataset, Dqn, Example, Policy, TrainConfig};
 use crate::progress::Progress;
 use crate::rng;
 use crate::serve::app::{App, Base};
+use crate::serve::operation::{Id, Keep, Kept, Operation, post};
 use crate::serve::wire::{JobOut, LearnIn};
 use crate::session::World;
 use crate::store::PolicyRow;
 use crate::task::{Task, ValidAction};
 
-/// The kind of job.
-pub const KIND: &str = "learn";
-/// The policy that knows nothing; always there.
-pub const UNTRAINED: &str = "untrained";
+/// Learning in a world.
+pub fn operations() -> Vec<Operation> {
+    vec![
+        post("learn_policy", "/v1/policies/{id}/learn", "policies")
+            .about(
+                "Lets a policy learn on in a world, from random attempts on its training tasks. A job; its result \
+                 names the new\npolicy. From the policy `untrained`, which is always there, this is direct learning: \
+                 no simulation.",
+            )
+            .refuses(&[(404, "Unknown policy or world"), (409, "`random`, which cannot learn")])
+            .queues(KIND, begin, work),
+    ]
+}
+
+const KIND: &str = "learn";
 
 /// Learning with everything decided.
 #[derive(Serialize, Deserialize)]
@@ -42,7 +54,7 @@ struct Plan {
 }
 
 /// Queues learning on.
-pub fn begin(app: &App, id: &str, body: &LearnIn, config: &Value, keep: Keep<JobOut>) -> Result<JobOut> {
+fn begin(app: &App, (Id(id), Kept(body, asked)): (Id, Kept<LearnIn>), keep: Keep<JobOut>) -> Result<JobOut> {
     let world = app.worlds.get(&body.world, app.now())?;
     let tasks = explored(world.tasks());
     let seed = body.seed.unwrap_or(0);
@@ -61,7 +73,7 @@ pub fn begin(app: &App, id: &str, body: &LearnIn, config: &Value, keep: Keep<Job
         ..paper
     };
     setup.validate()?;
-    let first = start(app, id, &tasks, &setup)?;
+    let first = start(app, &id, &tasks, &setup)?;
     first.fits(&tasks[0]).map_err(|e| match e {
         Error::Input(input) => Error::input("world", format!("{:?}", body.world), input.allowed),
         other => other,
@@ -72,13 +84,14 @@ pub fn begin(app: &App, id: &str, body: &LearnIn, config: &Value, keep: Keep<Job
         let allowed = format!("at most {left}, what is left of the world's budget");
         return Err(Error::input("attempts", attempts, allowed));
     }
-    let plan = Plan { policy: id.into(), world: body.world.clone(), attempts, setup, config: config.clone() };
-    let new = New { kind: KIND, config, plan: &json(&plan)?, seed };
+    let config = of_policy(asked, &id);
+    let plan = Plan { policy: id, world: body.world, attempts, setup, config: config.clone() };
+    let new = New { kind: KIND, config: &config, plan: &json(&plan)?, seed };
     Ok(app.jobs.submit(new, &|job| keep(&job.into()))?.into())
 }
 
 /// The work of learning on.
-pub fn work(base: &Arc<Base>, plan: &Value) -> Result<Work> {
+fn work(base: &Arc<Base>, plan: &Value) -> Result<Work> {
     let plan: Plan = from_value(plan.clone())?;
     let base = base.clone();
     // Held from now on, so that it does not idle out.

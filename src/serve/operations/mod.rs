@@ -1,64 +1,74 @@
-//! What a client can ask for, as functions over wire structs: one dispatch for every transport.
+//! What a client can ask for: every operation is declared beside its function, and HTTP's routes, the OpenAPI document,
+//! ZeroMQ's dispatch and the recipes of jobs follow from this list. docs/extending.md tells how to add one.
 
 pub mod asked;
 mod attempts;
-pub mod batch;
-pub mod diagnosis;
-pub mod dispatch;
-pub mod estimation;
-pub mod evaluation;
-pub mod job;
-pub mod learning;
-pub mod once;
-mod page;
-pub mod policy;
-pub mod render;
-pub mod surface;
-pub mod system;
-pub mod task;
-pub mod trials;
-pub mod world;
+mod batch;
+mod diagnosis;
+mod estimation;
+mod evaluation;
+mod job;
+mod learning;
+mod measured;
+mod policy;
+mod render;
+mod rounds;
+mod stored;
+mod surface;
+mod system;
+mod task;
+mod text;
+mod training;
+mod trials;
+mod world;
 
-use std::sync::Arc;
-
-use serde::Serialize;
-use serde_json::Value;
+use std::sync::{Arc, LazyLock};
 
 use super::app::Base;
-use crate::error::{Error, Result};
-use crate::job::{Recipe, Recipes, Work};
-use crate::store::Answered;
-pub use page::Page;
+use super::operation::Operation;
+use super::problem::Answer;
+use crate::error::Error;
+use crate::job::{Recipe, Recipes};
 
-/// What is to be kept of an answer together with its effect; nothing, if nobody asked for that.
-pub type Keep<'a, T> = &'a dyn Fn(&T) -> Option<Answered>;
+/// A row a file.
+const FILES: [fn() -> Vec<Operation>; 15] = [
+    asked::operations,
+    batch::operations,
+    diagnosis::operations,
+    estimation::operations,
+    evaluation::operations,
+    job::operations,
+    learning::operations,
+    policy::operations,
+    render::operations,
+    surface::operations,
+    system::operations,
+    task::operations,
+    training::operations,
+    trials::operations,
+    world::operations,
+];
+
+/// All operations.
+pub static OPERATIONS: LazyLock<Vec<Operation>> =
+    LazyLock::new(|| FILES.iter().flat_map(|operations| operations()).collect());
+
+/// The operation with this name, of those that ZeroMQ has.
+pub fn operation(name: &str) -> Answer<&'static Operation> {
+    let known = || OPERATIONS.iter().filter(|o| !o.only_http);
+    known().find(|o| o.name == name).ok_or_else(|| {
+        let known = known().map(|o| o.name.to_string()).collect();
+        Error::NotFound { kind: "operation", id: name.into(), known }.into()
+    })
+}
 
 /// How every kind of job is made from its plan.
 pub fn recipes(base: &Arc<Base>) -> Recipes {
-    let recipe = |make: fn(&Arc<Base>, &Value) -> Result<Work>| -> Recipe {
+    let jobs = OPERATIONS.iter().filter_map(|o| o.job);
+    jobs.map(|(kind, make)| {
         let base = base.clone();
-        Box::new(move |plan| make(&base, plan))
-    };
-    Recipes::from([
-        (diagnosis::KIND, recipe(diagnosis::work)),
-        (estimation::KIND, recipe(estimation::work)),
-        (surface::KIND, recipe(surface::work)),
-        (policy::TRAIN, recipe(policy::training_work)),
-        (learning::KIND, recipe(learning::work)),
-        (evaluation::KIND, recipe(evaluation::work)),
-    ])
-}
-
-/// Something of ours as JSON.
-fn json<T: Serialize>(value: &T) -> Result<Value> {
-    serde_json::to_value(value).map_err(unwritable)
-}
-
-/// The same as text, whose numbers keep all their digits.
-fn text<T: Serialize>(value: &T) -> Result<String> {
-    serde_json::to_string(value).map_err(unwritable)
-}
-
-fn unwritable(e: serde_json::Error) -> Error {
-    Error::Failed(format!("this cannot be written as JSON: {e}"))
+        let recipe: Recipe = Box::new(move |plan| make(&base, plan));
+        (kind, recipe)
+    })
+    .collect()
 }

@@ -3,23 +3,41 @@
 use crate::error::{Error, Result};
 use crate::picture::{Style, animation_svg, filmstrip_svg, scene_svg, svg_to_png};
 use crate::serve::app::App;
+use crate::serve::operation::{Asked, Described, Id, Input, Media, Operation, get};
+use crate::serve::problem::Answer;
 use crate::session::Action;
 
+/// What can be drawn of worlds.
+pub fn operations() -> Vec<Operation> {
+    vec![
+        get("render_world", "/v1/worlds/{id}/render", "worlds")
+            .about("Draws the scene, or films an action. A film in a real world is an interaction.")
+            .answers_media(200, "The picture", &["image/png", "image/svg+xml"])
+            .refuses(&[
+                (400, ""),
+                (404, ""),
+                (409, "No current task"),
+                (422, "Also an action that cannot be placed"),
+                (429, "The budget is spent"),
+            ])
+            .does(render),
+    ]
+}
+
 /// A picture to draw.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Picture {
-    pub png: bool,
-    pub view: View,
-    pub action: Option<Action>,
+struct Picture {
+    png: bool,
+    view: View,
+    action: Option<Action>,
     /// Id of the task; the current one if absent.
-    pub task: Option<String>,
+    task: Option<String>,
     /// px
-    pub width: u32,
+    width: u32,
 }
 
 /// What a picture shows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum View {
+#[derive(Clone, Copy, PartialEq)]
+enum View {
     /// The scene as it stands, with the action placed if one is given.
     Scene,
     /// Moments of the rolled-out action side by side.
@@ -28,15 +46,22 @@ pub enum View {
     Animation,
 }
 
-/// A picture with its media type.
-pub struct Drawn {
-    pub kind: &'static str,
-    pub bytes: Vec<u8>,
+impl Input for Picture {
+    fn describe(to: &mut Described) {
+        to.query::<String>("format", "`png` (default) or `svg`; an animation is SVG");
+        to.query::<String>("view", "`scene` (default), `filmstrip` or `animation`");
+        to.query::<String>("action", "`0.5,0.5,0.2`, or the number of a discrete action");
+        to.query::<String>("task", "Id of the task; the current one if absent");
+        to.query::<u32>("width", "Pixels, 16 to 4096; default 512");
+    }
+
+    fn read(from: &mut Asked) -> Answer<Picture> {
+        Ok(Picture::from_query(&from.query()?)?)
+    }
 }
 
 impl Picture {
-    /// Reads query parameters.
-    pub fn from_query(pairs: &[(String, String)]) -> Result<Picture> {
+    fn from_query(pairs: &[(String, String)]) -> Result<Picture> {
         let mut picture = Picture { png: true, view: View::Scene, action: None, task: None, width: 512 };
         let mut format = None;
         for (i, (key, value)) in pairs.iter().enumerate() {
@@ -96,8 +121,8 @@ impl Picture {
 }
 
 /// Draws; a film of an action is an attempt like any other.
-pub fn render(app: &App, id: &str, picture: &Picture) -> Result<Drawn> {
-    let world = app.worlds.get(id, app.now())?;
+fn render(app: &App, (Id(id), picture): (Id, Picture)) -> Result<Media> {
+    let world = app.worlds.get(&id, app.now())?;
     let style = Style { width: picture.width, ..Style::default() };
     let svg = match (picture.view, &picture.action) {
         (View::Filmstrip, Some(action)) | (View::Animation, Some(action)) => {
@@ -111,9 +136,9 @@ pub fn render(app: &App, id: &str, picture: &Picture) -> Result<Drawn> {
         (_, action) => scene_svg(&world.scene(picture.task.as_deref(), action.as_ref())?, &style),
     };
     if picture.png {
-        Ok(Drawn { kind: "image/png", bytes: svg_to_png(&svg, picture.width)? })
+        Ok(Media { kind: "image/png", bytes: svg_to_png(&svg, picture.width)? })
     } else {
-        Ok(Drawn { kind: "image/svg+xml", bytes: svg.into_bytes() })
+        Ok(Media { kind: "image/svg+xml", bytes: svg.into_bytes() })
     }
 }
 

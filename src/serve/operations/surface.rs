@@ -5,7 +5,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::{Keep, Page, json, text};
+use super::text::{json, text};
 use crate::error::{Error, Result};
 use crate::estimate::surface::{Axis, Route};
 use crate::estimate::{Surface, surface::Sensitivity};
@@ -15,12 +15,39 @@ use crate::json::{from_value, parse};
 use crate::picture::surface::surface_svg;
 use crate::progress::Progress;
 use crate::serve::app::{App, Base};
+use crate::serve::operation::{Id, Keep, Kept, Media, Operation, Page, delete, get, post};
 use crate::serve::wire::{JobOut, SensitivityOut, SurfaceIn, SurfaceOut, SurfaceWhole, Surfaces};
 use crate::store::{Store, SurfaceRow};
 use crate::task::Family;
 
-/// The kind of job.
-pub const KIND: &str = "surface";
+/// What can be asked of surfaces.
+pub fn operations() -> Vec<Operation> {
+    vec![
+        post("find_surface", "/v1/surfaces", "workflow")
+            .about(
+                "Finds out which latents a family's performance depends on. A job; its result names the surface. \
+                 What was found in\nthe same way before is not found again.",
+            )
+            .refuses(&[(404, "Unknown family")])
+            .queues(KIND, begin, work),
+        get("list_surfaces", "/v1/surfaces", "workflow").about("Surfaces, oldest first.").does(list),
+        get("get_surface", "/v1/surfaces/{id}", "workflow")
+            .about("One surface with its points.")
+            .refuses(&[(404, "")])
+            .does(one),
+        get("draw_surface", "/v1/surfaces/{id}/picture", "workflow")
+            .about("A surface as a heat map.")
+            .answers_media(200, "", &["image/svg+xml"])
+            .refuses(&[(404, "")])
+            .does(draw),
+        delete("delete_surface", "/v1/surfaces/{id}", "workflow")
+            .about("Forgets a surface.")
+            .refuses(&[(404, "")])
+            .does(forget),
+    ]
+}
+
+const KIND: &str = "surface";
 
 /// A surface with everything decided.
 #[derive(Serialize, Deserialize)]
@@ -30,7 +57,7 @@ struct Plan {
 }
 
 /// Queues the search for a surface.
-pub fn begin(app: &App, body: SurfaceIn, config: &Value, keep: Keep<JobOut>) -> Result<JobOut> {
+fn begin(app: &App, Kept(body, config): Kept<SurfaceIn>, keep: Keep<JobOut>) -> Result<JobOut> {
     let family = crate::task::family(&body.task)?;
     let route = match &body.route {
         None => Route::Ideal,
@@ -69,12 +96,12 @@ pub fn begin(app: &App, body: SurfaceIn, config: &Value, keep: Keep<JobOut>) -> 
     setup.seed = body.seed.unwrap_or(0);
     setup.validate()?;
     let seed = setup.seed;
-    let new = New { kind: KIND, config, plan: &json(&Plan { task: body.task, setup })?, seed };
+    let new = New { kind: KIND, config: &config, plan: &json(&Plan { task: body.task, setup })?, seed };
     Ok(app.jobs.submit(new, &|job| keep(&job.into()))?.into())
 }
 
 /// The work of a search: what was found in the same way before is taken from the store.
-pub fn work(base: &Arc<Base>, plan: &Value) -> Result<Work> {
+fn work(base: &Arc<Base>, plan: &Value) -> Result<Work> {
     let plan: Plan = from_value(plan.clone())?;
     let base = base.clone();
     Ok(Box::new(move |context| {
@@ -130,8 +157,7 @@ pub fn of_family(store: &Store, family: &Family, named: &str) -> Result<Surface>
     Surface::from_json(&row.body)
 }
 
-/// A page of all surfaces.
-pub fn list(app: &App, page: &Page) -> Result<Surfaces> {
+fn list(app: &App, page: Page) -> Result<Surfaces> {
     let after: i64 = page.after("surfaces")?.unwrap_or(0);
     let mut all = app.store.surfaces(after, page.fetch())?;
     let next = page.cut("surfaces", &mut all, |s| s.number);
@@ -139,22 +165,20 @@ pub fn list(app: &App, page: &Page) -> Result<Surfaces> {
     Ok(Surfaces { surfaces: all.iter().map(out).collect::<Result<_>>()?, next })
 }
 
-/// One surface.
-pub fn get(app: &App, id: &str) -> Result<SurfaceWhole> {
-    let row = row(&app.store, id)?;
+fn one(app: &App, Id(id): Id) -> Result<SurfaceWhole> {
+    let row = row(&app.store, &id)?;
     let surface = Surface::from_json(&row.body)?;
     Ok(SurfaceWhole { about: about(&row, &surface)?, surface })
 }
 
-/// Its heat map, SVG.
-pub fn drawn(app: &App, id: &str) -> Result<String> {
-    surface_svg(&Surface::from_json(&row(&app.store, id)?.body)?, &[])
+fn draw(app: &App, Id(id): Id) -> Result<Media> {
+    let svg = surface_svg(&Surface::from_json(&row(&app.store, &id)?.body)?, &[])?;
+    Ok(Media { kind: "image/svg+xml", bytes: svg.into_bytes() })
 }
 
-/// Forgets a surface.
-pub fn delete(app: &App, id: &str) -> Result<()> {
-    let gone = number(id).map_or(Ok(false), |n| app.store.remove_surface(n))?;
-    if gone { Ok(()) } else { Err(unknown(id)) }
+fn forget(app: &App, Id(id): Id) -> Result<()> {
+    let gone = number(&id).map_or(Ok(false), |n| app.store.remove_surface(n))?;
+    if gone { Ok(()) } else { Err(unknown(&id)) }
 }
 
 fn about(row: &SurfaceRow, surface: &Surface) -> Result<SurfaceOut> {

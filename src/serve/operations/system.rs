@@ -1,8 +1,59 @@
-//! Health.
+//! Health, counters, the document.
 
+use crate::error::Result;
+use crate::serve::app::App;
+use crate::serve::metrics::Gauges;
+use crate::serve::operation::{Content, Described, Media, Operation, Output, Reply, Weight, get};
 use crate::serve::wire::Health;
+use crate::session::Kind;
 
-/// How the server is, in a word.
-pub fn health(status: &'static str) -> Health {
+/// What can be asked of the server itself.
+pub fn operations() -> Vec<Operation> {
+    vec![
+        get("healthz", "/healthz", "system")
+            .about("Whether the server lives.")
+            .weighed(|_, ()| Weight::Light, |_, ()| Ok(health("ok"))),
+        get("readyz", "/readyz", "system")
+            .about("Whether the server takes work.")
+            .answers::<Health>(200, "")
+            .answers::<Health>(503, "It is stopping")
+            .weighed(|_, ()| Weight::Light, ready),
+        get("metrics", "/metrics", "system")
+            .about("Counters for Prometheus.")
+            .answers_media(200, "", &["text/plain"])
+            .only_http()
+            .does(metrics),
+        get("openapi", "/openapi.json", "system")
+            .about("This document.")
+            .does(|app, ()| Ok(Document(app.document))),
+    ]
+}
+
+/// The OpenAPI document, JSON.
+struct Document(&'static str);
+
+impl Output for Document {
+    fn describe(to: &mut Described) {
+        to.any_json(200);
+    }
+
+    fn reply(self) -> Reply {
+        Reply::of(Content::Json(self.0.as_bytes().to_vec()))
+    }
+}
+
+fn health(status: &'static str) -> Health {
     Health { status, version: env!("CARGO_PKG_VERSION") }
+}
+
+fn ready(app: &App, (): ()) -> Result<(u16, Health)> {
+    Ok(if *app.stopping.borrow() { (503, health("stopping")) } else { (200, health("ready")) })
+}
+
+fn metrics(app: &App, (): ()) -> Result<Media> {
+    let worlds = app.worlds.list("", usize::MAX, app.now())?;
+    let of = |kind: Kind| worlds.iter().filter(|w| w.world.kind() == kind).count() as u64;
+    let gauges = Gauges { worlds: [of(Kind::Sim), of(Kind::Real)], jobs: app.store.jobs_by_state()? };
+    let text = app.metrics.text(&gauges);
+    Ok(Media { kind: "text/plain; version=0.0.4; charset=utf-8", bytes: text.into_bytes() })
 }

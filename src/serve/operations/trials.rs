@@ -1,16 +1,78 @@
 //! The trials an estimation was made from.
 
-use super::Page;
 use super::estimation::{self, Plan};
 use crate::error::{Error, Result};
 use crate::json::{from_value, parse};
 use crate::reality::{Trial, settled, trials_to_csv};
 use crate::serve::app::App;
+use crate::serve::operation::{
+    Asked, Content, Described, Id, Input, Media, Operation, Output, Page, Reply, get,
+};
+use crate::serve::problem::Answer;
 use crate::serve::wire::{TrialOut, Trials};
 use crate::task::{Placement, Scene};
 
+/// What can be asked of the trials of an estimation.
+pub fn operations() -> Vec<Operation> {
+    vec![
+        get("list_trials", "/v1/jobs/{id}/trials", "jobs")
+            .about(
+                "The trials that an estimation measured, or was told. As JSON in pages with the scene they go with; \
+                 as the files\nof `iplw measure` with `format=csv` (trials.csv) and `format=scene` (scene.json), \
+                 whole.",
+            )
+            .answers::<Trials>(200, "")
+            .answers_media(200, "", &["text/csv"])
+            .refuses(&[(404, ""), (409, "The job is no estimation")])
+            .does(trials),
+    ]
+}
+
+/// In which form trials are wanted.
+enum Form {
+    Json(Page),
+    Csv,
+    Scene,
+}
+
+impl Input for Form {
+    fn describe(to: &mut Described) {
+        to.query::<String>("format", "`json` (default), `csv` or `scene`");
+        Page::describe(to);
+    }
+
+    fn read(from: &mut Asked) -> Answer<Form> {
+        let mut query = from.query()?;
+        let at = query.iter().position(|(name, _)| name == "format");
+        let format = at.map(|i| query.remove(i).1);
+        let whole = match format.as_deref() {
+            None | Some("json") => return Ok(Form::Json(Page::from_query(&query)?)),
+            Some("csv") => Form::Csv,
+            Some("scene") => Form::Scene,
+            Some(other) => {
+                return Err(Error::input("format", format!("{other:?}"), "json, csv or scene").into());
+            }
+        };
+        match query.first() {
+            None => Ok(whole),
+            Some((name, value)) => {
+                let allowed = format!("absent: {} comes whole", format.unwrap_or_default());
+                Err(Error::input(name, format!("{value:?}"), allowed).into())
+            }
+        }
+    }
+}
+
+fn trials(app: &App, (Id(id), form): (Id, Form)) -> Result<Reply> {
+    Ok(match form {
+        Form::Json(of) => page(app, &id, &of)?.reply(),
+        Form::Scene => Reply::of(Content::Value(Box::new(scene(app, &id)?))),
+        Form::Csv => Media { kind: "text/csv; charset=utf-8", bytes: csv(app, &id)?.into_bytes() }.reply(),
+    })
+}
+
 /// A page of the trials, with the scene they go with.
-pub fn page(app: &App, id: &str, page: &Page) -> Result<Trials> {
+fn page(app: &App, id: &str, page: &Page) -> Result<Trials> {
     let after: Option<u64> = page.after(id)?;
     let mut found = measured(app, id, after.map_or(0, |n| n + 1), page.fetch())?;
     let next = page.cut(id, &mut found, |t| t.proposal);

@@ -1,70 +1,105 @@
-//! Worlds.
+//! Worlds as resources.
 
-use super::{Keep, Page};
 use crate::error::Result;
 use crate::serve::app::App;
+use crate::serve::operation::{Body, Id, Keep, Operation, Page, Raw, Weight, at, delete, get, post};
 use crate::serve::wire::{
     BatchOut, CreateWorld, LatentsIn, ResetIn, ResetOut, RolloutIn, StepIn, StepOut, WorldOut, Worlds,
 };
 use crate::session::Batch;
 
-/// A page of all worlds.
-pub fn list(app: &App, page: &Page) -> Result<Worlds> {
+/// What can be asked of one world.
+pub fn operations() -> Vec<Operation> {
+    vec![
+        get("list_worlds", "/v1/worlds", "worlds").about("Worlds in order of id.").does(list),
+        post("create_world", "/v1/worlds", "worlds")
+            .about("Makes a world; it outlives the server, and goes when nobody has used it for a while.")
+            .refuses(&[(404, "Unknown task"), (413, ""), (429, "No room for more worlds")])
+            .makes(201, at("Where the world is", |w: &WorldOut| format!("/v1/worlds/{}", w.id)), create),
+        get("get_world", "/v1/worlds/{id}", "worlds")
+            .about("One world.")
+            .refuses(&[(404, "")])
+            .weighed(|_, _| Weight::Light, one),
+        delete("delete_world", "/v1/worlds/{id}", "worlds")
+            .about("Forgets a world; the default ones come back when the server restarts.")
+            .refuses(&[(404, "")])
+            .does(|app, Id(id)| app.worlds.remove(&id)),
+        post("reset_world", "/v1/worlds/{id}/reset", "worlds")
+            .about("Starts an episode. Without a seed, the world's own sequence of tasks goes on.")
+            .refuses(&[(404, "Unknown world or task")])
+            .weighed(|app, (Id(id), _)| weight(app, id), reset),
+        post("step_world", "/v1/worlds/{id}/step", "worlds")
+            .about(
+                "Carries out an action. An action that cannot be placed is an outcome (`valid: false`), not an \
+                 attempt.",
+            )
+            .refuses(&[(404, ""), (409, "Reset the world first"), (429, "The budget is spent")])
+            .weighed(|app, (Id(id), _)| weight(app, id), step),
+        post("set_latents", "/v1/worlds/{id}/set_latents", "worlds")
+            .about("Sets those latent factors that are given.")
+            .refuses(&[(403, "The world is real or sealed"), (404, "")])
+            .does(set_latents),
+        post("rollout_world", "/v1/worlds/{id}/rollout", "worlds")
+            .about("Attempts many actions at once, leaving the episode as it is.")
+            .refuses(&[
+                (404, ""),
+                (409, "No current task"),
+                (413, "Too many actions"),
+                (429, "The budget is spent"),
+            ])
+            .weighed(size, rollout),
+    ]
+}
+
+fn list(app: &App, page: Page) -> Result<Worlds> {
     let after: String = page.after("worlds")?.unwrap_or_default();
     let mut all = app.worlds.list(&after, page.fetch(), app.now())?;
     let next = page.cut("worlds", &mut all, |w| w.id.clone());
     Ok(Worlds { worlds: all.iter().map(|w| WorldOut::new(&w.id, w.world.describe())).collect(), next })
 }
 
-/// Makes a world.
-pub fn create(app: &App, body: CreateWorld, keep: Keep<WorldOut>) -> Result<WorldOut> {
+fn create(app: &App, Body(body): Body<CreateWorld>, keep: Keep<WorldOut>) -> Result<WorldOut> {
     let id = app.world_id();
     let config = body.config(&app.catalogue)?;
     let world = app.worlds.make(&id, config, app.now(), &|w| keep(&WorldOut::new(&id, w.describe())))?;
     Ok(WorldOut::new(&id, world.describe()))
 }
 
-/// One world.
-pub fn get(app: &App, id: &str) -> Result<WorldOut> {
-    Ok(WorldOut::new(id, app.worlds.get(id, app.now())?.describe()))
+fn one(app: &App, Id(id): Id) -> Result<WorldOut> {
+    Ok(WorldOut::new(&id, app.worlds.get(&id, app.now())?.describe()))
 }
 
-/// Forgets a world.
-pub fn delete(app: &App, id: &str) -> Result<()> {
-    app.worlds.remove(id)
-}
-
-/// Starts an episode.
-pub fn reset(app: &App, id: &str, body: ResetIn) -> Result<ResetOut> {
-    let world = app.worlds.get(id, app.now())?;
+fn reset(app: &App, (Id(id), Body(body)): (Id, Body<ResetIn>)) -> Result<ResetOut> {
+    let world = app.worlds.get(&id, app.now())?;
     Ok(world.reset(&body.into())?.into())
 }
 
-/// Carries out an action.
-pub fn step(app: &App, id: &str, body: StepIn) -> Result<StepOut> {
-    let world = app.worlds.get(id, app.now())?;
+fn step(app: &App, (Id(id), Body(body)): (Id, Body<StepIn>)) -> Result<StepOut> {
+    let world = app.worlds.get(&id, app.now())?;
     let step = world.step(&body.action.into())?;
     app.metrics.attempted(world.kind(), u64::from(step.invalid.is_none()));
     Ok(step.into())
 }
 
-/// Sets latent factors.
-pub fn set_latents(app: &App, id: &str, body: LatentsIn) -> Result<WorldOut> {
-    let world = app.worlds.get(id, app.now())?;
+fn set_latents(app: &App, (Id(id), Body(body)): (Id, Body<LatentsIn>)) -> Result<WorldOut> {
+    let world = app.worlds.get(&id, app.now())?;
     world.set_latents(body.checked("")?)?;
-    Ok(WorldOut::new(id, world.describe()))
+    Ok(WorldOut::new(&id, world.describe()))
 }
 
-/// Attempts many actions; `raw` gives trajectories as arrays.
-pub fn rollout(app: &App, id: &str, body: RolloutIn, raw: bool) -> Result<BatchOut> {
-    let world = app.worlds.get(id, app.now())?;
+/// Trajectories come as arrays where those are wanted apart.
+fn rollout(app: &App, (Id(id), Body(body), Raw(raw)): (Id, Body<RolloutIn>, Raw)) -> Result<BatchOut> {
+    let world = app.worlds.get(&id, app.now())?;
     let batch = Batch::from(body);
     let rolled = world.rollout(&batch)?;
     app.metrics.attempted(world.kind(), rolled.valid);
     Ok(BatchOut::new(rolled, batch.trajectories, raw))
 }
 
-/// Whether what is asked of these worlds takes a fraction of a millisecond.
-pub fn is_light<'a>(app: &App, mut ids: impl Iterator<Item = &'a str>) -> bool {
-    ids.all(|id| app.worlds.get(id, app.now()).is_ok_and(|w| w.is_light()))
+fn size(_: &App, (_, Body(body), _): &(Id, Body<RolloutIn>, Raw)) -> Weight {
+    if body.trajectories == Some(true) { Weight::Large } else { Weight::Usual }
+}
+
+fn weight(app: &App, id: &str) -> Weight {
+    if app.worlds.get(id, app.now()).is_ok_and(|w| w.is_light()) { Weight::Light } else { Weight::Usual }
 }

@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::Object;
+use super::bulk::Bulk;
+use super::strict::Object;
 use crate::error::{Error, Result};
 use crate::task::Scene;
 use crate::trajectory::Track;
@@ -196,3 +197,7 @@ impl From<&Track> for TrackOut {
         }
     }
 }
+
+impl Bulk for Proposals {}
+impl Bulk for Told {}
+impl Bulk for Trials {}

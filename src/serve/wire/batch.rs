@@ -3,9 +3,13 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::action::ActionIn;
 use super::array::{Array, Data};
-use super::world::{ActionIn, CreateWorld, EffectIn, LatentsIn, SplitIn, WorldKind, WorldOut, end_name};
-use super::{Bulk, Object};
+use super::bulk::Bulk;
+use super::episode::{SplitIn, end_name};
+use super::physics::{EffectIn, LatentsIn};
+use super::strict::Object;
+use super::world::{CreateWorld, WorldKind, WorldOut};
 use crate::error::{Error, Result};
 use crate::session::{Autoreset, Reset, Start, Turned};
 use crate::task::Scene;
@@ -379,3 +383,5 @@ impl Bulk for WorldsStepped {
         all.into_iter().filter_map(|(name, array)| Some((name, array.take()?))).collect()
     }
 }
+
+impl Bulk for WorldsMade {}

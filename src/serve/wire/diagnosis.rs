@@ -3,7 +3,7 @@
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-use super::Object;
+use super::strict::Object;
 use crate::task::Scene;
 
 /// Measured trials, and the simulation they are held against: `scene` and `trials`, or the `job` that measured them.

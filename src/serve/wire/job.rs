@@ -10,7 +10,9 @@ use utoipa::openapi::schema::{ObjectBuilder, OneOfBuilder, Type};
 use utoipa::openapi::{Ref, RefOr, Schema};
 use utoipa::{PartialSchema, ToSchema};
 
-use super::{EffectIn, LatentsIn, Object};
+use super::bulk::Bulk;
+use super::physics::{EffectIn, LatentsIn};
+use super::strict::Object;
 use crate::job::Job;
 use crate::serve::problem::Problem;
 
@@ -183,3 +185,6 @@ impl Event {
         Event { id, name, data: job.into() }
     }
 }
+
+impl Bulk for JobOut {}
+impl Bulk for Jobs {}

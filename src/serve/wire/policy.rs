@@ -4,7 +4,10 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use utoipa::ToSchema;
 
-use super::{EffectIn, LatentsIn, Object, SplitIn};
+use super::bulk::Bulk;
+use super::episode::SplitIn;
+use super::physics::{EffectIn, LatentsIn};
+use super::strict::Object;
 use crate::store::PolicyRow;
 
 /// A policy to train in simulation.
@@ -147,3 +150,7 @@ impl From<PolicyRow> for PolicyOut {
         }
     }
 }
+
+impl Bulk for Acted {}
+impl Bulk for Policies {}
+impl Bulk for PolicyOut {}

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use utoipa::ToSchema;
 
+use super::bulk::Bulk;
 use crate::estimate::surface::Surface;
 
 /// A surface to find.
@@ -71,3 +72,6 @@ pub struct Surfaces {
     /// Cursor of the next page, if there is one.
     pub next: Option<String>,
 }
+
+impl Bulk for SurfaceWhole {}
+impl Bulk for Surfaces {}

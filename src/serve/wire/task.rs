@@ -3,7 +3,9 @@
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::{ActionSpaceOut, ObservationSpaceOut, SplitIn};
+use super::bulk::Bulk;
+use super::episode::SplitIn;
+use super::space::{ActionSpaceOut, ObservationSpaceOut};
 use crate::session::observation;
 use crate::task::{self, Family, Scene, Split, Task};
 
@@ -149,3 +151,7 @@ impl From<&task::Certificate> for Certificate {
         }
     }
 }
+
+impl Bulk for Families {}
+impl Bulk for FamilyTasks {}
+impl Bulk for TaskOut {}

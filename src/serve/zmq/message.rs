@@ -1,14 +1,14 @@
 //! A message's frames: a msgpack header, then the bytes of each array it lists.
 
-use rmpv::Value as Packed;
+use rmp::encode as put;
+use rmpv::ValueRef as Packed;
 use serde_json::{Map, Value};
 
 use crate::error::{Error, Result};
-use crate::serve::operations::dispatch::{Asked, Reply};
-use crate::serve::operations::once::Once;
-use crate::serve::problem::Problem;
-use crate::serve::wire::pack::{self, Path};
-use crate::serve::wire::{self, lists};
+use crate::serve::operation::{Asked, Content, Once, Reply};
+use crate::serve::problem::{Answer, Problem};
+use crate::serve::wire::pack::{self, Path, name};
+use crate::serve::wire::{Array, Data, lists};
 
 /// A request as it was sent.
 pub struct Request {
@@ -23,9 +23,12 @@ const VERSION: u64 = 1;
 
 /// Reads a request: its id as msgpack (nil if even that cannot be read), and the request or what is wrong with it.
 pub fn read(frames: Vec<Vec<u8>>) -> (Vec<u8>, Result<Request>) {
-    let mut id = NIL.to_vec();
-    let request = parts(frames, &mut id);
-    (id, request)
+    let mut frames = frames.into_iter();
+    let head = frames.next().unwrap_or_default();
+    let mut id = None;
+    let header = Header::read(&head, &mut id);
+    let request = header.and_then(|header| header.request(id.is_some(), frames.collect()));
+    (id.unwrap_or(NIL.to_vec()), request)
 }
 
 /// An id that is none.
@@ -33,127 +36,156 @@ pub const NIL: [u8; 1] = [0xc0];
 /// Longest id, bytes.
 const MOST_ID: usize = 256;
 
-fn parts(frames: Vec<Vec<u8>>, id: &mut Vec<u8>) -> Result<Request> {
-    let mut frames = frames.into_iter();
-    let head = frames.next().unwrap_or_default();
-    let mut rest = head.as_slice();
-    let Some(entries) = pack::map(&mut rest) else {
-        return Err(Error::input("", "no map", "a msgpack map as the first frame"));
-    };
-    let (mut header, mut about, mut args) = (Map::new(), None, None);
-    let (mut named, mut shapes) = (false, Vec::new());
-    for _ in 0..entries {
-        match pack::key(&mut rest, &Path::Top(""))? {
-            "id" => {
-                *id = identity(&pack::read(&mut rest)?)?;
-                named = true;
+/// The fields of the first frame but the id.
+#[derive(Default)]
+struct Header<'a> {
+    v: Option<Packed<'a>>,
+    op: Option<Packed<'a>>,
+    args: Option<Packed<'a>>,
+    arrays: Option<Packed<'a>>,
+    key: Option<Packed<'a>>,
+    raw: Option<Packed<'a>>,
+}
+
+impl<'a> Header<'a> {
+    /// Field by field, so that whoever is at fault after the id is answered under it.
+    fn read(mut bytes: &'a [u8], id: &mut Option<Vec<u8>>) -> Result<Header<'a>> {
+        let Some(entries) = pack::map(&mut bytes) else {
+            return Err(Error::input("", "no map", "a msgpack map as the first frame"));
+        };
+        let mut header = Header::default();
+        for _ in 0..entries {
+            let key = pack::read(&mut bytes)?;
+            let value = pack::read(&mut bytes)?;
+            let field = match name(&key) {
+                Some("id") => {
+                    *id = Some(identity(&value)?);
+                    continue;
+                }
+                Some("v") => &mut header.v,
+                Some("op") => &mut header.op,
+                Some("args") => &mut header.args,
+                Some("arrays") => &mut header.arrays,
+                Some("key") => &mut header.key,
+                Some("raw") => &mut header.raw,
+                Some(other) => {
+                    let allowed = "the fields v, id, op, args, arrays, key and raw";
+                    return Err(Error::input(other, value, allowed));
+                }
+                None => return Err(Error::input("", key, "a map with text as keys")),
+            };
+            *field = Some(value).filter(|v| *v != Packed::Nil);
+        }
+        pack::end(bytes)?;
+        Ok(header)
+    }
+
+    fn request(self, named: bool, frames: Vec<Vec<u8>>) -> Result<Request> {
+        if !named {
+            return Err(Error::input("id", "missing", ID));
+        }
+        match self.v {
+            Some(v) if v.as_u64() == Some(VERSION) => {}
+            v => return Err(Error::input("v", v.unwrap_or(Packed::Nil), format!("{VERSION}"))),
+        }
+        let op = match &self.op {
+            Some(op) => name(op).map(String::from).ok_or_else(|| Error::input("op", op, OP))?,
+            None => return Err(Error::input("op", "missing", OP)),
+        };
+        let (mut fields, mut about) = (Map::new(), None);
+        match self.args {
+            Some(Packed::Map(args)) if op == "cancel" => {
+                about = args.iter().find(|(key, _)| name(key) == Some("request")).map(|(_, id)| packed(id));
             }
-            // What these are depends on the operation, which may come later.
-            "args" if !header.contains_key("op") => {
-                args = Some(rest);
-                pack::read(&mut rest)?;
+            Some(args) => match pack::json(&args, &Path::Top("args"))? {
+                Value::Object(args) => fields = args,
+                other => return Err(Error::input("args", other, "a map")),
+            },
+            None => {}
+        }
+        let raw = match self.raw {
+            None => false,
+            Some(Packed::Boolean(raw)) => raw,
+            Some(other) => return Err(Error::input("raw", other, "true or false")),
+        };
+        let once = match &self.key {
+            None => None,
+            Some(key) => {
+                let key = name(key).ok_or_else(|| Error::input("key", key, "text"))?;
+                let args = serde_json::to_vec(&fields).unwrap_or_default();
+                let asked = [op.as_bytes(), b"\n", &args].into_iter().chain(frames.iter().map(Vec::as_slice));
+                let asked: Vec<&[u8]> = asked.collect();
+                Some(Once::new(key.into(), &asked).map_err(|e| e.named("key"))?)
             }
-            "args" if header.get("op").is_some_and(|op| op == "cancel") => {
-                about = Some(packed(&pack::read(&mut rest)?["request"]));
-            }
-            "arrays" => shapes = described(pack::read(&mut rest)?)?,
-            key => drop(header.insert(key.to_string(), pack::value(&mut rest, &Path::Top(key))?)),
-        }
+        };
+        let arrays = self.arrays.map(|arrays| described(&arrays)).transpose()?.unwrap_or_default();
+        let bytes = placed(&mut fields, arrays, frames)?;
+        Ok(Request { op, asked: Asked::fields(fields, bytes, once, raw), about })
     }
-    pack::end(rest)?;
-    if let Some(mut args) = args {
-        if header.get("op").is_some_and(|op| op == "cancel") {
-            about = Some(packed(&pack::read(&mut args)?["request"]));
-        } else {
-            header.insert("args".into(), pack::value(&mut args, &Path::Top("args"))?);
-        }
-    }
-    if !named {
-        return Err(Error::input("id", "missing", ID));
-    }
-    match header.remove("v") {
-        Some(v) if v == VERSION => {}
-        v => return Err(Error::input("v", v.unwrap_or_default(), format!("{VERSION}"))),
-    }
-    let op = match header.remove("op") {
-        Some(Value::String(op)) => op,
-        op => return Err(Error::input("op", op.unwrap_or_default(), "the name of an operation")),
-    };
-    let mut asked = Asked::default();
-    match header.remove("args") {
-        None | Some(Value::Null) => {}
-        Some(Value::Object(args)) => asked.fields = args,
-        Some(other) => return Err(Error::input("args", other, "a map")),
-    }
-    match header.remove("raw") {
-        None | Some(Value::Null) => {}
-        Some(Value::Bool(raw)) => asked.raw = raw,
-        Some(other) => return Err(Error::input("raw", other, "true or false")),
-    }
-    match header.remove("key") {
-        None | Some(Value::Null) => {}
-        Some(Value::String(key)) => {
-            let bodies: Vec<&[u8]> = frames.as_slice().iter().map(Vec::as_slice).collect();
-            let args = serde_json::to_vec(&asked.fields).unwrap_or_default();
-            let mut all: Vec<&[u8]> = vec![op.as_bytes(), b"\n", &args];
-            all.extend(bodies);
-            asked.once = Some(Once::new(key, &all).map_err(|e| e.named("key"))?);
-        }
-        Some(other) => return Err(Error::input("key", other, "text")),
-    }
-    if let Some((name, value)) = header.iter().next() {
-        return Err(Error::input(name, value, "the fields v, id, op, args, arrays, key and raw"));
-    }
-    if shapes.len() != frames.len() {
-        let (value, allowed) = (
-            format!("{} arrays", shapes.len()),
-            format!("{}, as many as frames after the first", frames.len()),
-        );
-        return Err(Error::input("arrays", value, allowed));
-    }
-    for (i, ((name, dtype, shape), bytes)) in shapes.into_iter().zip(frames).enumerate() {
-        if name == "body" && dtype == "|u1" {
-            asked.bytes = Some(bytes);
-            continue;
-        }
-        let value = lists(&format!("arrays[{i}]"), &dtype, &shape, &bytes)?;
-        place(&mut asked.fields, &name, value)?;
-    }
-    Ok(Request { op, asked, about })
 }
 
 const ID: &str = "a whole number from 0, text or bytes, up to 256 bytes";
+const OP: &str = "the name of an operation";
 
 /// A request's id, as msgpack.
 fn identity(given: &Packed) -> Result<Vec<u8>> {
     let packed = packed(given);
-    let kind = matches!(given, Packed::Integer(_) | Packed::String(_) | Packed::Binary(_));
-    if !kind || packed.len() > MOST_ID || given.as_i64().is_some_and(|n| n < 0) {
-        return Err(Error::input("id", given, ID));
-    }
-    Ok(packed)
+    let known = match given {
+        Packed::Integer(n) => n.is_u64(),
+        Packed::String(_) | Packed::Binary(_) => true,
+        _ => false,
+    };
+    if known && packed.len() <= MOST_ID { Ok(packed) } else { Err(Error::input("id", given, ID)) }
 }
 
 fn packed(value: &Packed) -> Vec<u8> {
     let mut out = Vec::new();
-    // Writing to memory does not fail.
-    let _ = rmpv::encode::write_value(&mut out, value);
+    pack::write(&mut out, value);
     out
 }
 
-/// Name, dtype and shape of the arrays that follow.
-fn described(value: Packed) -> Result<Vec<(String, String, Vec<usize>)>> {
-    let allowed = "a list of maps with name, dtype and shape";
-    let Packed::Array(items) = value else { return Err(Error::input("arrays", value, allowed)) };
-    let one = |(i, item): (usize, Packed)| {
-        let field = format!("arrays[{i}]");
-        let text = |name: &str| {
-            let refuse = || Error::input(format!("{field}.{name}"), &item[name], "text");
-            item[name].as_str().map(String::from).ok_or_else(refuse)
-        };
-        Ok((text("name")?, text("dtype")?, pack::shape_of(&item["shape"], &field)?))
+/// Name, dtype and shape of an array that follows.
+type Described = (String, String, Vec<usize>);
+
+fn described(value: &Packed) -> Result<Vec<Described>> {
+    let Packed::Array(items) = value else {
+        return Err(Error::input("arrays", value, "a list of maps with name, dtype and shape"));
     };
-    items.into_iter().enumerate().map(one).collect()
+    let one = |(i, item): (usize, &Packed)| {
+        let of = format!("arrays[{i}]");
+        let field = |wanted: &str| match item {
+            Packed::Map(entries) => entries.iter().find(|(key, _)| name(key) == Some(wanted)).map(|e| &e.1),
+            _ => None,
+        };
+        let text = |wanted: &str| {
+            let found = field(wanted).unwrap_or(&Packed::Nil);
+            name(found).map(String::from).ok_or_else(|| Error::input(format!("{of}.{wanted}"), found, "text"))
+        };
+        Ok((text("name")?, text("dtype")?, pack::shape_of(field("shape").unwrap_or(&Packed::Nil), &of)?))
+    };
+    items.iter().enumerate().map(one).collect()
+}
+
+/// Puts arrays where their names say, as the lists they stand for; what is left is a body of bytes.
+fn placed(
+    fields: &mut Map<String, Value>,
+    arrays: Vec<Described>,
+    frames: Vec<Vec<u8>>,
+) -> Result<Option<Vec<u8>>> {
+    if arrays.len() != frames.len() {
+        let value = format!("{} arrays", arrays.len());
+        let allowed = format!("{}, as many as frames after the first", frames.len());
+        return Err(Error::input("arrays", value, allowed));
+    }
+    let mut body = None;
+    for (i, ((name, dtype, shape), bytes)) in arrays.into_iter().zip(frames).enumerate() {
+        if name == "body" && dtype == "|u1" {
+            body = Some(bytes);
+            continue;
+        }
+        place(fields, &name, lists(&format!("arrays[{i}]"), &dtype, &shape, &bytes)?)?;
+    }
+    Ok(body)
 }
 
 /// Puts a value at a dotted path.
@@ -171,45 +203,75 @@ fn place(fields: &mut Map<String, Value>, path: &str, value: Value) -> Result<()
     Ok(())
 }
 
-/// The frames of an answer.
-pub fn reply(id: &[u8], reply: Reply) -> Vec<Vec<u8>> {
-    let mut head = opening(id, true, 5);
-    pack::text(&mut head, "result");
-    head.extend_from_slice(&reply.result);
-    pack::text(&mut head, "arrays");
-    pack::list_head(&mut head, reply.arrays.len());
-    let mut frames = Vec::with_capacity(1 + reply.arrays.len());
-    for (name, array) in reply.arrays {
-        pack::map_head(&mut head, 3);
-        pack::text(&mut head, "name");
-        pack::text(&mut head, name);
-        pack::text(&mut head, "dtype");
-        pack::text(&mut head, array.dtype());
-        pack::text(&mut head, "shape");
-        pack::shape(&mut head, array.shape());
-        frames.push(array.into_bytes());
+/// An answer, written.
+pub struct Written {
+    /// What HTTP's body would be, but for the arrays, as msgpack; nil if it has none.
+    result: Vec<u8>,
+    arrays: pack::Arrays,
+}
+
+/// Writes an answer, arrays apart if `raw`. Bytes are one array, `body`.
+pub fn written(reply: Reply, raw: bool) -> Answer<Written> {
+    let of_json = |json: &[u8]| pack::from_json(json).map_err(Problem::unwritable);
+    let (result, arrays) = match reply.content {
+        Content::Nothing => (NIL.to_vec(), Vec::new()),
+        Content::Json(json) => (of_json(&json)?, Vec::new()),
+        Content::Value(mut value) => {
+            let arrays = if raw { value.bulk() } else { Vec::new() };
+            (of_json(&value.json().map_err(Problem::unwritable)?)?, arrays)
+        }
+        // An empty map.
+        Content::Media(media) => (vec![0x80], vec![("body", Array::line(Data::Bytes(media.bytes)))]),
+        // Declared as something that only HTTP has.
+        Content::Events(_) => return Err(Problem::defect()),
+    };
+    Ok(Written { result, arrays })
+}
+
+impl Written {
+    /// A plain answer of this protocol's own.
+    pub fn plain(answer: &Value) -> Answer<Written> {
+        let result = pack::packed(answer).map_err(Problem::unwritable)?;
+        Ok(Written { result, arrays: Vec::new() })
     }
-    frames.insert(0, head);
-    frames
+
+    /// Its frames.
+    pub fn frames(self, id: &[u8]) -> Vec<Vec<u8>> {
+        let of = |array: &Array| array.shape().iter().map(|n| Packed::from(*n as u64)).collect();
+        let told = self.arrays.iter().map(|(name, array)| {
+            Packed::Map(vec![
+                ("name".into(), (*name).into()),
+                ("dtype".into(), array.dtype().into()),
+                ("shape".into(), Packed::Array(of(array))),
+            ])
+        });
+        let told = Packed::Array(told.collect());
+        let mut head = opening(id, true, 5);
+        field(&mut head, "result", &self.result);
+        field(&mut head, "arrays", &packed(&told));
+        std::iter::once(head).chain(self.arrays.into_iter().map(|(_, array)| array.into_bytes())).collect()
+    }
 }
 
 /// The frame of a refusal.
 pub fn refusal(id: &[u8], problem: &Problem) -> Vec<Vec<u8>> {
     let mut head = opening(id, false, 4);
-    pack::text(&mut head, "problem");
     // Plain fields of text and numbers: that they can be written is tested.
-    let _ = wire::packed(&mut head, problem);
+    field(&mut head, "problem", &pack::packed(problem).unwrap_or(NIL.to_vec()));
     vec![head]
 }
 
-fn opening(id: &[u8], ok: bool, fields: usize) -> Vec<u8> {
+fn opening(id: &[u8], ok: bool, fields: u32) -> Vec<u8> {
     let mut head = Vec::with_capacity(512);
-    pack::map_head(&mut head, fields);
-    pack::text(&mut head, "v");
-    pack::number(&mut head, VERSION);
-    pack::text(&mut head, "id");
-    head.extend_from_slice(id);
-    pack::text(&mut head, "ok");
-    pack::truth(&mut head, ok);
+    let _ = put::write_map_len(&mut head, fields);
+    field(&mut head, "v", &[VERSION as u8]);
+    field(&mut head, "id", id);
+    field(&mut head, "ok", &[if ok { 0xc3 } else { 0xc2 }]);
     head
+}
+
+/// A field of a map, whose value is msgpack already.
+fn field(head: &mut Vec<u8>, name: &str, packed: &[u8]) {
+    let _ = put::write_str(head, name);
+    head.extend_from_slice(packed);
 }

@@ -9,11 +9,12 @@ use std::time::Duration;
 use serde_json::json;
 use tokio::sync::{Semaphore, oneshot, watch};
 
-use super::message::{self, NIL, Request};
+use super::message::{self, NIL, Request, Written, written};
 use super::zmtp::{self, MOST_BYTES, MOST_FRAMES, Received, Receiver};
 use super::{Reading, Writing};
 use crate::serve::app::App;
-use crate::serve::operations::dispatch::{Operation, Reply, operation};
+use crate::serve::operation::{Operation, Weight};
+use crate::serve::operations::operation;
 use crate::serve::problem::{Answer, Problem};
 
 /// Requests of one client under way at a time; more are told to come back.
@@ -81,7 +82,7 @@ impl Peer {
         match request {
             Err(e) => self.answer(&to, "none", Err(Problem::malformed(e))).await,
             Ok(request) => match request.op.as_str() {
-                "ping" => self.answer(&to, "ping", Reply::plain(&json!({"pong": true}))).await,
+                "ping" => self.answer(&to, "ping", Written::plain(&json!({"pong": true}))).await,
                 "cancel" => {
                     let cancelled = self.cancel(&request);
                     self.answer(&to, "cancel", cancelled).await;
@@ -95,16 +96,22 @@ impl Peer {
     }
 
     async fn start(self: &Arc<Self>, operation: &'static Operation, request: Request, to: Address) {
-        let asked = request.asked;
-        let idle = self.places.available_permits() == MOST_UNDER_WAY;
-        if idle && (operation.is_light)(&self.app, &asked) {
-            let done = catch_unwind(AssertUnwindSafe(|| (operation.run)(&self.app, asked)));
-            let answer = done.unwrap_or_else(|_| Err(Problem::defect()));
-            return self.answer(&to, operation.name, answer).await;
-        }
         let Ok(place) = self.places.clone().try_acquire_owned() else {
             return self.answer(&to, operation.name, Err(Problem::busy(MOST_UNDER_WAY))).await;
         };
+        let alone = self.places.available_permits() == MOST_UNDER_WAY - 1;
+        let (raw, names) = (request.asked.raw, request.asked.names());
+        let ready = catch_unwind(AssertUnwindSafe(|| operation.ready(&self.app, request.asked)));
+        let call = match ready.unwrap_or_else(|_| Err(Problem::defect())) {
+            Ok(call) => call,
+            Err(problem) => return self.answer(&to, operation.name, Err(problem)).await,
+        };
+        let work = move |app: &App| written((call.work)(app)?, raw);
+        if alone && call.weight == Weight::Light {
+            let done = catch_unwind(AssertUnwindSafe(|| work(&self.app)));
+            let answer = done.unwrap_or_else(|_| Err(Problem::defect()));
+            return self.answer(&to, operation.name, answer).await;
+        }
         let (cancel, cancelled) = oneshot::channel();
         let dropped = Arc::new(AtomicBool::new(false));
         let twice = {
@@ -120,7 +127,7 @@ impl Peer {
             let e = crate::error::Error::input("id", "of a request under way", "an id of its own");
             return self.answer(&to, operation.name, Err(Problem::malformed(e))).await;
         }
-        let (before, turn) = self.queue(asked.names());
+        let (before, turn) = self.queue(names);
         let peer = self.clone();
         tokio::spawn(async move {
             let work = async {
@@ -129,15 +136,15 @@ impl Peer {
                     while earlier.changed().await.is_ok() {}
                 }
                 let app = peer.app.clone();
-                let work = move |app: &App| {
+                let alive = move |app: &App| {
                     // Those that wait for this one wait for the work, also if nobody wants its answer any more.
                     let _turn = turn;
                     if dropped.load(Ordering::SeqCst) {
                         return Err(Problem::cancelled());
                     }
-                    (operation.run)(app, asked)
+                    work(app)
                 };
-                app.run(work).await
+                app.run(alive).await
             };
             let answer = tokio::select! {
                 biased;
@@ -166,7 +173,7 @@ impl Peer {
         (before, turn)
     }
 
-    fn cancel(&self, request: &Request) -> Answer<Reply> {
+    fn cancel(&self, request: &Request) -> Answer<Written> {
         let id = request.about.as_ref().filter(|id| **id != NIL).ok_or_else(|| {
             let e = crate::error::Error::input("args.request", "missing", "the id of a request under way");
             Problem::malformed(e)
@@ -175,7 +182,7 @@ impl Peer {
             flight.dropped.store(true, Ordering::SeqCst);
             flight.cancel.take()?.send(()).ok()
         });
-        Reply::plain(&json!({"cancelled": cancelled.is_some()}))
+        Written::plain(&json!({"cancelled": cancelled.is_some()}))
     }
 
     async fn refuse_large(&self, mut frames: Vec<Vec<u8>>) {
@@ -197,11 +204,11 @@ impl Peer {
         }
     }
 
-    async fn answer(&self, to: &Address, name: &str, answer: Answer<Reply>) {
+    async fn answer(&self, to: &Address, name: &str, answer: Answer<Written>) {
         let status = answer.as_ref().map_or_else(|problem| problem.status, |_| 200);
         self.app.metrics.answered("ZMQ", name, status);
         let mut frames = match answer {
-            Ok(reply) => message::reply(&to.id, reply),
+            Ok(written) => written.frames(&to.id),
             Err(problem) => message::refusal(&to.id, &problem),
         };
         if to.delimited {

@@ -3,11 +3,13 @@
 
 use serde::Serialize;
 
-use super::Keep;
 use crate::error::{Error, Result};
 use crate::serve::app::App;
 use crate::serve::problem::{Answer, Problem};
 use crate::store::Answered;
+
+/// What is to be kept of an answer together with its effect; nothing, if nobody asked for that.
+pub type Keep<'a, T> = &'a dyn Fn(&T) -> Option<Answered>;
 
 /// The key of a request, and what was asked under it.
 pub struct Once {
@@ -32,17 +34,14 @@ pub fn once<T: Serialize>(
     app: &App,
     once: Option<Once>,
     status: u16,
-    location: fn(&T) -> Option<String>,
+    location: Option<fn(&T) -> String>,
     work: impl FnOnce(&App, Keep<T>) -> Result<T>,
 ) -> Answer<(Answered, bool)> {
     let as_answered = |made: &T| -> Answer<Answered> {
         let (key, fingerprint) =
             once.as_ref().map(|o| (o.key.clone(), o.fingerprint.clone())).unwrap_or_default();
-        let body = serde_json::to_vec(made).map_err(|e| {
-            tracing::error!("an answer cannot be written as JSON: {e}");
-            Problem::defect()
-        })?;
-        Ok(Answered { key, fingerprint, status, location: location(made), body })
+        let body = serde_json::to_vec(made).map_err(Problem::unwritable)?;
+        Ok(Answered { key, fingerprint, status, location: location.map(|of| of(made)), body })
     };
     let Some(asked) = &once else { return as_answered(&work(app, &|_| None)?).map(|a| (a, false)) };
     let Some(_held) = app.hold(&asked.key) else { return Err(Problem::under_way(&asked.key)) };

@@ -1,0 +1,46 @@
+//! How a server is run.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// How a server is run.
+#[derive(Clone)]
+pub struct ServeConfig {
+    /// Address to listen on; port 0 takes a free one.
+    pub http: SocketAddr,
+    /// Where to listen for ZeroMQ besides: `tcp://HOST:PORT` or `ipc://PATH`.
+    pub zmq: Option<String>,
+    /// Where jobs, worlds and policies are kept; in memory if absent.
+    pub data_dir: Option<PathBuf>,
+    /// A world made by a client goes after not being used for so long.
+    pub idle: Duration,
+    /// Most worlds at a time.
+    pub worlds: usize,
+    /// Jobs running at a time.
+    pub workers: usize,
+    /// Most jobs queued.
+    pub queue: usize,
+    /// What time it is.
+    pub clock: Clock,
+}
+
+/// Seconds since anywhere; counts up.
+pub type Clock = Arc<dyn Fn() -> Duration + Send + Sync>;
+
+impl Default for ServeConfig {
+    fn default() -> Self {
+        let start = Instant::now();
+        ServeConfig {
+            http: SocketAddr::from(([127, 0, 0, 1], 8080)),
+            zmq: None,
+            data_dir: None,
+            idle: Duration::from_secs(30 * 60),
+            worlds: 4096,
+            workers: 2,
+            queue: 64,
+            clock: Arc::new(move || start.elapsed()),
+        }
+    }
+}

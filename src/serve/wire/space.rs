@@ -1,0 +1,51 @@
+//! Spaces of actions and of observations.
+
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use crate::task::ActionSpace;
+
+/// Actions: vectors in the unit cube, or numbers of discrete actions.
+#[derive(Serialize, ToSchema)]
+pub struct ActionSpaceOut {
+    /// Numbers in an action vector, each from 0 to 1.
+    pub dimension: usize,
+    /// Number of discrete actions.
+    pub count: usize,
+    pub components: Vec<ComponentOut>,
+}
+
+/// What one number of an action sets: `low` at 0, `high` at 1, SI.
+#[derive(Serialize, ToSchema)]
+pub struct ComponentOut {
+    pub target: String,
+    /// `x`, `y`, `radius`, `angle`, `vx`, `vy` or `omega`.
+    #[schema(value_type = String)]
+    pub set: serde_json::Value,
+    pub low: f64,
+    pub high: f64,
+}
+
+/// Features of an observation and their bounds.
+#[derive(Serialize, ToSchema)]
+pub struct ObservationSpaceOut {
+    pub names: Vec<String>,
+    pub low: Vec<f64>,
+    pub high: Vec<f64>,
+}
+
+impl From<&ActionSpace> for ActionSpaceOut {
+    fn from(space: &ActionSpace) -> ActionSpaceOut {
+        let component = |c: &crate::task::action::Component| ComponentOut {
+            target: c.target.clone(),
+            set: serde_json::json!(c.set),
+            low: c.low,
+            high: c.high,
+        };
+        ActionSpaceOut {
+            dimension: space.dimension(),
+            count: space.count(),
+            components: space.components.iter().map(component).collect(),
+        }
+    }
+}
