@@ -1,4 +1,4 @@
-//! Writing files whole or not at all, and progress on a terminal.
+//! Where results go, and progress on a terminal.
 
 use std::io::Write;
 use std::path::Path;
@@ -8,22 +8,7 @@ use std::time::Duration;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use iplw::error::{Error, Result};
 use iplw::progress::Progress;
-
-/// Writes a file by way of a temporary one beside it, so that a reader sees the old or the new, never a half.
-pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
-    if let Some(parent) = parent(path) {
-        std::fs::create_dir_all(parent).map_err(|e| Error::io(parent, e))?;
-    }
-    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    let part = path.with_file_name(format!(".{name}.{}.part", std::process::id()));
-    let written = std::fs::File::create(&part)
-        .and_then(|mut file| file.write_all(bytes).and_then(|()| file.sync_all()))
-        .and_then(|()| std::fs::rename(&part, path));
-    if written.is_err() {
-        let _ = std::fs::remove_file(&part);
-    }
-    written.map_err(|e| Error::io(path, e))
-}
+pub use iplw::store::write_whole;
 
 /// Rows under a header as CSV; cells are quoted where they must be.
 pub fn csv(header: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> Result<Vec<u8>> {

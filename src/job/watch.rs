@@ -4,9 +4,10 @@ use std::sync::Arc;
 
 use tokio::sync::watch;
 
-use super::{Job, Shared, number, unknown};
+use super::record::{Job, number, unknown};
+use super::shared::Shared;
 use crate::error::Result;
-use crate::store::{JobRow, JobState};
+use crate::store::JobRow;
 
 /// Events of a job from some point on.
 pub struct Watcher {
@@ -16,19 +17,6 @@ pub struct Watcher {
     changed: watch::Receiver<u64>,
     /// An ended job of which nothing but the end is known.
     ended: Option<Job>,
-}
-
-/// Events kept of a running job; a watcher further behind misses the oldest.
-pub const KEPT_EVENTS: usize = 1024;
-
-/// A job as it was at some moment.
-pub(super) struct Event {
-    id: u64,
-    state: JobState,
-    stage: String,
-    done: u64,
-    total: u64,
-    left: Option<f64>,
 }
 
 impl Watcher {
@@ -75,28 +63,5 @@ impl Watcher {
             Some(job) => seen(&job.row),
             None => self.shared.state().live.get(&self.number).is_none_or(|live| seen(&live.row)),
         }
-    }
-}
-
-impl Event {
-    pub(super) fn of(row: &JobRow, left: Option<f64>) -> Event {
-        let (stage, done, total) = (row.stage.clone(), row.done, row.total);
-        Event { id: row.events, state: row.state, stage, done, total, left }
-    }
-
-    /// The job as it was at this event.
-    fn job(&self, now: &JobRow) -> Job {
-        let ended = self.state.ended();
-        let row = JobRow {
-            state: self.state,
-            stage: self.stage.clone(),
-            done: self.done,
-            total: self.total,
-            events: self.id,
-            result: now.result.clone().filter(|_| ended),
-            error: now.error.clone().filter(|_| ended),
-            ..now.clone()
-        };
-        Job { left: self.left, ..Job::of(row) }
     }
 }

@@ -7,10 +7,13 @@ use std::sync::{Arc, MutexGuard};
 
 use rayon::prelude::*;
 
-use super::{
-    Action, Drawn, Layout, MOST_ACTIONS, Phase, Posed, Reset, Seen, Start, Step, World, bearable, lock,
-    observation,
-};
+use super::action::Action;
+use super::catalogue::Posed;
+use super::episode::{Drawn, Reset, Seen, Start, Step};
+use super::limits::{MOST_ACTIONS, bearable};
+use super::observation::{self, Layout};
+use super::state::{Phase, lock};
+use super::world::World;
 use crate::error::{Error, Result};
 use crate::reality::{HiddenWorld, measure_each};
 use crate::task::{Placement, Scene, Split, ValidAction};

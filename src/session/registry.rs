@@ -8,7 +8,12 @@ use std::ops::Bound;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use super::{Catalogue, Kind, SavedWorld, World, WorldConfig, lock};
+use super::catalogue::Catalogue;
+use super::config::{Kind, WorldConfig};
+use super::saved::SavedWorld;
+use super::state::lock;
+use super::world::World;
+
 use crate::error::{Error, Result};
 use crate::json;
 use crate::store::{Answered, Store, WorldRow};

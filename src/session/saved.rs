@@ -4,7 +4,9 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::{Catalogue, Kind, TaskSet, World, WorldConfig};
+use super::catalogue::{Catalogue, TaskSet};
+use super::config::{Kind, WorldConfig};
+use super::world::{Account, World};
 use crate::error::Result;
 use crate::store::Store;
 use crate::task::Scene;
@@ -27,12 +29,6 @@ pub struct SavedWorld {
     pub budget: Option<u64>,
     pub sealed: Option<bool>,
     pub seed: u64,
-}
-
-/// Where a world's counter is kept.
-pub(super) struct Account {
-    pub store: Arc<Store>,
-    pub id: String,
 }
 
 impl SavedWorld {

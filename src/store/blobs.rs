@@ -1,11 +1,11 @@
-//! Weights as files: written beside, synced, then renamed, so that a name always holds a whole file.
+//! Weights as files, each written whole or not at all.
 
 use std::collections::HashMap;
-use std::fs::{self, File};
-use std::io::Write;
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
+use super::whole::write_whole;
 use crate::error::{Error, Result};
 
 /// Where blobs are kept.
@@ -31,7 +31,7 @@ impl Blobs {
                 map.lock().unwrap_or_else(PoisonError::into_inner).insert(name.into(), bytes.to_vec());
                 Ok(())
             }
-            Blobs::Directory(directory) => write_whole(directory, name, bytes),
+            Blobs::Directory(directory) => write_whole(&directory.join(name), bytes),
         }
     }
 
@@ -65,19 +65,4 @@ impl Blobs {
         }
         Ok(())
     }
-}
-
-fn write_whole(directory: &Path, name: &str, bytes: &[u8]) -> Result<()> {
-    let (path, temporary) = (directory.join(name), directory.join(format!("{name}.part")));
-    let written = (|| {
-        let mut file = File::create(&temporary)?;
-        file.write_all(bytes)?;
-        file.sync_all()?;
-        fs::rename(&temporary, &path)?;
-        File::open(directory)?.sync_all()
-    })();
-    written.map_err(|e| {
-        let _ = fs::remove_file(&temporary);
-        Error::io(&path, e)
-    })
 }

@@ -15,6 +15,7 @@ mod policies;
 mod requests;
 mod rounds;
 mod surfaces;
+mod whole;
 mod worlds;
 
 use std::fs::{File, OpenOptions, TryLockError};
@@ -31,6 +32,7 @@ pub use policies::PolicyRow;
 pub use requests::Answered;
 pub use rounds::{Measured, RoundRow};
 pub use surfaces::SurfaceRow;
+pub use whole::write_whole;
 use worlds::Pending;
 pub use worlds::WorldRow;
 

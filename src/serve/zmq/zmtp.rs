@@ -2,6 +2,9 @@
 //!
 //! *Differences from the source.* NULL security only, and no older protocol than 3.0. What a peer may send is bounded:
 //! a message has at most [`MOST_BYTES`] and [`MOST_FRAMES`]; more is read and dropped, so that it can be answered.
+//!
+//! Ours and no library's: the `zeromq` crate (0.7.0, its source read) reserves whatever length a frame announces and knows
+//! no largest message, so that a dozen bytes from anybody end the process. Once it bounds both, this file can go.
 
 use std::io::{self, ErrorKind};
 

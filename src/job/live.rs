@@ -1,0 +1,94 @@
+//! A job that has not ended, or ended a little while ago: with its work and its events.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use tokio::sync::watch as channel;
+
+use super::pace::Pace;
+use super::record::Job;
+use super::work::Work;
+use crate::store::{JobRow, JobState};
+
+/// A job at hand.
+pub struct Live {
+    pub row: JobRow,
+    pub work: Option<Work>,
+    /// Set by its owner.
+    pub cancel: Arc<AtomicBool>,
+    /// Answers came while it ran: should it wait, it need not.
+    pub again: bool,
+    pub pace: Pace,
+    pub events: VecDeque<Event>,
+    pub changed: channel::Sender<u64>,
+}
+
+/// Events kept of a running job; a watcher further behind misses the oldest.
+pub const KEPT_EVENTS: usize = 1024;
+
+/// A job as it was at some moment.
+pub struct Event {
+    pub id: u64,
+    pub state: JobState,
+    stage: String,
+    done: u64,
+    total: u64,
+    left: Option<f64>,
+}
+
+impl Live {
+    /// Newly queued, or found in the store.
+    pub fn new(row: JobRow, work: Option<Work>) -> Live {
+        Live {
+            events: VecDeque::from([Event::of(&row, None)]),
+            changed: channel::Sender::new(row.events),
+            cancel: Arc::default(),
+            again: false,
+            pace: Pace::default(),
+            work,
+            row,
+        }
+    }
+
+    /// Tells whoever watches; `left` is how long it will still take, s.
+    pub fn emit(&mut self, left: Option<f64>) {
+        self.row.events += 1;
+        if self.events.len() == KEPT_EVENTS {
+            self.events.pop_front();
+        }
+        self.events.push_back(Event::of(&self.row, left));
+        self.changed.send_replace(self.row.events);
+    }
+
+    /// As its owner sees it.
+    pub fn job(&self, now: Duration) -> Job {
+        let running = self.row.state == JobState::Running;
+        let left = self.pace.left(now, self.row.done, self.row.total).filter(|_| running);
+        Job { left, ..Job::of(self.row.clone()) }
+    }
+}
+
+impl Event {
+    fn of(row: &JobRow, left: Option<f64>) -> Event {
+        let (stage, done, total) = (row.stage.clone(), row.done, row.total);
+        Event { id: row.events, state: row.state, stage, done, total, left }
+    }
+
+    /// The job as it was at this event.
+    pub fn job(&self, now: &JobRow) -> Job {
+        let ended = self.state.ended();
+        let row = JobRow {
+            state: self.state,
+            stage: self.stage.clone(),
+            done: self.done,
+            total: self.total,
+            events: self.id,
+            result: now.result.clone().filter(|_| ended),
+            error: now.error.clone().filter(|_| ended),
+            ..now.clone()
+        };
+        Job { left: self.left, ..Job::of(row) }
+    }
+}

@@ -1,0 +1,395 @@
+//! Queues, watches, stops: what the rest of the program sees of jobs.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+use super::live::Live;
+use super::record::{Deleted, Job, number, unknown};
+use super::shared::{RunnerConfig, Shared};
+use super::watch::Watcher;
+use super::work::Recipes;
+use crate::error::{Error, Result};
+use crate::store::{Answered, JobRow, JobState, Store};
+
+/// A job to run.
+pub struct New<'a> {
+    /// One of the recipes'.
+    pub kind: &'a str,
+    /// Kept and shown.
+    pub config: &'a Value,
+    /// Kept and given to the recipe.
+    pub plan: &'a Value,
+    pub seed: u64,
+}
+
+/// Runs jobs. Dropping it stops them.
+pub struct Runner {
+    shared: Arc<Shared>,
+    workers: Mutex<Vec<JoinHandle<()>>>,
+}
+
+impl Runner {
+    /// Starts the workers and queues what an earlier server left unfinished.
+    pub fn start(store: Arc<Store>, recipes: Recipes, config: RunnerConfig) -> Result<Runner> {
+        let shared = Arc::new(Shared {
+            store,
+            recipes,
+            config,
+            state: Mutex::default(),
+            wake: Condvar::new(),
+            stopping: AtomicBool::new(false),
+            origin: Instant::now(),
+        });
+        for row in shared.store.unfinished()? {
+            shared.take_up(row)?;
+        }
+        let workers = (0..config.workers)
+            .map(|i| {
+                let shared = shared.clone();
+                let pool = rayon::ThreadPoolBuilder::new()
+                    .num_threads(config.threads)
+                    .thread_name(move |t| format!("job-{i}-{t}"))
+                    .build()
+                    .map_err(|e| Error::Failed(format!("no threads for jobs: {e}")))?;
+                std::thread::Builder::new()
+                    .name(format!("job-{i}"))
+                    .spawn(move || shared.work(&pool))
+                    .map_err(|e| Error::Failed(format!("no thread for jobs: {e}")))
+            })
+            .collect::<Result<_>>()?;
+        Ok(Runner { shared, workers: Mutex::new(workers) })
+    }
+
+    /// Queues a job. What `answered` makes of it is kept in the same transaction: the answer to the request.
+    pub fn submit(&self, new: New, answered: &dyn Fn(Job) -> Option<Answered>) -> Result<Job> {
+        let work = self.shared.make(new.kind, new.plan)?;
+        let mut state = self.shared.state();
+        if self.shared.stopping.load(Ordering::SeqCst) {
+            return Err(Error::Interrupted {
+                reason: "the server is stopping; send it to the next one".into(),
+            });
+        }
+        if state.queue.len() >= self.shared.config.queue {
+            let advice = "wait for one to end, or cancel one you no longer need";
+            return Err(Error::Capacity { what: "waiting jobs", limit: self.shared.config.queue, advice });
+        }
+        let of = |row: &JobRow| answered(Job::of(row.clone()));
+        let row = self.shared.store.add_job(new.kind, new.config, new.plan, new.seed, &of)?;
+        state.queue.push_back(row.number);
+        state.live.insert(row.number, Live::new(row.clone(), Some(work)));
+        drop(state);
+        self.shared.wake.notify_one();
+        Ok(Job::of(row))
+    }
+
+    /// The job called `id`.
+    pub fn get(&self, id: &str) -> Result<Job> {
+        let number = number(id)?;
+        if let Some(live) = self.shared.state().live.get(&number) {
+            return Ok(live.job(self.shared.now()));
+        }
+        self.shared.store.job(number)?.map(Job::of).ok_or_else(|| unknown(id))
+    }
+
+    /// At most `limit` jobs, oldest first, those after number `after`.
+    pub fn list(&self, after: i64, limit: usize) -> Result<Vec<Job>> {
+        let rows = self.shared.store.jobs(after, limit)?;
+        let (state, now) = (self.shared.state(), self.shared.now());
+        let live = |row: JobRow| state.live.get(&row.number).map_or_else(|| Job::of(row), |l| l.job(now));
+        Ok(rows.into_iter().map(live).collect())
+    }
+
+    /// Tells a job that waits for `asked` answers that it has `answered` of them; with all of them it goes on.
+    pub fn answered(&self, id: &str, answered: u64, asked: u64) -> Result<Job> {
+        let number = number(id)?;
+        let mut state = self.shared.state();
+        let now = self.shared.now();
+        let live = state.live.get_mut(&number).ok_or_else(|| unknown(id))?;
+        match live.row.state {
+            JobState::Waiting if answered >= asked => {
+                live.work = Some(self.shared.make(&live.row.kind, &live.row.plan)?);
+                (live.row.state, live.row.done) = (JobState::Queued, answered);
+                live.emit(None);
+                self.shared.store.update_job(&live.row)?;
+                let job = live.job(now);
+                state.queue.push_back(number);
+                self.shared.wake.notify_one();
+                Ok(job)
+            }
+            JobState::Waiting => {
+                (live.row.done, live.row.total) = (answered, asked);
+                live.emit(None);
+                Ok(live.job(now))
+            }
+            JobState::Running => {
+                live.again |= answered >= asked;
+                Ok(live.job(now))
+            }
+            _ => Ok(live.job(now)),
+        }
+    }
+
+    /// Stops a job that has not ended; forgets one that has.
+    pub fn delete(&self, id: &str) -> Result<Deleted> {
+        let number = number(id)?;
+        let mut state = self.shared.state();
+        if let Some(live) = state.live.get_mut(&number)
+            && !live.row.state.ended()
+        {
+            self.shared.store.cancel_job(number)?;
+            live.cancel.store(true, Ordering::SeqCst);
+            if live.row.state != JobState::Running {
+                self.shared.end(&mut state, number, Err(Error::Cancelled));
+            }
+            let row = state.live.get(&number).map(|l| l.row.clone());
+            return row.map(|r| Deleted::Cancelled(Box::new(Job::of(r)))).ok_or_else(|| unknown(id));
+        }
+        state.live.remove(&number);
+        if self.shared.store.remove_job(number)? { Ok(Deleted::Forgotten) } else { Err(unknown(id)) }
+    }
+
+    /// Events of a job after event number `after` (0 for all there are).
+    pub fn watch(&self, id: &str, after: u64) -> Result<Watcher> {
+        Watcher::new(self.shared.clone(), id, after)
+    }
+
+    /// Stops working; what has not ended is queued in the store for the next runner. Waits for the workers, but
+    /// no longer than `patience`: work that has not noticed by then goes with the process.
+    pub fn stop(&self, patience: Duration) {
+        if !self.shared.stopping.swap(true, Ordering::SeqCst) {
+            let mut state = self.shared.state();
+            state.queue.clear();
+            for (number, live) in &state.live {
+                if live.row.state == JobState::Running
+                    && let Err(e) = self.shared.store.put_back_job(*number)
+                {
+                    tracing::error!("job {number} could not be put back: {e}");
+                }
+            }
+        }
+        self.shared.wake.notify_all();
+        let workers = self.workers.lock().unwrap_or_else(PoisonError::into_inner);
+        let deadline = Instant::now() + patience;
+        while workers.iter().any(|w| !w.is_finished()) && Instant::now() < deadline {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+}
+
+impl Drop for Runner {
+    fn drop(&mut self) {
+        self.stop(Duration::from_secs(10));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+    use std::sync::{LazyLock, mpsc};
+
+    use serde_json::json;
+
+    use super::*;
+    use crate::job::MOST_STARTS;
+    use crate::job::record::id;
+    use crate::job::work::{Context, Outcome, Recipe};
+    use crate::progress::Progress;
+
+    /// What the test's jobs do, by the plan of a job.
+    type Acts = BTreeMap<&'static str, fn(&Context, &Store) -> Result<Outcome>>;
+
+    /// A runner of one worker; every plan is the name of an act. Acts say on the channel that they have begun.
+    fn on(store: &Arc<Store>, queue: usize) -> (Runner, mpsc::Receiver<()>) {
+        let (begun, wait) = mpsc::channel();
+        let of = store.clone();
+        let recipe: Recipe = Box::new(move |plan| {
+            let (act, begun, store) = (ACTS[plan.as_str().unwrap()], begun.clone(), of.clone());
+            Ok(Box::new(move |context| {
+                let _ = begun.send(());
+                act(context, &store)
+            }))
+        });
+        let explain = |e: &Error| json!({"detail": e.to_string()});
+        let config = RunnerConfig { workers: 1, queue, threads: 1, explain };
+        (Runner::start(store.clone(), Recipes::from([("act", recipe)]), config).unwrap(), wait)
+    }
+
+    fn runner(queue: usize) -> (Runner, mpsc::Receiver<()>) {
+        on(&Arc::new(Store::in_memory().unwrap()), queue)
+    }
+
+    static ACTS: LazyLock<Acts> = LazyLock::new(|| {
+        Acts::from([
+            (
+                "count",
+                (|c, _| {
+                    for i in 0..=4 {
+                        c.report("counting", i, 4)?;
+                    }
+                    Ok(Outcome::Done(json!({ "id": c.id })))
+                }) as fn(&Context, &Store) -> Result<Outcome>,
+            ),
+            ("endless", |c, _| {
+                loop {
+                    c.report("waiting", 0, 1)?;
+                    std::thread::yield_now();
+                }
+            }),
+            ("one", |_, _| Ok(Outcome::Done(json!(1)))),
+            ("panics", |_, _| panic!("defect")),
+            ("fails", |_, _| Err(Error::Failed("no".into()))),
+            ("asks", |c, store| {
+                // Waits for answers twice, then has them.
+                let before = store.rounds(c.number)?.len() as u64;
+                store.open_round(c.number, before, "")?;
+                Ok(if before < 2 { Outcome::Waiting } else { Outcome::Done(json!(before)) })
+            }),
+        ])
+    });
+
+    fn submit(runner: &Runner, act: &str) -> Result<Job> {
+        runner.submit(New { kind: "act", config: &json!({}), plan: &json!(act), seed: 0 }, &|_| None)
+    }
+
+    /// The job once it is in this state.
+    fn reach(runner: &Runner, id: &str, state: JobState) -> Job {
+        loop {
+            let job = runner.get(id).unwrap();
+            if job.row.state == state {
+                return job;
+            }
+            assert!(!job.row.state.ended(), "{job:?}");
+            std::thread::yield_now();
+        }
+    }
+
+    /// All events from `after` on, to the end.
+    fn events(runner: &Runner, id: &str, after: u64) -> Vec<(u64, Job)> {
+        let mut watcher = runner.watch(id, after).unwrap();
+        let runtime = tokio::runtime::Builder::new_current_thread().build().unwrap();
+        runtime.block_on(async {
+            let mut all = Vec::new();
+            while let Some(event) = watcher.next().await {
+                all.push(event);
+            }
+            all
+        })
+    }
+
+    #[test]
+    fn progress_is_replayed_from_where_a_watcher_was() {
+        let (runner, _) = runner(4);
+        let job = submit(&runner, "count").unwrap();
+        let all = events(&runner, &job.id, 0);
+        let states: Vec<&str> = all.iter().map(|(_, j)| j.row.state.name()).collect();
+        assert_eq!(states[..2], ["queued", "running"]);
+        assert_eq!(all.last().unwrap().1.row.result, Some(json!({ "id": job.id })));
+        assert_eq!(
+            all.iter().map(|(n, _)| *n).collect::<Vec<_>>(),
+            (1..=all.len() as u64).collect::<Vec<_>>()
+        );
+        assert_eq!(events(&runner, &job.id, 3), all[3..]);
+        assert_eq!(events(&runner, &job.id, all.len() as u64), []);
+        assert_eq!(events(&runner, &job.id, 1000), all, "a number of before a restart");
+        assert!(runner.watch(&job.id, all.len() as u64).unwrap().exhausted());
+        assert_eq!(runner.get(&job.id).unwrap(), all.last().unwrap().1);
+    }
+
+    #[test]
+    fn running_and_queued_jobs_are_cancelled_and_the_queue_is_bounded() {
+        let (runner, begun) = runner(1);
+        let running = submit(&runner, "endless").unwrap();
+        begun.recv().unwrap();
+        let queued = submit(&runner, "one").unwrap();
+        assert!(matches!(submit(&runner, "one"), Err(Error::Capacity { limit: 1, .. })));
+        assert!(
+            matches!(runner.delete(&queued.id).unwrap(), Deleted::Cancelled(j) if j.row.state == JobState::Cancelled)
+        );
+        assert!(matches!(runner.delete(&running.id).unwrap(), Deleted::Cancelled(_)));
+        assert_eq!(events(&runner, &running.id, 0).last().unwrap().1.row.state, JobState::Cancelled);
+        assert_eq!(runner.delete(&running.id).unwrap(), Deleted::Forgotten);
+        assert!(
+            runner.get(&running.id).is_err()
+                && runner.delete("job-7").is_err()
+                && runner.get("job-+1").is_err()
+        );
+    }
+
+    #[test]
+    fn a_panic_or_an_error_fails_the_job_and_not_the_runner() {
+        let (runner, _) = runner(4);
+        for (act, word) in [("panics", "panicked"), ("fails", "no")] {
+            let job = submit(&runner, act).unwrap();
+            let end = events(&runner, &job.id, 0).pop().unwrap().1.row;
+            assert_eq!(end.state, JobState::Failed);
+            assert!(end.error.unwrap()["detail"].as_str().unwrap().contains(word));
+        }
+    }
+
+    #[test]
+    fn stopping_puts_back_what_ran_and_the_next_runner_goes_on() {
+        let store = Arc::new(Store::in_memory().unwrap());
+        let (first, begun) = on(&store, 4);
+        let running = submit(&first, "endless").unwrap();
+        begun.recv().unwrap();
+        let queued = submit(&first, "one").unwrap();
+        first.stop(Duration::from_secs(60));
+        assert!(submit(&first, "one").is_err());
+        let row = store.job(1).unwrap().unwrap();
+        assert_eq!((row.state, row.starts), (JobState::Queued, 0), "a stop is not held against it");
+        let (second, begun) = on(&store, 4);
+        begun.recv().unwrap();
+        assert_eq!(second.get(&running.id).unwrap().row.state, JobState::Running);
+        second.delete(&running.id).unwrap();
+        assert_eq!(reach(&second, &queued.id, JobState::Succeeded).row.result, Some(json!(1)));
+    }
+
+    #[test]
+    fn a_job_that_ends_every_server_fails_and_one_that_got_on_does_not() {
+        let store = Arc::new(Store::in_memory().unwrap());
+        let add = |act: &str| {
+            let row = store.add_job("act", &json!({}), &json!(act), 0, &|_| None).unwrap();
+            (0..MOST_STARTS).for_each(|_| store.begin_job(row.number).unwrap());
+            row.number
+        };
+        let (stuck, moving) = (add("one"), add("one"));
+        store.open_round(moving, 0, "").unwrap();
+        let gone = store.add_job("knitting", &json!({}), &json!(1), 0, &|_| None).unwrap().number;
+        let (runner, _) = on(&store, 4);
+        reach(&runner, &id(moving), JobState::Succeeded);
+        for (number, word) in [(stuck, "5 times"), (gone, "start it again")] {
+            let row = store.job(number).unwrap().unwrap();
+            assert_eq!(row.state, JobState::Failed);
+            assert!(row.error.unwrap()["detail"].as_str().unwrap().contains(word));
+        }
+    }
+
+    #[test]
+    fn a_job_waits_for_answers_over_restarts_and_occupies_no_worker() {
+        let store = Arc::new(Store::in_memory().unwrap());
+        let (first, _) = on(&store, 4);
+        let job = submit(&first, "asks").unwrap();
+        reach(&first, &job.id, JobState::Waiting);
+        let other = submit(&first, "one").unwrap();
+        reach(&first, &other.id, JobState::Succeeded);
+        assert_eq!(first.answered(&job.id, 1, 2).unwrap().row.state, JobState::Waiting);
+        drop(first);
+        let (second, _) = on(&store, 4);
+        assert_eq!(second.get(&job.id).unwrap().row.state, JobState::Waiting);
+        assert_eq!(second.answered(&job.id, 2, 2).unwrap().row.state, JobState::Queued);
+        while store.rounds(1).unwrap().len() < 2 {
+            std::thread::yield_now();
+        }
+        reach(&second, &job.id, JobState::Waiting);
+        second.answered(&job.id, 2, 2).unwrap();
+        assert_eq!(reach(&second, &job.id, JobState::Succeeded).row.result, Some(json!(2)));
+        // A waiting job can be cancelled.
+        let job = submit(&second, "asks").unwrap();
+        reach(&second, &job.id, JobState::Waiting);
+        assert!(matches!(second.delete(&job.id).unwrap(), Deleted::Cancelled(j) if j.row.state.ended()));
+    }
+}

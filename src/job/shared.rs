@@ -1,0 +1,256 @@
+//! What a runner and its workers share: the queue, the jobs at hand, and what becomes of them.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+use super::live::Live;
+use super::pace::Pace;
+use super::record::id;
+use super::work::{Context, Outcome, Recipes, Stage, Work};
+use crate::error::{Error, Result};
+use crate::store::{JobRow, JobState, Store};
+
+/// Limits of a runner, and how it words failures.
+#[derive(Clone, Copy)]
+pub struct RunnerConfig {
+    /// Jobs running at a time.
+    pub workers: usize,
+    /// Most jobs queued.
+    pub queue: usize,
+    /// Threads a running job computes with; 0 for all cores.
+    pub threads: usize,
+    /// What a job's owner is told about an error.
+    pub explain: fn(&Error) -> Value,
+}
+
+/// Starts without progress after which a job fails.
+pub const MOST_STARTS: u32 = 5;
+
+/// Everything but the workers' handles.
+pub struct Shared {
+    pub store: Arc<Store>,
+    pub recipes: Recipes,
+    pub config: RunnerConfig,
+    pub state: Mutex<State>,
+    /// Told when there is work or the runner stops.
+    pub wake: Condvar,
+    pub stopping: AtomicBool,
+    /// Time is counted from here.
+    pub origin: Instant,
+}
+
+/// The jobs.
+#[derive(Default)]
+pub struct State {
+    pub queue: VecDeque<i64>,
+    /// Jobs that have not ended, and recently ended ones that may be watched.
+    pub live: BTreeMap<i64, Live>,
+}
+
+impl Shared {
+    /// The jobs, for a moment.
+    pub fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Since the runner started.
+    pub fn now(&self) -> Duration {
+        self.origin.elapsed()
+    }
+
+    /// A job's work.
+    pub fn make(&self, kind: &str, plan: &Value) -> Result<Work> {
+        match self.recipes.get(kind) {
+            Some(recipe) if !plan.is_null() => recipe(plan),
+            _ => Err(Error::Interrupted {
+                reason:
+                    "the server stopped while it ran, and this version cannot go on with it; start it again"
+                        .into(),
+            }),
+        }
+    }
+
+    /// Goes on with what an earlier server left.
+    pub fn take_up(&self, mut row: JobRow) -> Result<()> {
+        let mut state = self.state();
+        let (number, waiting) = (row.number, row.state == JobState::Waiting);
+        let work = if row.starts >= MOST_STARTS {
+            let times = row.starts;
+            let reason =
+                format!("the server ended {times} times while this job ran, which got nowhere in between");
+            Err(Error::Failed(format!(
+                "{reason}; ask for less, or look at the server's log before you try again"
+            )))
+        } else {
+            self.make(&row.kind, &row.plan)
+        };
+        if !waiting {
+            row.state = JobState::Queued;
+        }
+        row.events += 1;
+        self.store.update_job(&row)?;
+        state.live.insert(number, Live::new(row, None));
+        match work {
+            Err(e) => self.end(&mut state, number, Err(e)),
+            Ok(_) if waiting => {}
+            Ok(work) => {
+                state.queue.push_back(number);
+                state.live.entry(number).and_modify(|live| live.work = Some(work));
+            }
+        }
+        Ok(())
+    }
+
+    /// A worker's life.
+    pub fn work(&self, pool: &rayon::ThreadPool) {
+        while let Some((number, work, cancel)) = self.take() {
+            let id = id(number);
+            let stage = Running { shared: self, number, cancel: &cancel };
+            let context = Context { id: &id, number, stage: &stage };
+            let result = catch_unwind(AssertUnwindSafe(|| pool.install(|| work(&context))))
+                .unwrap_or_else(|_| Err(Error::Failed("the program has a defect: the work panicked".into())));
+            let mut state = self.state();
+            match result {
+                Ok(Outcome::Waiting) => self.wait(&mut state, number),
+                Ok(Outcome::Done(value)) => self.end(&mut state, number, Ok(value)),
+                Err(Error::Cancelled)
+                    if self.stopping.load(Ordering::SeqCst) && !cancel.load(Ordering::SeqCst) =>
+                {
+                    // The store has it queued; its watchers learn that it will go on.
+                    if let Some(live) = state.live.get_mut(&number) {
+                        live.row.state = JobState::Queued;
+                        live.emit(None);
+                    }
+                }
+                Err(e) => self.end(&mut state, number, Err(e)),
+            }
+        }
+    }
+
+    /// The next job, made running; `None` when the runner stops.
+    fn take(&self) -> Option<(i64, Work, Arc<AtomicBool>)> {
+        let mut state = self.state();
+        loop {
+            if self.stopping.load(Ordering::SeqCst) {
+                return None;
+            }
+            if let Some(number) = state.queue.pop_front() {
+                let taken = state.live.get_mut(&number).and_then(|live| {
+                    let work = live.work.take()?;
+                    live.row.state = JobState::Running;
+                    live.again = false;
+                    live.pace = Pace::default();
+                    live.emit(None);
+                    if let Err(e) = self.store.begin_job(number) {
+                        // The job still runs; only a start that ends the server would not be counted.
+                        tracing::error!("the start of job {number} could not be stored: {e}");
+                    }
+                    Some((number, work, live.cancel.clone()))
+                });
+                if taken.is_some() {
+                    return taken;
+                }
+                continue;
+            }
+            state = self.wake.wait(state).unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+
+    /// Lets a job wait for answers, unless they have come.
+    fn wait(&self, state: &mut State, number: i64) {
+        let Some(live) = state.live.get_mut(&number) else { return };
+        if live.cancel.load(Ordering::SeqCst) {
+            return self.end(state, number, Err(Error::Cancelled));
+        }
+        let go_on = live.again.then(|| self.make(&live.row.kind, &live.row.plan)).transpose();
+        live.row.state = if live.again { JobState::Queued } else { JobState::Waiting };
+        live.emit(None);
+        if let Err(e) = self.store.update_job(&live.row) {
+            // At the worst a restart finds it running, and has it wait again.
+            tracing::error!("job {number} could not be stored: {e}");
+        }
+        match go_on {
+            Ok(Some(work)) => {
+                live.work = Some(work);
+                state.queue.push_back(number);
+                self.wake.notify_one();
+            }
+            Ok(None) => {}
+            Err(e) => self.end(state, number, Err(e)),
+        }
+    }
+
+    /// Writes down how a job ended and tells its watchers.
+    pub fn end(&self, state: &mut State, number: i64, result: Result<Value>) {
+        state.queue.retain(|n| *n != number);
+        let Some(live) = state.live.get_mut(&number) else { return };
+        live.work = None;
+        match result {
+            Ok(value) => (live.row.state, live.row.result) = (JobState::Succeeded, Some(value)),
+            Err(Error::Cancelled) => live.row.state = JobState::Cancelled,
+            Err(e) => (live.row.state, live.row.error) = (JobState::Failed, Some((self.config.explain)(&e))),
+        }
+        live.row.events += 1;
+        let stored = self.store.update_job(&live.row);
+        live.row.events -= 1;
+        if let Err(e) = stored {
+            // Not lasting is better said than hidden; in memory the result stays available.
+            tracing::error!("job {number} could not be stored: {e}");
+        }
+        live.emit(None);
+        // Once stored, an ended job is kept here only for its events; forget the oldest.
+        let ended: Vec<i64> =
+            state.live.iter().filter(|(_, l)| l.row.state.ended()).map(|(n, _)| *n).collect();
+        for old in ended.iter().take(ended.len().saturating_sub(KEPT_JOBS)) {
+            state.live.remove(old);
+        }
+    }
+}
+
+/// Ended jobs whose events are kept.
+const KEPT_JOBS: usize = 64;
+
+/// A job under way.
+struct Running<'a> {
+    shared: &'a Shared,
+    number: i64,
+    /// Set by its owner.
+    cancel: &'a AtomicBool,
+}
+
+impl Stage for Running<'_> {
+    fn report(&self, stage: &str, done: u64, total: u64) -> Result<()> {
+        if self.cancel.load(Ordering::SeqCst) || self.shared.stopping.load(Ordering::SeqCst) {
+            return Err(Error::Cancelled);
+        }
+        let mut state = self.shared.state();
+        if let Some(live) = state.live.get_mut(&self.number) {
+            // A percent at a time is all an eye can follow; every event is sent to every watcher.
+            let percent = |done: u64, total: u64| (done * 100).checked_div(total).unwrap_or(0);
+            let (row, now) = (&mut live.row, self.shared.now());
+            let news = row.stage != stage || percent(row.done, row.total) != percent(done, total);
+            if row.stage != stage || done < row.done {
+                live.pace.begin(now, done);
+            }
+            (row.done, row.total) = (done, total);
+            if row.stage != stage {
+                row.stage = stage.to_string();
+            }
+            if news {
+                live.emit(live.pace.left(now, done, total));
+            }
+        }
+        Ok(())
+    }
+
+    fn round(&self, done: u64, total: u64) {
+        if let Some(live) = self.shared.state().live.get_mut(&self.number) {
+            live.pace.round(self.shared.now(), done, total);
+        }
+    }
+}

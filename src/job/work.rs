@@ -1,0 +1,55 @@
+//! What a job does, and what it sees of its job meanwhile.
+
+use std::collections::BTreeMap;
+
+use serde_json::Value;
+
+use crate::error::Result;
+use crate::progress::Progress;
+
+/// What a job does.
+pub type Work = Box<dyn FnOnce(&Context) -> Result<Outcome> + Send>;
+
+/// Makes a job's work from its plan; holds on to what the work needs.
+pub type Recipe = Box<dyn Fn(&Value) -> Result<Work> + Send + Sync>;
+
+/// Recipes by kind of job.
+pub type Recipes = BTreeMap<&'static str, Recipe>;
+
+/// How work ends.
+pub enum Outcome {
+    /// With a result.
+    Done(Value),
+    /// Not yet: it waits for [`Runner::answered`].
+    Waiting,
+}
+
+/// What work sees of its job, and reports to.
+pub struct Context<'a> {
+    /// The job's id.
+    pub id: &'a str,
+    /// Its number in the store.
+    pub number: i64,
+    pub(super) stage: &'a dyn Stage,
+}
+
+/// Where what work reports goes.
+pub(super) trait Stage: Sync {
+    /// How far it is; an error once it is to stop.
+    fn report(&self, stage: &str, done: u64, total: u64) -> Result<()>;
+    /// How many of its rounds are finished.
+    fn round(&self, done: u64, total: u64);
+}
+
+impl Progress for Context<'_> {
+    fn report(&self, stage: &str, done: u64, total: u64) -> Result<()> {
+        self.stage.report(stage, done, total)
+    }
+}
+
+impl Context<'_> {
+    /// For work that goes in rounds of about the same cost: `done` of `total` are finished.
+    pub fn round(&self, done: u64, total: u64) {
+        self.stage.round(done, total);
+    }
+}

@@ -1,0 +1,168 @@
+//! Attempts: actions in a world's physics, counted.
+
+use super::action::Action;
+use super::config::Kind;
+use super::limits::{MOST_ACTIONS, affordable};
+use super::state::lock;
+use super::world::World;
+use crate::error::{Error, Result};
+use crate::reality::Reality;
+use crate::task::{Placement, Task, ValidAction};
+use crate::trajectory::Trajectory;
+use crate::world::{Latents, Rollout, chosen, simulate_map};
+
+/// A batch of attempts outside any episode.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Batch {
+    pub actions: Vec<Action>,
+    /// Id of the task; the current one if absent.
+    pub task: Option<String>,
+    /// Whether results carry samples.
+    pub trajectories: bool,
+    /// Whether a rollout ends when the goal is reached; real worlds always do.
+    pub stop: bool,
+}
+
+/// What a batch brought.
+pub struct Rolled {
+    /// Name of the engine that ran.
+    pub engine: &'static str,
+    pub task: String,
+    /// Valid attempts in this world so far.
+    pub interactions: u64,
+    /// Valid attempts among the results.
+    pub valid: u64,
+    /// In the order of the actions: a trajectory (without samples unless asked for), or why not.
+    pub results: Vec<Tried>,
+}
+
+/// What became of an action: a trajectory, or why it could not be placed.
+pub type Tried = std::result::Result<Trajectory, String>;
+
+/// Keeps results together with the world's counter after them.
+pub type Keep<'a> = &'a dyn Fn(&[Tried], u64) -> Result<()>;
+
+impl World {
+    /// Attempts many actions on a task, leaving the episode as it is.
+    pub fn rollout(&self, batch: &Batch) -> Result<Rolled> {
+        let (task, latents) = self.task_or_current(batch.task.as_deref())?;
+        if batch.actions.len() > MOST_ACTIONS {
+            return Err(Error::TooLarge {
+                what: "actions",
+                asked: batch.actions.len() as u64,
+                limit: MOST_ACTIONS as u64,
+                advice: "send several batches",
+            });
+        }
+        if self.kind == Kind::Real && !batch.stop {
+            return Err(Error::input("stop", false, "true: a real world ends with its goal"));
+        }
+        let actions: Vec<ValidAction> = batch
+            .actions
+            .iter()
+            .enumerate()
+            .map(|(i, a)| a.resolve(task.actions(), &format!("actions[{i}]")))
+            .collect::<Result<_>>()?;
+        // A real world keeps all samples while it measures.
+        affordable(&task.scene, actions.len() as u64, batch.trajectories || self.kind == Kind::Real)?;
+        let keep = |mut t: Trajectory| {
+            if !batch.trajectories {
+                (t.times, t.bodies, t.events) = Default::default();
+            }
+            t
+        };
+        let (results, interactions) = self.attempt(task, &actions, latents, batch.stop, keep, None)?;
+        Ok(Rolled {
+            engine: self.engine_for(task, &actions),
+            task: task.id.clone(),
+            interactions,
+            valid: results.iter().filter(|r| r.is_ok()).count() as u64,
+            results,
+        })
+    }
+
+    /// Attempts actions in this world's physics and counts the valid ones. `store` is given the results and the
+    /// counter before anybody else is, and keeps both or neither; what it cannot keep is not given out.
+    pub fn attempts(&self, task: &Task, actions: &[ValidAction], store: Option<Keep>) -> Result<Vec<Tried>> {
+        let latents = lock(&self.state).latents;
+        Ok(self.attempt(task, actions, latents, true, |t| t, store)?.0)
+    }
+
+    /// Results in the order of the actions, and the count of valid attempts after them.
+    pub(super) fn attempt(
+        &self,
+        task: &Task,
+        actions: &[ValidAction],
+        latents: Latents,
+        stop: bool,
+        keep: impl Fn(Trajectory) -> Trajectory + Sync,
+        store: Option<Keep>,
+    ) -> Result<(Vec<Tried>, u64)> {
+        if let Some(hidden) = &self.hidden {
+            let mut hidden = lock(hidden);
+            let attempts = hidden.measure(task, actions)?;
+            let interactions = hidden.interactions();
+            lock(&self.state).interactions = interactions;
+            let results = attempts.into_iter().map(|a| match (a.placement, a.trajectory) {
+                (Err(reason), _) => Err(reason),
+                (Ok(_), Some(trajectory)) => Ok(keep(trajectory)),
+                (Ok(_), None) => Err("nothing was observed".into()),
+            });
+            let results: Vec<Tried> = results.collect();
+            match store {
+                // The world stays locked, so that what is counted is what is kept.
+                Some(store) => store(&results, interactions)?,
+                None => {
+                    drop(hidden);
+                    if let Some(account) = &self.account {
+                        account.store.count_world(&account.id, interactions)?;
+                    }
+                }
+            }
+            return Ok((results, interactions));
+        }
+        let placements: Vec<Placement> = actions.iter().map(|a| task.place(a)).collect();
+        let rollouts: Vec<Rollout> = placements
+            .iter()
+            .filter_map(|p| match p {
+                Placement::Valid(scene) => Some(Rollout { scene, latents, effects: &self.effects, stop }),
+                Placement::Invalid(_) => None,
+            })
+            .collect();
+        let valid = rollouts.len() as u64;
+        let mut simulated = simulate_map(&rollouts, self.engine, |_, t| keep(t))?.into_iter();
+        let results: Vec<Tried> = placements
+            .iter()
+            .map(|p| match p {
+                Placement::Invalid(reason) => Err(reason.clone()),
+                Placement::Valid(_) => simulated.next().ok_or_else(|| "nothing was simulated".into()),
+            })
+            .collect();
+        let interactions = {
+            let mut state = lock(&self.state);
+            state.interactions += valid;
+            state.interactions
+        };
+        if let Some(account) = &self.account {
+            account.store.note_world(&account.id, interactions, None);
+        }
+        if let Some(store) = store {
+            store(&results, interactions)?;
+        }
+        Ok((results, interactions))
+    }
+
+    /// Name of the engine that runs the first placeable of the actions.
+    pub(super) fn engine_for(&self, task: &Task, actions: &[ValidAction]) -> &'static str {
+        let placed = actions.iter().find_map(|a| match task.place(a) {
+            Placement::Valid(scene) => Some(scene),
+            Placement::Invalid(_) => None,
+        });
+        let engine = placed.and_then(|scene| {
+            let rollout =
+                Rollout { scene: &scene, latents: Latents::default(), effects: &self.effects, stop: true };
+            chosen(self.engine, &rollout).ok()
+        });
+        engine.unwrap_or(self.engine).name()
+    }
+}
