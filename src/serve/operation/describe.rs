@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use utoipa::openapi::path::{Operation, Parameter, ParameterBuilder, ParameterIn};
 use utoipa::openapi::request_body::RequestBody;
+use utoipa::openapi::schema::{SchemaType, Type};
 use utoipa::openapi::{Content, HeaderBuilder, Ref, RefOr, Required, Response, Schema};
 use utoipa::{PartialSchema, ToSchema};
 
@@ -57,11 +58,14 @@ impl Described {
     }
 
     /// A header, which may be absent.
-    pub fn header<T>(&mut self, name: &str, about: &str)
-    where
-        Option<T>: PartialSchema,
-    {
-        self.optional(ParameterIn::Header, name, about, Option::<T>::schema());
+    pub fn header<T: PartialSchema>(&mut self, name: &str, about: &str) {
+        let mut schema = T::schema();
+        if let RefOr::T(Schema::Object(object)) = &mut schema
+            && let SchemaType::Type(one) = &object.schema_type
+        {
+            object.schema_type = SchemaType::Array(vec![one.clone(), Type::Null]);
+        }
+        self.optional(ParameterIn::Header, name, about, schema);
     }
 
     /// The header that makes it one that may be repeated.
