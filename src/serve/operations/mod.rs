@@ -72,3 +72,20 @@ pub fn recipes(base: &Arc<Base>) -> Recipes {
     })
     .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+
+    #[test]
+    fn names_and_kinds_of_jobs_are_given_once() {
+        let names: BTreeSet<&str> = OPERATIONS.iter().map(|o| o.name).collect();
+        assert_eq!(names.len(), OPERATIONS.len());
+        let kinds: Vec<&str> = OPERATIONS.iter().filter_map(|o| o.job).map(|(kind, _)| kind).collect();
+        assert_eq!(kinds.iter().collect::<BTreeSet<_>>().len(), kinds.len());
+        assert_eq!(kinds.len(), 6, "{kinds:?}");
+        assert!(operation("step_worlds").is_ok() && operation("metrics").is_err());
+    }
+}
