@@ -45,6 +45,8 @@ struct Header<'a> {
     arrays: Option<Packed<'a>>,
     key: Option<Packed<'a>>,
     raw: Option<Packed<'a>>,
+    /// One that there is not.
+    unknown: Option<(Packed<'a>, Packed<'a>)>,
 }
 
 impl<'a> Header<'a> {
@@ -68,9 +70,9 @@ impl<'a> Header<'a> {
                 Some("arrays") => &mut header.arrays,
                 Some("key") => &mut header.key,
                 Some("raw") => &mut header.raw,
-                Some(other) => {
-                    let allowed = "the fields v, id, op, args, arrays, key and raw";
-                    return Err(Error::input(other, value, allowed));
+                Some(_) => {
+                    header.unknown = Some((key, value));
+                    continue;
                 }
                 None => return Err(Error::input("", key, "a map with text as keys")),
             };
@@ -87,6 +89,10 @@ impl<'a> Header<'a> {
         match self.v {
             Some(v) if v.as_u64() == Some(VERSION) => {}
             v => return Err(Error::input("v", v.unwrap_or(Packed::Nil), format!("{VERSION}"))),
+        }
+        if let Some((key, value)) = &self.unknown {
+            let allowed = "the fields v, id, op, args, arrays, key and raw";
+            return Err(Error::input(name(key).unwrap_or_default(), value, allowed));
         }
         let op = match &self.op {
             Some(op) => name(op).map(String::from).ok_or_else(|| Error::input("op", op, OP))?,
