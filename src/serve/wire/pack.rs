@@ -75,7 +75,10 @@ pub fn unpack(mut bytes: &[u8]) -> Result<Value> {
 
 /// Takes one value, of any kind. Memory grows with what was sent, not with what was announced.
 pub fn read<'a>(bytes: &mut &'a [u8]) -> Result<Packed<'a>> {
-    rmpv::decode::read_value_ref_with_max_depth(bytes, DEEPEST).map_err(unreadable)
+    rmpv::decode::read_value_ref_with_max_depth(bytes, DEEPEST).map_err(|e| match e.kind() {
+        std::io::ErrorKind::UnexpectedEof => unreadable("it ends too soon"),
+        _ => unreadable(e),
+    })
 }
 
 /// Takes the head of a map, if that is what comes: its number of entries.
