@@ -8,3 +8,4 @@ mod cli;
 mod discover_cli;
 mod families;
 mod rooms;
+mod sources;

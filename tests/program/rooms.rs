@@ -2,6 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::sources::{arrows, circles, files, library, long_functions, text};
+
+/// A page: the most lines of a function.
+const MOST_LINES: usize = 70;
+/// Where loops and long functions are still let be.
+const EXEMPT: &str = "src/discover";
+
 /// Rooms in order: each may use itself and those before it.
 const ROOMS: [&str; 18] = [
     "error",
@@ -84,6 +91,47 @@ fn hidden_physics_is_read_only_in_reality() {
         let allowed = room == "reality" || room == "task";
         assert!(allowed || !code(&text).any(|l| l.contains("real_physics")), "{} reads it", file.display());
     }
+}
+
+/// A reader can follow one file after the other.
+#[test]
+fn no_files_name_each_other_in_a_loop() {
+    let found = circles(&arrows(&library()));
+    let elsewhere: Vec<_> = found.iter().filter(|c| !c.iter().all(|f| f.starts_with(EXEMPT))).collect();
+    assert!(elsewhere.is_empty(), "{elsewhere:#?}");
+}
+
+#[test]
+fn no_function_is_longer_than_a_page() {
+    let mut offences = Vec::new();
+    for file in files().into_iter().filter(|f| !f.starts_with(EXEMPT)) {
+        for (name, lines) in long_functions(&text(&file), MOST_LINES) {
+            offences.push(format!("{}: {name} has {lines} lines", file.display()));
+        }
+    }
+    assert!(offences.is_empty(), "{}", offences.join("\n"));
+}
+
+/// Both checks can fail: through `super`, aliases, `pub use`, whole modules and macros, but not for what tests name.
+#[test]
+fn loops_and_long_functions_are_found() {
+    let source = |path: &[&str], text: &str| {
+        let module: Vec<String> = path.iter().map(|s| s.to_string()).collect();
+        (module.clone(), (PathBuf::from(module.join("/") + ".rs"), text.to_string()))
+    };
+    let sources = [
+        source(&[], "pub mod a; pub mod d;"),
+        source(&["a"], "pub mod b; pub mod c; pub use c::Thing; pub fn top() { b::leaf() }"),
+        source(&["a", "b"], "use super::Thing as Other; pub fn leaf() {} pub fn f(_: Other) {}"),
+        source(&["a", "c"], "use crate::a::b; pub struct Thing; pub fn g() { println!(\"{:?}\", b::leaf()) }"),
+        source(&["d"], "#[cfg(test)] mod tests { use crate::e::E; } pub struct D;"),
+        source(&["e"], "pub struct E(crate::d::D);"),
+    ];
+    let found = circles(&arrows(&sources.into_iter().collect()));
+    assert_eq!(found, [[PathBuf::from("a/b.rs"), PathBuf::from("a/c.rs")]]);
+
+    let long = "struct S; impl S { fn long() {\n1;\n2;\n} }\nfn short() {\n}";
+    assert_eq!(long_functions(long, 3), [("long".to_string(), 4)]);
 }
 
 /// The check itself can fail.
