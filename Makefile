@@ -78,6 +78,7 @@ bench-hold: $(VENV)/.installed
 
 openapi:
 	$(CARGO) run --locked --bin iplw -- openapi > openapi/openapi.json.new && mv openapi/openapi.json.new openapi/openapi.json
+	python3 clients/python/generate.py
 
 # Searches the built-in tasks anew; only when physics or selection changed.
 tasks:

@@ -1,10 +1,10 @@
-"""Makes what of the client follows from something else: `python generate.py`, in a checkout.
+"""Makes what of the client follows from something else: `python generate.py [--families]`, in a checkout.
 
 | made | from |
 |---|---|
 | `src/iplw/operations.py` | `openapi/openapi.json`, itself made from the server's routes |
 | `src/iplw/sync/` | `src/iplw/aio/`: the same methods, waiting where those are awaited |
-| `src/iplw/families.py` | the families of the server, `IPLW_BIN` or the checkout's latest build |
+| `src/iplw/families.py`, if asked for | the families of the server, `IPLW_BIN` or the checkout's latest build |
 
 Tests hold what is committed against what would be made.
 """
@@ -119,16 +119,10 @@ def _parts(document: Mapping[str, Any], schema: Mapping[str, Any]) -> Iterator[M
 
 def families(known: Sequence[Mapping[str, Any]]) -> str:
     """The environments' ids, of the server's families in their order."""
-    ids = {_environment(family): family["name"] for family in known}
+    ids = {family["gymnasium"]: family["name"] for family in known}
     rows = "".join(f'    "{id}": "{name}",\n' for id, name in ids.items())
     head = f'"""Ids under which Gymnasium finds the environments -> families. {MADE} what the server says of them."""\n\n'
     return f"{head}from __future__ import annotations\n\nFAMILIES: dict[str, str] = {{\n{rows}}}\n"
-
-
-def _environment(family: Mapping[str, Any]) -> str:
-    """The id the server gives, else one made of the name: `plank_drop`, `iplw/PlankDrop-v0`."""
-    words = "".join(word.title() for word in family["name"].split("_"))
-    return str(family.get("gymnasium") or f"iplw/{words}-v0")
 
 
 def write(file: Path, text: str) -> None:
@@ -140,8 +134,9 @@ def write(file: Path, text: str) -> None:
 if __name__ == "__main__":
     for file, text in made().items():
         write(file, text)
-    sys.path.insert(0, str(PACKAGE.parent))
-    import iplw
+    if "--families" in sys.argv:
+        sys.path.insert(0, str(PACKAGE.parent))
+        import iplw
 
-    with iplw.Client() as client:
-        write(PACKAGE / "families.py", families(client.tasks()))
+        with iplw.Client() as client:
+            write(PACKAGE / "families.py", families(client.tasks()))

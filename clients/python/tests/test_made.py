@@ -64,7 +64,7 @@ def test_no_files_import_each_other() -> None:
 
 
 def test_the_table_of_families_is_the_servers(client: iplw.Client) -> None:
-    assert (PACKAGE / "families.py").read_text() == generate.families(client.tasks()), "python generate.py"
+    assert (PACKAGE / "families.py").read_text() == generate.families(client.tasks()), "python generate.py --families"
 
 
 def test_every_family_is_an_environment() -> None:

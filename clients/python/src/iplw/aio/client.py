@@ -136,6 +136,7 @@ class AsyncClient:
         surface: str | None = None,
         strategy: str | None = None,
         residual: str | None = None,
+        fit: Sequence[str] | None = None,
         rounds: int | None = None,
         actions: int | None = None,
         samples: int | None = None,
@@ -153,6 +154,7 @@ class AsyncClient:
         surface: AsyncSurface | str | None = None,
         strategy: str | None = None,
         residual: str | None = None,
+        fit: Sequence[str] | None = None,
         rounds: int | None = None,
         actions: int | None = None,
         samples: int | None = None,
@@ -169,6 +171,7 @@ class AsyncClient:
         surface: AsyncSurface | str | None = None,
         strategy: str | None = None,
         residual: str | None = None,
+        fit: Sequence[str] | None = None,
         rounds: int | None = None,
         actions: int | None = None,
         samples: int | None = None,
@@ -180,7 +183,8 @@ class AsyncClient:
 
         `world` is a real world on the server, whose interactions are counted there; `real` describes one
         instead: `{"damping": 0.8}`; with `real="ask_tell"` it is yours, and the job asks what to measure. `surface`
-        says which latents matter. With a `key` of your choice, asking twice starts one job.
+        says which latents matter; `fit` names parameters of effects to estimate along: `["linear_drag.c"]`. With a
+        `key` of your choice, asking twice starts one job.
         """
         body = given(
             task=task,
@@ -189,6 +193,7 @@ class AsyncClient:
             surface=calls.id_of(surface),
             strategy=strategy,
             residual=residual,
+            fit=fit,
             rounds=rounds,
             actions=actions,
             samples=samples,

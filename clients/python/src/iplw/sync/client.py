@@ -134,6 +134,7 @@ class Client:
         surface: str | None = None,
         strategy: str | None = None,
         residual: str | None = None,
+        fit: Sequence[str] | None = None,
         rounds: int | None = None,
         actions: int | None = None,
         samples: int | None = None,
@@ -151,6 +152,7 @@ class Client:
         surface: Surface | str | None = None,
         strategy: str | None = None,
         residual: str | None = None,
+        fit: Sequence[str] | None = None,
         rounds: int | None = None,
         actions: int | None = None,
         samples: int | None = None,
@@ -167,6 +169,7 @@ class Client:
         surface: Surface | str | None = None,
         strategy: str | None = None,
         residual: str | None = None,
+        fit: Sequence[str] | None = None,
         rounds: int | None = None,
         actions: int | None = None,
         samples: int | None = None,
@@ -178,7 +181,8 @@ class Client:
 
         `world` is a real world on the server, whose interactions are counted there; `real` describes one
         instead: `{"damping": 0.8}`; with `real="ask_tell"` it is yours, and the job asks what to measure. `surface`
-        says which latents matter. With a `key` of your choice, asking twice starts one job.
+        says which latents matter; `fit` names parameters of effects to estimate along: `["linear_drag.c"]`. With a
+        `key` of your choice, asking twice starts one job.
         """
         body = given(
             task=task,
@@ -187,6 +191,7 @@ class Client:
             surface=calls.id_of(surface),
             strategy=strategy,
             residual=residual,
+            fit=fit,
             rounds=rounds,
             actions=actions,
             samples=samples,
