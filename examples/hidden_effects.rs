@@ -68,9 +68,12 @@ fn main() -> std::io::Result<()> {
     };
     let number = |name: &str, usual: u64| given(name).and_then(|v| v.parse().ok()).unwrap_or(usual);
     let (count, seed, threads) = (number("--worlds", 28), number("--seed", 1), number("--threads", 1));
-    let out = PathBuf::from(given("--out").unwrap_or_else(|| "hidden_effects.md".into()));
+    let out = PathBuf::from(given("--out").unwrap_or_else(|| "out/hidden_effects.md".into()));
     let only = given("--only").unwrap_or_default();
     let talk = arguments.iter().any(|a| a == "--show");
+    if let Some(folder) = out.parent() {
+        std::fs::create_dir_all(folder)?;
+    }
     let log = out.with_file_name("worlds.csv");
     let known = std::fs::read_to_string(&log).unwrap_or_default();
     let done: HashSet<String> =
