@@ -11,6 +11,7 @@ use utoipa::openapi::path::HttpMethod;
 
 use super::{accept, body, stream};
 use crate::error::Error;
+use crate::job::Watcher;
 use crate::serve::app::App;
 use crate::serve::operation::{Asked, Content, Once, Operation, Reply, Sent, Weight};
 use crate::serve::problem::{Answer, Problem};
@@ -86,7 +87,7 @@ struct Written {
 enum WrittenBody {
     Nothing,
     Bytes { kind: &'static str, bytes: Vec<u8> },
-    Events(crate::job::Watcher),
+    Events(Box<Watcher>),
 }
 
 /// Writes an answer; off the async threads, unless it is light.
@@ -119,7 +120,7 @@ fn response(app: &Arc<App>, written: Written) -> Response {
     let status = StatusCode::from_u16(written.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
     let mut response = match written.body {
         WrittenBody::Nothing => status.into_response(),
-        WrittenBody::Events(watcher) => return stream::events(app, watcher),
+        WrittenBody::Events(watcher) => return stream::events(app, *watcher),
         WrittenBody::Bytes { kind, bytes } => {
             (status, [(header::CONTENT_TYPE, HeaderValue::from_static(kind))], bytes).into_response()
         }

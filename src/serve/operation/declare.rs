@@ -53,10 +53,13 @@ pub type MakeWork = fn(&Arc<Base>, &Value) -> Result<Work>;
 
 type Ready = Box<dyn Fn(&App, Asked) -> Answer<Call> + Send + Sync>;
 
+/// Does what was asked.
+pub type Doing = Box<dyn FnOnce(&App) -> Answer<Reply> + Send>;
+
 /// What was asked, understood: ready to be done.
 pub struct Call {
     pub weight: Weight,
-    pub work: Box<dyn FnOnce(&App) -> Answer<Reply> + Send>,
+    pub work: Doing,
 }
 
 /// What doing it costs.

@@ -28,7 +28,7 @@ pub enum Content {
     Json(Vec<u8>),
     Media(Media),
     /// Events of a job, from some event on.
-    Events(Watcher),
+    Events(Box<Watcher>),
 }
 
 /// Bytes or text with their media type.

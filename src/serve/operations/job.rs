@@ -65,5 +65,5 @@ fn remove(app: &App, Id(id): Id) -> Result<Reply> {
 
 fn events(app: &App, (Id(id), LastEvent(seen)): (Id, LastEvent)) -> Result<Reply> {
     let watcher = app.jobs.watch(&id, seen)?;
-    Ok(if watcher.exhausted() { ().reply() } else { Reply::of(Content::Events(watcher)) })
+    Ok(if watcher.exhausted() { ().reply() } else { Reply::of(Content::Events(Box::new(watcher))) })
 }
