@@ -1156,6 +1156,21 @@ fn clients_at_once_are_all_counted() {
 }
 
 #[test]
+fn effects_are_listed_as_worlds_take_them() {
+    let server = Running::start();
+    let all = server.get("/v1/effects");
+    let effects = all["effects"].as_array().unwrap();
+    assert!(
+        effects.iter().any(|e| e["name"] == "linear_drag" && e["parameters"][0]["unit"] == "1/s"),
+        "{all}"
+    );
+    let first = server.get("/v1/effects?limit=1");
+    assert_eq!(first["effects"], json!([effects[0]]));
+    let rest = server.get(&format!("/v1/effects?cursor={}", first["next"].as_str().unwrap()));
+    assert_eq!(rest["effects"].as_array().unwrap()[..], effects[1..]);
+}
+
+#[test]
 fn the_rest_answers() {
     let server = Running::start();
     assert_eq!(server.get("/healthz")["status"], "ok");

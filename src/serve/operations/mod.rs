@@ -5,6 +5,7 @@ pub mod asked;
 mod attempts;
 mod batch;
 mod diagnosis;
+mod effect;
 mod estimation;
 mod evaluation;
 mod job;
@@ -31,10 +32,11 @@ use crate::error::Error;
 use crate::job::{Recipe, Recipes};
 
 /// A row a file.
-const FILES: [fn() -> Vec<Operation>; 15] = [
+const FILES: [fn() -> Vec<Operation>; 16] = [
     asked::operations,
     batch::operations,
     diagnosis::operations,
+    effect::operations,
     estimation::operations,
     evaluation::operations,
     job::operations,

@@ -70,6 +70,14 @@ OPERATIONS: dict[str, Operation] = {
         gives=("application/json",),
         keyed=True,
     ),
+    "list_effects": Operation(
+        method="GET",
+        path="/v1/effects",
+        status=200,
+        names=("limit", "cursor"),
+        gives=("application/json",),
+        items="effects",
+    ),
     "start_iplw": Operation(
         method="POST",
         path="/v1/iplw",
