@@ -123,7 +123,10 @@ fn loops_and_long_functions_are_found() {
         source(&[], "pub mod a; pub mod d;"),
         source(&["a"], "pub mod b; pub mod c; pub use c::Thing; pub fn top() { b::leaf() }"),
         source(&["a", "b"], "use super::Thing as Other; pub fn leaf() {} pub fn f(_: Other) {}"),
-        source(&["a", "c"], "use crate::a::b; pub struct Thing; pub fn g() { println!(\"{:?}\", b::leaf()) }"),
+        source(
+            &["a", "c"],
+            "use crate::a::b; pub struct Thing; pub fn g() { println!(\"{:?}\", b::leaf()) }",
+        ),
         source(&["d"], "#[cfg(test)] mod tests { use crate::e::E; } pub struct D;"),
         source(&["e"], "pub struct E(crate::d::D);"),
     ];

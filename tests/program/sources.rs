@@ -58,7 +58,8 @@ pub fn long_functions(text: &str, most: usize) -> Vec<(String, usize)> {
 /// Arrows between files: `a -> b` where `a` names something that `b` defines. Names are followed through `pub use` to
 /// the file that defines them; tests inside files are passed over, and so are methods, which no path names.
 pub fn arrows(sources: &BTreeMap<Vec<String>, (PathBuf, String)>) -> BTreeMap<PathBuf, BTreeSet<PathBuf>> {
-    let modules: BTreeMap<_, _> = sources.iter().map(|(m, (file, text))| (m.clone(), Module::of(file, text))).collect();
+    let modules: BTreeMap<_, _> =
+        sources.iter().map(|(m, (file, text))| (m.clone(), Module::of(file, text))).collect();
     modules.iter().map(|(at, module)| (module.file.clone(), targets(&modules, at, module))).collect()
 }
 
@@ -199,9 +200,12 @@ fn flatten(tree: &syn::UseTree, at: &mut Vec<String>, leaves: &mut Vec<(String, 
         syn::UseTree::Name(n) if n.ident == "self" => {
             leaves.push((at.last().cloned().unwrap_or_default(), at.clone()));
         }
-        syn::UseTree::Name(n) => leaves.push((n.ident.to_string(), [&at[..], &[n.ident.to_string()]].concat())),
+        syn::UseTree::Name(n) => {
+            leaves.push((n.ident.to_string(), [&at[..], &[n.ident.to_string()]].concat()))
+        }
         syn::UseTree::Rename(r) => {
-            let path = if r.ident == "self" { at.clone() } else { [&at[..], &[r.ident.to_string()]].concat() };
+            let path =
+                if r.ident == "self" { at.clone() } else { [&at[..], &[r.ident.to_string()]].concat() };
             leaves.push((r.rename.to_string(), path));
         }
     }
