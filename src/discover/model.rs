@@ -157,7 +157,7 @@ impl Layout {
                 let owners: Vec<Option<usize>> =
                     if term.per_setting { (0..settings).map(Some).collect() } else { vec![None] };
                 for setting in owners {
-                    let step = term.difference.unwrap_or_else(|| parameter.step);
+                    let step = term.difference.unwrap_or(parameter.step);
                     let bounds = library::bounds(term.effect, parameter);
                     slots.push(Slot { what: What::Parameter(t, p), setting, bounds, step });
                 }
