@@ -10,7 +10,7 @@ use iplw::experiment::{EstimateConfig, EstimateReport, Memory, ResidualKind, Sen
 use iplw::explore::{Importance, strategy};
 use iplw::reality::{HiddenWorld, standard};
 use iplw::task::{FAMILIES, Family, Split, split};
-use iplw::world::effect::DRAG;
+use iplw::world::DRAG;
 use iplw::world::{EffectParameter, Engine};
 
 use super::{output, parse};

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result, within};
 use crate::rng::Stream;
-use crate::world::effect::DRAG;
+use crate::world::DRAG;
 use crate::world::latent::FACTORS;
 use crate::world::{Coordinates, EffectParameter, Sample};
 

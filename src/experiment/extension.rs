@@ -12,8 +12,8 @@ use crate::progress::Progress;
 use crate::reality::{Trial, settled};
 use crate::task::Scene;
 use crate::task::scene::EffectTerm;
+use crate::world::DRAG;
 use crate::world::Latents;
-use crate::world::effect::DRAG;
 
 /// A simulation as a diagnosis extended it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

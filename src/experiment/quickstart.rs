@@ -24,8 +24,8 @@ use crate::reality::{HiddenConfig, HiddenWorld, Reality, Trial, Truth};
 use crate::rng;
 use crate::task::scene::EffectTerm;
 use crate::task::{Scene, Split, Task, split};
+use crate::world::DRAG;
 use crate::world::Latents;
-use crate::world::effect::DRAG;
 
 /// What is run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

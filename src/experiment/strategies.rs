@@ -19,8 +19,8 @@ use crate::explore::{Importance, REGISTRY};
 use crate::progress::Progress;
 use crate::reality::{HiddenConfig, HiddenWorld, standard};
 use crate::task::{Family, Nearer, Split, split};
+use crate::world::DRAG;
 use crate::world::Sample;
-use crate::world::effect::DRAG;
 use crate::world::latent::{FACTORS, factor_index};
 
 /// What is run.

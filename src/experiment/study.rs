@@ -28,7 +28,7 @@ use crate::reality::{HiddenConfig, HiddenWorld};
 use crate::rng;
 use crate::task::scene::EffectTerm;
 use crate::task::{Ahead, Family, Split, Task, split};
-use crate::world::effect::DRAG;
+use crate::world::DRAG;
 use crate::world::{Engine, Sample};
 
 /// What is compared.

@@ -3,24 +3,20 @@
 //! Source: Semage et al., section on action selection: candidate actions are tried on the simulation at the
 //! current estimate and ranked by what they would tell. A strategy is one file and one row in [`REGISTRY`].
 
+mod candidate;
 mod collisions;
 mod gradient;
 mod informative;
 mod mixed;
 mod random;
 mod rolling;
-
-use rand::RngExt;
-use serde::{Deserialize, Serialize};
+mod strategy;
 
 use crate::error::{Error, Result};
-use crate::progress::Progress;
-use crate::reality::Trial;
-use crate::rng::Stream;
-use crate::task::scene::EffectTerm;
-use crate::task::{Placement, Scene, Task, ValidAction};
-use crate::trajectory::{Contact, Trajectory};
-use crate::world::{Coordinates, Engine, Latents, Rollout, simulate_map};
+pub(crate) use candidate::draw;
+pub use candidate::{Candidate, World, candidates, collisions_of};
+use strategy::ranked;
+pub use strategy::{Chosen, Groups, Importance, Situation, Strategy};
 
 /// Every known strategy.
 pub static REGISTRY: &[&dyn Strategy] = &[
@@ -32,95 +28,6 @@ pub static REGISTRY: &[&dyn Strategy] = &[
     &informative::Informative,
 ];
 
-/// A way to choose actions from simulated candidates.
-pub trait Strategy: Sync {
-    /// Name on the command line and in reports.
-    fn name(&self) -> &'static str;
-
-    /// Whether [`Situation::importance`] must be there.
-    fn needs_importance(&self) -> bool {
-        false
-    }
-
-    /// `n` distinct candidates (fewer if there are fewer), most wanted first.
-    fn choose(&self, situation: &Situation, n: usize) -> Result<Chosen>;
-}
-
-/// What a strategy may look at: nothing of it comes from the real world but the trials that were paid for.
-pub struct Situation<'a> {
-    /// The tasks the candidates were drawn for.
-    pub tasks: &'a [Task],
-    /// The actions to choose from.
-    pub candidates: &'a [Candidate],
-    /// The simulation they were tried in.
-    pub world: &'a World,
-    /// What is estimated.
-    pub coordinates: &'a Coordinates,
-    /// The current estimate, one value a coordinate.
-    pub estimate: &'a [f64],
-    /// How far the search still spreads around it, standard deviations.
-    pub spread: &'a [f64],
-    /// How far it spread before anything was measured, standard deviations; 0 for what is not searched.
-    pub prior: &'a [f64],
-    /// What was measured so far.
-    pub trials: &'a [Trial],
-    /// What the task's performance asks of the latents; there where the strategy needs it, and used where there.
-    pub importance: Option<&'a dyn Importance>,
-    /// For those that simulate more.
-    pub progress: &'a dyn Progress,
-}
-
-/// What was chosen.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Chosen {
-    /// Indices of candidates.
-    pub indices: Vec<usize>,
-    /// Rollouts simulated to choose them.
-    pub rollouts: u64,
-    /// How many come from which group, where the strategy deals them out.
-    pub groups: Option<Groups>,
-}
-
-/// How many actions are chosen from each group.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Groups {
-    /// For their collisions, which tell restitution.
-    pub collisions: usize,
-    /// For their rolling, which tells friction.
-    pub rolling: usize,
-}
-
-/// How much the performance on a task depends on each latent factor.
-pub trait Importance: Send + Sync {
-    /// Partial derivatives of performance by density (per kg/m^2), friction and restitution at `latents`; NaN
-    /// where they are not known.
-    fn gradient(&self, latents: [f64; 3]) -> [f64; 3];
-}
-
-/// An action that can be placed, with what the simulation says it would do.
-#[derive(Clone, Debug)]
-pub struct Candidate {
-    /// Index into the tasks the candidates were drawn for.
-    pub task: usize,
-    /// The action.
-    pub action: ValidAction,
-    /// Contacts begun between things that both carry the latent factors; see [`collisions_of`].
-    pub collisions: u32,
-    /// Body time steps on a carrying surface.
-    pub rolling_steps: u32,
-}
-
-/// The simulation that candidates are tried in.
-#[derive(Clone, Debug)]
-pub struct World {
-    /// The current estimate.
-    pub latents: Latents,
-    /// Effects of the simulation.
-    pub effects: Vec<EffectTerm>,
-    /// Integrating engine.
-    pub engine: Engine,
-}
-
 /// The strategy named `name`.
 pub fn strategy(name: &str) -> Result<&'static dyn Strategy> {
     REGISTRY.iter().copied().find(|s| s.name() == name).ok_or_else(|| Error::NotFound {
@@ -130,106 +37,15 @@ pub fn strategy(name: &str) -> Result<&'static dyn Strategy> {
     })
 }
 
-/// Draws `count` placeable actions over `tasks` and simulates each in `world`, goals ignored so that every
-/// candidate is seen to its end.
-pub fn candidates(
-    tasks: &[Task],
-    count: usize,
-    world: &World,
-    stream: &mut Stream,
-    progress: &dyn Progress,
-) -> Result<Vec<Candidate>> {
-    let drawn = draw(tasks, count, stream)?;
-    let mut found = Vec::with_capacity(drawn.len());
-    // Chunks bound the memory held in scenes and let progress and cancellation through.
-    for chunk in drawn.chunks(256) {
-        progress.report("exploring in simulation", found.len() as u64, drawn.len() as u64)?;
-        let rollouts: Vec<Rollout> = chunk
-            .iter()
-            .map(|(_, _, scene)| Rollout {
-                scene,
-                latents: world.latents,
-                effects: &world.effects,
-                stop: false,
-            })
-            .collect();
-        let counts = simulate_map(&rollouts, world.engine, |i, t| {
-            (collisions_of(rollouts[i].scene, &t), t.rolling_steps)
-        })?;
-        found.extend(chunk.iter().zip(counts).map(|((task, action, _), (collisions, rolling_steps))| {
-            Candidate { task: *task, action: action.clone(), collisions, rolling_steps }
-        }));
-    }
-    progress.report("exploring in simulation", drawn.len() as u64, drawn.len() as u64)?;
-    Ok(found)
-}
-
-/// The collisions of a trajectory that tell restitution: contacts begun between two things that both carry the
-/// latent factors. Where all movable bodies carry them and nothing else does (bowling, and every scene that does
-/// not say), these are the paper's: contacts between movable bodies. In basketball they are the ball's on the plank;
-/// its contacts with floor, walls and basket, whose known coefficients are small, tell little. A scene with a single
-/// carrier has no such pair: then its contacts with anything count.
-pub fn collisions_of(scene: &Scene, trajectory: &Trajectory) -> u32 {
-    let carries = |name: &str| match &scene.carriers {
-        Some(carriers) => carriers.iter().any(|c| c == name),
-        None => scene.body(name).is_some(),
-    };
-    let carriers = scene.carriers.as_ref().map_or(scene.bodies.len(), Vec::len);
-    let wanted = if carriers > 1 { 2 } else { 1 };
-    let counts = |c: &&Contact| c.between.iter().filter(|name| carries(name)).count() >= wanted;
-    trajectory.events.iter().filter(counts).count() as u32
-}
-
-/// Random (task, discrete action) pairs that can be placed; an error if next to none can.
-pub(crate) fn draw(
-    tasks: &[Task],
-    count: usize,
-    stream: &mut Stream,
-) -> Result<Vec<(usize, ValidAction, Box<Scene>)>> {
-    if tasks.is_empty() {
-        return Err(Error::Failed("no task to draw actions for".into()));
-    }
-    let mut drawn = Vec::with_capacity(count);
-    let tries = 1000 + 200 * count;
-    for _ in 0..tries {
-        if drawn.len() == count {
-            return Ok(drawn);
-        }
-        let task = stream.random_range(0..tasks.len());
-        let space = tasks[task].actions();
-        let action = space.at(stream.random_range(0..space.count()))?;
-        if let Placement::Valid(scene) = tasks[task].place(&action) {
-            drawn.push((task, action, scene));
-        }
-    }
-    Err(Error::Failed(format!(
-        "only {} of {tries} random actions of {:?} could be placed; {count} wanted",
-        drawn.len(),
-        tasks[0].family
-    )))
-}
-
-impl Chosen {
-    /// Chosen without simulating anything.
-    fn free(mut indices: Vec<usize>, n: usize) -> Result<Chosen> {
-        indices.truncate(n);
-        Ok(Chosen { indices, rollouts: 0, groups: None })
-    }
-}
-
-/// Indices ordered by descending score; ties keep the order of the candidates, which is random.
-fn ranked(candidates: &[Candidate], score: impl Fn(&Candidate) -> f64) -> Vec<usize> {
-    let mut order: Vec<usize> = (0..candidates.len()).collect();
-    order.sort_by(|a, b| score(&candidates[*b]).total_cmp(&score(&candidates[*a])));
-    order
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::progress::Silent;
+    use crate::task::Scene;
     use crate::task::action::Discrete;
     use crate::task::{ActionSpace, family};
+    use crate::trajectory::Trajectory;
+    use crate::world::{Coordinates, Engine, Latents, Rollout};
 
     pub(super) fn some() -> Vec<Candidate> {
         let space =

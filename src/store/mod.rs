@@ -11,6 +11,7 @@
 mod artifacts;
 mod blobs;
 mod jobs;
+mod pending;
 mod policies;
 mod requests;
 mod rounds;
@@ -28,12 +29,12 @@ use rusqlite::{Connection, Transaction, TransactionBehavior};
 use crate::error::{Error, Result};
 use blobs::Blobs;
 pub use jobs::{JobRow, JobState};
+use pending::Pending;
 pub use policies::PolicyRow;
 pub use requests::Answered;
 pub use rounds::{Measured, RoundRow};
 pub use surfaces::SurfaceRow;
 pub use whole::write_whole;
-use worlds::Pending;
 pub use worlds::WorldRow;
 
 /// An open store.

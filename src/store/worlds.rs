@@ -22,15 +22,6 @@ pub struct WorldRow {
     pub interactions: u64,
 }
 
-/// What is not written yet.
-#[derive(Default)]
-pub(super) struct Pending {
-    worlds: BTreeMap<String, (u64, Option<String>)>,
-    /// Notes taken, and how many of them are on the disk.
-    noted: u64,
-    written: u64,
-}
-
 impl Store {
     /// Takes in a world.
     pub fn add_world(&self, id: &str, config: &str, answered: Option<&Answered>) -> Result<()> {

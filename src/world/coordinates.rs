@@ -6,7 +6,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::effect::{DRAG, Effect, Parameter, find};
+use super::effect::{Effect, Parameter, find, linear_drag};
 use super::latent::{FACTORS, Latents};
 use crate::error::{Error, Result};
 use crate::task::scene::EffectTerm;
@@ -30,6 +30,9 @@ pub struct EffectParameter {
     /// Which of its parameters.
     pub index: usize,
 }
+
+/// The coefficient of linear drag, 1/s: what a scene's `damping` is short for.
+pub const DRAG: EffectParameter = EffectParameter { effect: &linear_drag::EFFECT, index: 0 };
 
 impl Coordinates {
     /// The factors, and the parameters that are fitted along.

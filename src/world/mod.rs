@@ -18,15 +18,14 @@ mod observe;
 pub mod prepare;
 mod rapier;
 mod record;
+mod rollout;
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
-use crate::task::Scene;
-use crate::task::scene::EffectTerm;
 use crate::trajectory::Trajectory;
-pub use coordinates::{Coordinates, EffectParameter, Sample};
+pub use coordinates::{Coordinates, DRAG, EffectParameter, Sample};
 use lanes::Topology;
 pub use lanes::{Level, Settings};
 #[cfg(feature = "levels")]
@@ -35,19 +34,7 @@ pub use latent::Latents;
 use observe::View;
 pub use observe::observe;
 use prepare::{Prepared, prepare};
-
-/// One rollout to simulate.
-#[derive(Clone, Copy, Debug)]
-pub struct Rollout<'a> {
-    /// The scene with everything placed.
-    pub scene: &'a Scene,
-    /// Latent factors; `None` leaves the scene's own.
-    pub latents: Latents,
-    /// Effects beyond the scene's own.
-    pub effects: &'a [EffectTerm],
-    /// `false` simulates on after the goal is reached, whatever the scene says.
-    pub stop: bool,
-}
+pub use rollout::Rollout;
 
 /// Which engine integrates.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

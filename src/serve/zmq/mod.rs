@@ -19,13 +19,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
-use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpListener;
 #[cfg(unix)]
 use tokio::net::UnixListener;
 
 use super::app::App;
 use crate::error::{Error, Result};
+use peer::{Reading, Writing};
 
 /// A place that clients connect to.
 pub struct Endpoint {
@@ -105,9 +105,6 @@ impl Endpoint {
         }
     }
 }
-
-type Reading = Box<dyn AsyncRead + Send + Unpin>;
-type Writing = Box<dyn AsyncWrite + Send + Unpin>;
 
 impl Listener {
     async fn accept(&self) -> io::Result<(Reading, Writing)> {

@@ -7,11 +7,11 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use serde_json::json;
+use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::sync::{Semaphore, oneshot, watch};
 
 use super::message::{self, NIL, Request, Written, written};
 use super::zmtp::{self, MOST_BYTES, MOST_FRAMES, Received, Receiver};
-use super::{Reading, Writing};
 use crate::serve::app::App;
 use crate::serve::operation::{Operation, Weight};
 use crate::serve::operations::operation;
@@ -51,6 +51,11 @@ pub async fn serve(app: Arc<App>, mut receiver: Receiver<Reading>, to: Writing) 
     // A client that sent its last wish and hung up has it carried out.
     let _ = peer.places.acquire_many(MOST_UNDER_WAY as u32).await;
 }
+
+/// The halves of a connection.
+pub type Reading = Box<dyn AsyncRead + Send + Unpin>;
+/// See [`Reading`].
+pub type Writing = Box<dyn AsyncWrite + Send + Unpin>;
 
 struct Peer {
     app: Arc<App>,

@@ -12,7 +12,7 @@ pub mod gust;
 mod lag;
 mod law;
 mod lift;
-mod linear_drag;
+pub(super) mod linear_drag;
 pub mod monomial;
 mod moving_air;
 mod placement_offset;
@@ -27,7 +27,6 @@ mod tangential_restitution;
 mod time_scale;
 mod wind;
 
-use super::coordinates::EffectParameter;
 use crate::error::{Error, Result, within};
 use crate::task::scene::EffectTerm;
 pub use declaration::{ActsOn, Effect, Parameter, Role, Search, Shape, Span};
@@ -111,12 +110,9 @@ pub fn damping(kept: f64) -> EffectTerm {
     linear_drag(-kept.ln())
 }
 
-/// The coefficient of linear drag, 1/s: what a scene's `damping` is short for.
-pub const DRAG: EffectParameter = EffectParameter { effect: &linear_drag::EFFECT, index: 0 };
-
 /// Linear drag with coefficient `c`, 1/s.
 pub fn linear_drag(c: f64) -> EffectTerm {
-    DRAG.effect.at_clock(&[c], 0.0)
+    linear_drag::EFFECT.at_clock(&[c], 0.0)
 }
 
 #[cfg(test)]
