@@ -77,7 +77,8 @@ bench-hold: $(VENV)/.installed
 	$(PYTHON) benches/hold.py --seconds $(SECONDS)
 
 openapi:
-	$(CARGO) run --locked --bin iplw -- openapi > openapi/openapi.json.new && mv openapi/openapi.json.new openapi/openapi.json
+	$(CARGO) build --locked $(LEVELS) --bin iplw --examples
+	./target/debug/iplw openapi > openapi/openapi.json.new && mv openapi/openapi.json.new openapi/openapi.json
 	python3 clients/python/generate.py
 
 # Searches the built-in tasks anew; only when physics or selection changed.

@@ -34,7 +34,7 @@ const ROOMS: [&str; 18] = [
 const LAST: &str = "serve";
 
 /// A crate and the only places that may name it.
-const HOMES: [(&str, &[&str]); 11] = [
+const HOMES: [(&str, &[&str]); 13] = [
     ("rapier2d", &["world"]),
     ("dfdx", &["policy"]),
     ("safetensors", &["policy"]),
@@ -43,6 +43,8 @@ const HOMES: [(&str, &[&str]); 11] = [
     ("tower_http", &["serve"]),
     ("rmp", &["serve"]),
     ("rmpv", &["serve"]),
+    ("rmp_serde", &["serve"]),
+    ("serde_transcode", &["serve"]),
     ("rusqlite", &["store"]),
     ("plotters", &["picture"]),
     ("resvg", &["picture"]),

@@ -39,7 +39,7 @@ pub fn operations() -> Operations {
 #[derive(Clone, Copy)]
 pub struct Counted(f64);
 
-#[inline(always)]
+#[inline(never)]
 fn count(what: impl Fn(&mut Operations)) {
     let mut counted = COUNTED.get();
     what(&mut counted);

@@ -202,6 +202,7 @@ impl State {
     }
 
     /// Steps that a lane's rollout has made.
+    #[inline]
     pub fn step_of(&self, lane: usize) -> u32 {
         (self.tick - self.born[lane]) as u32
     }
@@ -276,6 +277,7 @@ impl Pair {
     }
 
     /// Forgets the impulses of the last step.
+    #[inline]
     pub fn let_go(&mut self) {
         if self.pushed {
             self.pushed = false;
@@ -290,6 +292,7 @@ impl<L: ?Sized + 'static> TermLanes<L> {
     }
 
     /// The law's constants in one lane.
+    #[inline]
     pub fn own(&self, lane: usize) -> Constants {
         std::array::from_fn(|c| self.constants[c][lane])
     }

@@ -54,6 +54,7 @@ pub fn roll(state: &mut State) {
 }
 
 /// Normal and tangential speed of the second surface against the first, as the kernel has them, m/s.
+#[inline]
 fn relative(pair: &Pair, lane: usize, first: &BodyLanes, second: Option<&BodyLanes>) -> [f64; 2] {
     let (nx, ny) = (pair.nx[lane], pair.ny[lane]);
     let of = |b: &BodyLanes| (b.moving.vx[lane], b.moving.vy[lane], b.radius[lane] * b.moving.omega[lane]);

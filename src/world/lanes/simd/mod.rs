@@ -20,6 +20,7 @@ pub struct V(pub [f64; LANES]);
 
 impl V {
     /// The same number in every lane.
+    #[inline]
     pub const fn all(value: f64) -> V {
         V([value; LANES])
     }
@@ -27,12 +28,14 @@ impl V {
 
 impl Deref for V {
     type Target = [f64; LANES];
+    #[inline]
     fn deref(&self) -> &[f64; LANES] {
         &self.0
     }
 }
 
 impl DerefMut for V {
+    #[inline]
     fn deref_mut(&mut self) -> &mut [f64; LANES] {
         &mut self.0
     }
