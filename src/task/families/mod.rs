@@ -2,7 +2,7 @@
 //! [`FAMILIES`].
 //!
 //! A family is one file (scenes, goal, action space, what is hidden, priors, presets, which statements of the paper are
-//! checked for it), its certified tasks beside it, and one row here. See `docs/extending/family.md`.
+//! checked for it), its certified tasks beside it, and one row here. See `docs/extending.md`.
 
 mod basketball;
 mod bowling;
