@@ -97,23 +97,27 @@ fn written(reply: Reply, form: Form) -> Answer<Written> {
         Content::Nothing => WrittenBody::Nothing,
         Content::Media(media) => WrittenBody::Bytes { kind: media.kind, bytes: media.bytes },
         Content::Events(watcher) => WrittenBody::Events(watcher),
-        Content::Json(json) => of_form(json, Vec::new(), form)?,
-        Content::Value(mut value) => {
-            let arrays = if form.raw() { value.bulk() } else { Vec::new() };
-            of_form(value.json().map_err(Problem::unwritable)?, arrays, form)?
-        }
+        Content::Json(json) => match form {
+            Form::Json => of_json(json),
+            Form::Msgpack { .. } => of_msgpack(pack::from_json(&json))?,
+        },
+        Content::Value(mut value) => match form {
+            Form::Json => of_json(value.json().map_err(Problem::unwritable)?),
+            Form::Msgpack { .. } => {
+                let arrays = if form.raw() { value.bulk() } else { Vec::new() };
+                of_msgpack(value.packed().and_then(|plain| pack::with_arrays(plain, arrays)))?
+            }
+        },
     };
     Ok(Written { status, location, again, body })
 }
 
-fn of_form(json: Vec<u8>, arrays: pack::Arrays, form: Form) -> Answer<WrittenBody> {
-    Ok(match form {
-        Form::Json => WrittenBody::Bytes { kind: "application/json", bytes: json },
-        Form::Msgpack { .. } => {
-            let packed = pack::from_json(&json).and_then(|plain| pack::with_arrays(plain, arrays));
-            WrittenBody::Bytes { kind: MSGPACK, bytes: packed.map_err(Problem::unwritable)? }
-        }
-    })
+fn of_json(bytes: Vec<u8>) -> WrittenBody {
+    WrittenBody::Bytes { kind: "application/json", bytes }
+}
+
+fn of_msgpack(bytes: Result<Vec<u8>, pack::Unwritable>) -> Answer<WrittenBody> {
+    Ok(WrittenBody::Bytes { kind: MSGPACK, bytes: bytes.map_err(Problem::unwritable)? })
 }
 
 fn response(app: &Arc<App>, written: Written) -> Response {

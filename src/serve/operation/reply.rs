@@ -7,7 +7,7 @@ use utoipa::ToSchema;
 
 use super::describe::Described;
 use crate::job::Watcher;
-use crate::serve::wire::{Array, Bulk};
+use crate::serve::wire::{Array, Bulk, pack};
 
 /// An answer, in no transport's form yet.
 pub struct Reply {
@@ -43,6 +43,8 @@ pub trait Whole: Send {
     fn bulk(&mut self) -> Vec<(&'static str, Array)>;
     /// As JSON.
     fn json(&self) -> serde_json::Result<Vec<u8>>;
+    /// As msgpack.
+    fn packed(&self) -> Result<Vec<u8>, pack::Unwritable>;
     /// As JSON, bit by bit.
     fn write(&self, out: &mut dyn Write) -> serde_json::Result<()>;
 }
@@ -54,6 +56,10 @@ impl<T: Bulk + Serialize + Send> Whole for T {
 
     fn json(&self) -> serde_json::Result<Vec<u8>> {
         serde_json::to_vec(self)
+    }
+
+    fn packed(&self) -> Result<Vec<u8>, pack::Unwritable> {
+        pack::packed(self)
     }
 
     fn write(&self, out: &mut dyn Write) -> serde_json::Result<()> {

@@ -1,10 +1,11 @@
 //! msgpack: the same maps as JSON, with arrays as extension 78, `[dtype, shape, bytes]`.
 //!
-//! Answers go from JSON to msgpack without a tree in between, so that both say the same whatever the answer is: a number
-//! that is none (NaN) is nil, and every key is text.
+//! Both say the same whatever the answer is: a number that is none (NaN) is nil, one of single precision has the digits
+//! that JSON gives it, and every key is text. What is none of that is written as it is; the rest goes by way of JSON.
 
 use std::fmt;
 
+use rmp::Marker;
 use rmp::decode::read_map_len;
 use rmp::encode as put;
 use rmpv::ValueRef as Packed;
@@ -19,7 +20,7 @@ use crate::error::{Error, Result};
 pub type Arrays = Vec<(&'static str, Array)>;
 
 /// What cannot be written.
-type Unwritable = rmp_serde::encode::Error;
+pub type Unwritable = rmp_serde::encode::Error;
 
 /// Extension type of an array.
 pub const ARRAY: i8 = 78;
@@ -28,7 +29,71 @@ const DEEPEST: usize = 64;
 
 /// Writes a value as msgpack.
 pub fn packed<T: Serialize + ?Sized>(value: &T) -> std::result::Result<Vec<u8>, Unwritable> {
+    let mut direct = Vec::with_capacity(256);
+    let written =
+        value.serialize(&mut rmp_serde::Serializer::new(&mut direct).with_struct_map().with_human_readable());
+    if written.is_ok() && is_as_json(&direct).is_some_and(|same| same) {
+        return Ok(direct);
+    }
     from_json(&serde_json::to_vec(value).map_err(Unwritable::custom)?)
+}
+
+/// Whether whole msgpack says what JSON would say: no NaN or infinity, no single precision, no bytes, and text for keys.
+/// `None` if it ends too soon.
+fn is_as_json(mut bytes: &[u8]) -> Option<bool> {
+    /// Values still to come in an array, or keys and values in a map.
+    struct Open {
+        left: u64,
+        map: bool,
+    }
+    let mut open: Vec<Open> = Vec::new();
+    while !bytes.is_empty() {
+        let marker = Marker::from_u8(bytes[0]);
+        bytes = &bytes[1..];
+        let mut is_key = false;
+        while let Some(last) = open.last_mut() {
+            if last.left > 0 {
+                is_key = last.map && last.left % 2 == 0;
+                last.left -= 1;
+                break;
+            }
+            open.pop();
+        }
+        let mut number = |width: usize| -> Option<u64> {
+            let (head, rest) = bytes.split_at_checked(width)?;
+            bytes = rest;
+            Some(head.iter().fold(0, |n, b| n << 8 | u64::from(*b)))
+        };
+        let text = match marker {
+            Marker::FixStr(n) => Some(u64::from(n)),
+            Marker::Str8 => Some(number(1)?),
+            Marker::Str16 => Some(number(2)?),
+            Marker::Str32 => Some(number(4)?),
+            _ => None,
+        };
+        if is_key && text.is_none() {
+            return Some(false);
+        }
+        match marker {
+            Marker::FixPos(_) | Marker::FixNeg(_) | Marker::Null | Marker::True | Marker::False => {}
+            Marker::U8 | Marker::I8 => drop(number(1)?),
+            Marker::U16 | Marker::I16 => drop(number(2)?),
+            Marker::U32 | Marker::I32 => drop(number(4)?),
+            Marker::U64 | Marker::I64 => drop(number(8)?),
+            Marker::F64 if f64::from_bits(number(8)?).is_finite() => {}
+            Marker::FixArray(n) => open.push(Open { left: u64::from(n), map: false }),
+            Marker::Array16 => open.push(Open { left: number(2)?, map: false }),
+            Marker::Array32 => open.push(Open { left: number(4)?, map: false }),
+            Marker::FixMap(n) => open.push(Open { left: 2 * u64::from(n), map: true }),
+            Marker::Map16 => open.push(Open { left: 2 * number(2)?, map: true }),
+            Marker::Map32 => open.push(Open { left: 2 * number(4)?, map: true }),
+            _ => match text {
+                Some(length) => bytes = bytes.get(usize::try_from(length).ok()?..)?,
+                None => return Some(false),
+            },
+        }
+    }
+    Some(true)
 }
 
 /// Writes JSON as msgpack.
@@ -239,6 +304,28 @@ mod tests {
         let long = packed(&vec![0u32; 70_000]).unwrap();
         assert_eq!(unpack(&long).unwrap().as_array().map(Vec::len), Some(70_000));
         assert!(packed(&BTreeMap::from([((1, 2), 3)])).is_err(), "no text");
+    }
+
+    /// What is written directly is what goes by way of JSON, to the byte; what cannot be is told.
+    #[test]
+    fn the_short_way_and_the_long_one_say_the_same() {
+        let plain = json!({"a": [1, -2, 300, -70_000, 0.1, null, true, "text"], "m": {"": [{}, []]}, "b": u64::MAX,
+            "long": "x".repeat(70_000), "many": vec![7; 300]});
+        for value in [plain, json!([]), json!("text"), json!(0.5), json!(null)] {
+            let (short, text) =
+                (rmp_serde::to_vec_named(&value).unwrap(), serde_json::to_vec(&value).unwrap());
+            assert_eq!(is_as_json(&short), Some(true), "{value}");
+            assert_eq!(short, from_json(&text).unwrap(), "{value}");
+        }
+        let inner = Inner { a: 5, left_out: None };
+        assert_eq!(packed(&inner).unwrap(), from_json(&serde_json::to_vec(&inner).unwrap()).unwrap());
+        let refused = |bytes: &[u8]| is_as_json(bytes) != Some(true);
+        for value in [f64::NAN, f64::INFINITY] {
+            assert!(refused(&rmp_serde::to_vec_named(&[1.0, value]).unwrap()));
+        }
+        assert!(refused(&rmp_serde::to_vec_named(&0.1f32).unwrap()));
+        assert!(refused(&rmp_serde::to_vec_named(&BTreeMap::from([(1, 2)])).unwrap()));
+        assert!(refused(&[0xc4, 0x01, 0x00]) && refused(&[0xd9]) && refused(&[0xa2, b'a']));
     }
 
     #[test]

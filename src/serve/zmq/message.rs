@@ -218,13 +218,12 @@ pub struct Written {
 
 /// Writes an answer, arrays apart if `raw`. Bytes are one array, `body`.
 pub fn written(reply: Reply, raw: bool) -> Answer<Written> {
-    let of_json = |json: &[u8]| pack::from_json(json).map_err(Problem::unwritable);
     let (result, arrays) = match reply.content {
         Content::Nothing => (NIL.to_vec(), Vec::new()),
-        Content::Json(json) => (of_json(&json)?, Vec::new()),
+        Content::Json(json) => (pack::from_json(&json).map_err(Problem::unwritable)?, Vec::new()),
         Content::Value(mut value) => {
             let arrays = if raw { value.bulk() } else { Vec::new() };
-            (of_json(&value.json().map_err(Problem::unwritable)?)?, arrays)
+            (value.packed().map_err(Problem::unwritable)?, arrays)
         }
         // An empty map.
         Content::Media(media) => (vec![0x80], vec![("body", Array::line(Data::Bytes(media.bytes)))]),
