@@ -8,8 +8,17 @@ use crate::error::{Error, Result};
 
 /// Writes a file by way of a temporary one beside it, so that a reader sees the old or the new, never a half. Both the
 /// file and its directory are on the disk when this returns: a name that is known to hold the new file keeps it.
+///
+/// What stands there and is no file (a device such as `/dev/null`, a pipe) is written to as it is: a rename would put a
+/// file in its place.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
-    written(path, bytes, synced)
+    match fs::metadata(path) {
+        Ok(there) if !there.is_file() && !there.is_dir() => {
+            let opened = fs::OpenOptions::new().write(true).open(path);
+            opened.and_then(|mut sink| sink.write_all(bytes)).map_err(|e| Error::io(path, e))
+        }
+        _ => written(path, bytes, synced),
+    }
 }
 
 fn written(path: &Path, bytes: &[u8], sync: impl Fn(&Path) -> io::Result<()>) -> Result<()> {
@@ -62,6 +71,21 @@ mod tests {
         write_whole(&path, b"newer").unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"newer");
         assert_eq!(fs::read_dir(place.path().join("new")).unwrap().count(), 1, "nothing is left beside it");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn what_is_no_file_is_written_to_and_stays() {
+        let place = tempfile::tempdir().unwrap();
+        let pipe = place.path().join("pipe");
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        let reader = std::thread::spawn({
+            let pipe = pipe.clone();
+            move || fs::read(pipe).unwrap()
+        });
+        write_whole(&pipe, b"whole").unwrap();
+        assert_eq!(reader.join().unwrap(), b"whole");
+        assert!(!fs::metadata(&pipe).unwrap().is_file(), "the pipe is still a pipe");
     }
 
     #[test]
