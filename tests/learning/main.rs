@@ -7,4 +7,5 @@ mod worlds;
 mod coverage;
 mod discover;
 mod estimate;
+mod recorded;
 mod trials;
