@@ -5,6 +5,7 @@
 //! | room | what it does |
 //! |---|---|
 //! | `error` `json` `rng` `progress` `trajectory` | the words everybody speaks |
+//! | `distribution` | Fisher's and Student's, for intervals |
 //! | `task/` | what is asked: scenes, actions, goals; plain data |
 //! | `world/` | what physics does: scene + latents + effects -> trajectory; sole home of rapier2d |
 //! | `residual` | two trajectories -> how far apart |
@@ -28,6 +29,7 @@
 //! a running job.
 
 pub mod discover;
+pub mod distribution;
 pub mod error;
 pub mod estimate;
 pub mod experiment;

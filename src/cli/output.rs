@@ -99,3 +99,18 @@ impl Progress for Bar {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Quotes were once written as they were, and a name with one could not be read back.
+    #[test]
+    fn cells_with_quotes_and_line_ends_read_back_the_same() {
+        let cells = ["the \"second\"", "a,b", "one\rtwo\nthree", ""].map(String::from).to_vec();
+        let written = csv(&["a", "b", "c", "d"], [cells.clone()]).unwrap();
+        let mut reader = csv::Reader::from_reader(written.as_slice());
+        let row = reader.records().next().unwrap().unwrap();
+        assert_eq!(row.iter().collect::<Vec<_>>(), cells);
+    }
+}

@@ -23,6 +23,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::fitness::{Simulation, vectors};
 use super::piece::Piece;
+use crate::distribution::t_quantile;
 use crate::error::Result;
 use crate::progress::Progress;
 use crate::world::Sample;
@@ -149,7 +150,7 @@ impl Refined {
 
     /// 95 % interval of a coordinate, within the limits.
     pub fn interval(&self, j: usize, field: &Field) -> [f64; 2] {
-        let half = student(self.freedom) * self.error[j];
+        let half = t_quantile(0.05, self.freedom) * self.error[j];
         let [low, high] = field.limits[j];
         [(self.estimate[j] - half).clamp(low, high), (self.estimate[j] + half).clamp(low, high)]
     }
@@ -334,42 +335,7 @@ fn inverse(a: DMatrix<f64>, active: &[usize], field: &Field) -> Option<DMatrix<f
     Some(DMatrix::from_fn(n, n, |i, j| inverse[(i, j)] * unit[i] * unit[j]))
 }
 
-/// 97.5 % point of Student's distribution (Abramowitz and Stegun 26.7.5, good to 0.01 from 4 degrees of freedom on;
-/// from a table below).
-pub(crate) fn student(freedom: f64) -> f64 {
-    for (most, t) in [(1.5, 12.706), (2.5, 4.303), (3.5, 3.182)] {
-        if freedom < most {
-            return t;
-        }
-    }
-    let z: f64 = 1.959_964;
-    let n = freedom;
-    z + (z.powi(3) + z) / (4.0 * n)
-        + (5.0 * z.powi(5) + 16.0 * z.powi(3) + 3.0 * z) / (96.0 * n * n)
-        + (3.0 * z.powi(7) + 19.0 * z.powi(5) + 17.0 * z.powi(3) - 15.0 * z) / (384.0 * n.powi(3))
-}
-
 fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(0.0)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn student_is_student() {
-        for (n, t) in [
-            (1.0, 12.706),
-            (2.0, 4.303),
-            (3.0, 3.182),
-            (4.0, 2.776),
-            (5.0, 2.571),
-            (10.0, 2.228),
-            (40.0, 2.021),
-        ] {
-            assert!((student(n) - t).abs() < 0.01, "{n}: {}", student(n));
-        }
-    }
 }

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::estimate::refine::student;
+use crate::distribution::t_quantile;
 
 /// A mean over independent repetitions.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -45,7 +45,8 @@ impl Summary {
         }
         let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1) as f64;
         let error = (variance / n as f64).sqrt();
-        Summary { mean, standard_error: Some(error), half_width: Some(error * student((n - 1) as f64)), n }
+        let half_width = Some(error * t_quantile(0.05, (n - 1) as f64));
+        Summary { mean, standard_error: Some(error), half_width, n }
     }
 
     /// Whether the mean is above zero, below it, or cannot be told from it, with 95 % confidence.
@@ -87,7 +88,7 @@ mod tests {
         assert_eq!((s.mean, s.n), (2.5, 4));
         let error = (5.0f64 / 3.0 / 4.0).sqrt();
         assert!((s.standard_error.unwrap() - error).abs() < 1e-12);
-        assert!((s.half_width.unwrap() - 3.182 * error).abs() < 1e-9);
+        assert!((s.half_width.unwrap() - 3.182_446_305_284 * error).abs() < 1e-9);
         assert_eq!(Summary::of(&[2.0]).half_width, None);
     }
 

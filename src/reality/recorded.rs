@@ -246,6 +246,9 @@ fn start_from_first_observation(trial: &mut Trial) {
             if track.vx[i].is_finite() && track.vy[i].is_finite() {
                 body.velocity = [track.vx[i], track.vy[i]];
             }
+            if track.omega[i].is_finite() {
+                body.angular_velocity = track.omega[i];
+            }
         }
     }
 }

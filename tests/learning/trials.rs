@@ -33,6 +33,14 @@ fn good_files_are_read() {
     assert_eq!(trials[1].scene.bodies[0].mass, Some(1.0), "an unknown setting changes nothing");
 }
 
+/// A spin seen at the start was once read and not used: trials started without it.
+#[test]
+fn a_trial_starts_with_the_spin_that_was_seen() {
+    let text = "trial,t,body,x,y,vx,vy,omega\na,0,ball,0,1,2,3,-4.5\na,0.1,ball,0.2,1.3,2,2,-4\n";
+    let start = &trials_from_csv(text, &scene()).unwrap()[0].scene.bodies[0];
+    assert_eq!((start.velocity, start.angular_velocity), ([2.0, 3.0], -4.5));
+}
+
 #[test]
 fn written_files_read_back_the_same() {
     let scene = scene();
