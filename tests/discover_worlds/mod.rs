@@ -12,6 +12,8 @@ pub mod law;
 mod parts;
 #[allow(dead_code, reason = "not every program has recorded worlds")]
 pub mod recorded;
+#[allow(dead_code, reason = "not every program studies worlds")]
+pub mod study;
 
 use std::sync::Arc;
 

@@ -128,3 +128,15 @@ fn a_bounce_rebounds_as_pen_and_paper_say() {
     assert!((seen[1][1] - (0.05 + up * up / (2.0 * g))).abs() < 1e-6, "{seen:?}");
     assert!((seen[1][0] - times[1]).abs() < 1e-9);
 }
+
+/// Wilson's interval, against figures worked out by hand.
+#[test]
+fn shares_have_wilsons_interval() {
+    let near = |right, all, expected: [f64; 2]| {
+        let own = crate::worlds::study::wilson(right, all);
+        assert!((0..2).all(|i| (own[i] - expected[i]).abs() < 1e-4), "{right} of {all}: {own:?}");
+    };
+    near(0, 10, [0.0, 0.2775]);
+    near(5, 10, [0.2366, 0.7634]);
+    near(81, 100, [0.7222, 0.8749]);
+}

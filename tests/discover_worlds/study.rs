@@ -1,0 +1,133 @@
+//! Studies of many worlds: a world's lines are added to a log as soon as they are known, a run that was stopped goes on
+//! where it was, and figures come with their intervals.
+
+use std::collections::HashSet;
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::path::PathBuf;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use iplw::discover::report::Diagnosis;
+
+/// What the command line asks for.
+pub struct Run {
+    /// `--worlds`
+    pub worlds: u64,
+    /// `--seed`
+    pub seed: u64,
+    /// `--threads`, of which each has a world of its own.
+    pub threads: u64,
+    /// `--out`: where the table goes; the log stands beside it.
+    pub out: PathBuf,
+    /// `--only`: a part of the names of the kinds to look at.
+    pub only: String,
+    /// `--show`
+    pub talk: bool,
+}
+
+impl Run {
+    /// With what is usual of worlds and where the table goes.
+    pub fn from_arguments(worlds: u64, out: &str) -> Run {
+        let arguments: Vec<String> = std::env::args().collect();
+        let given = |name: &str| {
+            let at = arguments.iter().position(|a| a == name);
+            at.and_then(|i| arguments.get(i + 1)).cloned()
+        };
+        let number = |name: &str, usual: u64| given(name).and_then(|v| v.parse().ok()).unwrap_or(usual);
+        Run {
+            worlds: number("--worlds", worlds),
+            seed: number("--seed", 1),
+            threads: number("--threads", 1),
+            out: PathBuf::from(given("--out").unwrap_or_else(|| out.into())),
+            only: given("--only").unwrap_or_default(),
+            talk: arguments.iter().any(|a| a == "--show"),
+        }
+    }
+
+    /// Studies `count` worlds that are not in the log yet, which is then read; `study`: a world's number and id to its
+    /// lines, which begin with the id, or to nothing where it is not asked for.
+    pub fn log(
+        &self,
+        log: &str,
+        count: u64,
+        study: impl Fn(u64, &str) -> Option<String> + Sync,
+    ) -> std::io::Result<String> {
+        if let Some(folder) = self.out.parent() {
+            std::fs::create_dir_all(folder)?;
+        }
+        let log = self.out.with_file_name(log);
+        let known = std::fs::read_to_string(&log).unwrap_or_default();
+        let done: HashSet<&str> = known.lines().filter_map(|l| Some(l.split_once(',')?.0)).collect();
+        let file = Mutex::new(std::fs::OpenOptions::new().create(true).append(true).open(&log)?);
+        let begun = std::time::Instant::now();
+        let next = AtomicU64::new(0);
+        let worker = || -> std::io::Result<()> {
+            // One thread a world: the times written are of one processor.
+            let pool =
+                rayon::ThreadPoolBuilder::new().num_threads(1).build().map_err(std::io::Error::other)?;
+            loop {
+                let i = next.fetch_add(1, Ordering::Relaxed);
+                if i >= count {
+                    return Ok(());
+                }
+                let id = format!("{}/{i}", self.seed);
+                if done.contains(id.as_str()) {
+                    continue;
+                }
+                let Some(lines) = pool.install(|| study(i, &id)) else { continue };
+                let mut file =
+                    file.lock().map_err(|_| std::io::Error::other("a world could not be written"))?;
+                file.write_all(lines.as_bytes())?;
+                if i % 20 == 19 {
+                    eprintln!("{} of {count} worlds, {:.0} s", i + 1, begun.elapsed().as_secs_f64());
+                }
+            }
+        };
+        std::thread::scope(|scope| {
+            let all: Vec<_> = (0..self.threads).map(|_| scope.spawn(worker)).collect();
+            all.into_iter().try_for_each(|t| t.join().expect("a world could not be diagnosed"))
+        })?;
+        std::fs::read_to_string(&log)
+    }
+
+    /// Writes the table, and shows it.
+    pub fn tell(&self, table: &str) -> std::io::Result<()> {
+        print!("{table}");
+        std::fs::write(&self.out, table)
+    }
+}
+
+/// Reported sets: names joined by `+`, sets by `|`.
+pub fn sets(d: &Diagnosis) -> String {
+    d.rivals.iter().map(|r| r.join("+")).collect::<Vec<_>>().join("|")
+}
+
+/// A table of counts, `right` of `all` each, with their 95 % intervals; nothing is said of no worlds.
+pub fn rates<'a>(counts: impl IntoIterator<Item = (&'a str, [usize; 2])>) -> String {
+    let mut out = String::from("| figure | seen | 95 % | worlds |\n|---|---|---|---|\n");
+    for (name, [right, all]) in counts.into_iter().filter(|(_, [_, all])| *all > 0) {
+        let share = 100.0 * right as f64 / all as f64;
+        let [low, high] = wilson(right, all).map(|v| 100.0 * v);
+        let _ = writeln!(out, "| {name} | {share:.1} % | {low:.1} to {high:.1} | {right} of {all} |");
+    }
+    out
+}
+
+/// The 95 % interval of a share by Wilson's score (J. Am. Stat. Assoc. 22 (1927) 209).
+pub fn wilson(right: usize, all: usize) -> [f64; 2] {
+    if all == 0 {
+        return [0.0, 1.0];
+    }
+    const Z: f64 = 1.959964;
+    let (n, share) = (all as f64, right as f64 / all as f64);
+    let middle = share + Z * Z / (2.0 * n);
+    let reach = Z * (share * (1.0 - share) / n + Z * Z / (4.0 * n * n)).sqrt();
+    [-1.0, 1.0].map(|side| ((middle + side * reach) / (1.0 + Z * Z / n)).clamp(0.0, 1.0))
+}
+
+/// The middle one of some values; not a number if there is none.
+pub fn middle(values: &mut [f64]) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+}
