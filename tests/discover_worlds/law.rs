@@ -1,7 +1,8 @@
 //! Paths of one ball under a law that may differ from launch to launch: through the air, bouncing on a floor, rolling
 //! along it; and how much of a change of path no choice of starts can take up.
 //!
-//! Fourth-order Runge-Kutta at 1/2000 s; a bounce ends a step where the floor is met.
+//! Fourth-order Runge-Kutta at 1/2000 s; a bounce ends a step where the floor is met. Once it bounces no more a ball slides
+//! and rolls.
 
 use super::Force;
 
@@ -10,6 +11,8 @@ pub const RADIUS: f64 = 0.05;
 const GRAVITY: f64 = 9.81;
 /// Longest step, s.
 const STEP: f64 = 5e-4;
+/// Speed of approach, m/s, below which a ball rests on the floor: what it gains within two steps.
+const REST: f64 = 2.0 * GRAVITY * STEP;
 
 /// x, y (m), vx, vy (m/s), spin (rad/s), angle (rad).
 pub type State = [f64; 6];
@@ -87,6 +90,7 @@ impl Law {
             Motion::Rolls if to[2] * s[2] <= 0.0 => [to[0], s[1], 0.0, 0.0, 0.0, to[5]],
             Motion::Rolls => to,
             Motion::Bounces if to[1] >= RADIUS || to[3] >= 0.0 => to,
+            Motion::Bounces if -to[3] < REST => self.rebound([to[0], RADIUS, to[2], to[3], to[4], to[5]]),
             Motion::Bounces => {
                 let near = (h * (s[1] - RADIUS) / (s[1] - to[1])).clamp(0.0, h);
                 let met = self.step(motion, t, s, near, *bounces);
@@ -122,10 +126,13 @@ impl Law {
 
     /// What an impact makes of a state: of a full disc, a third of the mass resists slip.
     fn rebound(&self, mut s: State) -> State {
-        let restitution = (self.restitution + self.slope * s[3]).clamp(0.0, 1.0);
+        let (restitution, tangential) = match -s[3] < REST {
+            true => (0.0, 0.0),
+            false => ((self.restitution + self.slope * s[3]).clamp(0.0, 1.0), self.tangential),
+        };
         let push = -(1.0 + restitution) * s[3];
         let slip = s[2] + RADIUS * s[4];
-        let grip = ((1.0 + self.tangential) * slip / 3.0).clamp(-self.friction * push, self.friction * push);
+        let grip = ((1.0 + tangential) * slip / 3.0).clamp(-self.friction * push, self.friction * push);
         s[3] += push;
         s[2] -= grip;
         s[4] -= 2.0 * grip / RADIUS;

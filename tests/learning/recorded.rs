@@ -129,6 +129,17 @@ fn a_bounce_rebounds_as_pen_and_paper_say() {
     assert!((seen[1][0] - times[1]).abs() < 1e-9);
 }
 
+/// Bounces that grow too small to follow end in rolling: v falls to 2/3 of what it was, by a full disc's inertia.
+#[test]
+fn a_ball_that_bounces_no_more_rolls_on() {
+    let law = Law::plain(0.3, 0.4);
+    let seen = law.seen(Motion::Bounces, [0.0, 0.15, 1.0, 0.0, 0.0, 0.0], &[0.0, 1.5, 2.0]);
+    assert!(seen[1..].iter().all(|p| (p[1] - 0.05).abs() < 1e-5), "{seen:?}");
+    let speed = (seen[2][0] - seen[1][0]) / 0.5;
+    assert!((speed - 2.0 / 3.0).abs() < 1e-3, "{speed}");
+    assert!(((seen[1][2] - seen[2][2]) / 0.5 - speed / 0.05).abs() < 0.05, "{seen:?}");
+}
+
 /// Wilson's interval, against figures worked out by hand.
 #[test]
 fn shares_have_wilsons_interval() {
