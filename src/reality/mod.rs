@@ -4,11 +4,19 @@
 //! [`Reality::measure`], and every valid attempt is counted.
 
 pub mod certify;
+mod columns;
+mod header;
 mod hidden;
 mod recorded;
+mod rows;
+mod suspicion;
+mod tracked;
+mod tracks;
 
 pub use hidden::{HiddenConfig, HiddenWorld, Truth, measure_each, standard};
-pub use recorded::{read_trials, trials_from_csv, trials_to_csv};
+pub use recorded::{decode, read_trials, trials_from_csv, trials_to_csv};
+pub use tracked::Reading;
+pub use tracks::{File, Gathered, Of, gather};
 
 use crate::error::Result;
 use crate::task::scene::{BodyOverride, Setting, StaticOverride};

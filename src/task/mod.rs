@@ -4,6 +4,7 @@
 //! here moves.
 
 pub mod action;
+pub mod ball;
 mod body;
 mod custom;
 mod families;

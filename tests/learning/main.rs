@@ -8,4 +8,5 @@ mod coverage;
 mod discover;
 mod estimate;
 mod recorded;
+mod tracks;
 mod trials;

@@ -1,0 +1,620 @@
+//! One body's track as tracking programs and data frames write it, into rows in m and s, y up.
+//!
+//! Understood beside this project's own format: separators `,` `;` tab and blanks; decimal commas where the comma does
+//! not separate (or a cell is quoted); lines of comment, of the tracks' names (Tracker) and a table's title above the
+//! header, a header behind `#` (Kinovea, numpy); names and units of columns as in [`columns`](super::columns); empty
+//! cells, `nan` and the like for what is missing. What a file does not say, [`Reading`] says; what neither says is taken
+//! for m, s and y up. Velocities and angles are not read: such programs take them from the positions.
+
+use std::collections::{BTreeMap, HashSet};
+
+use super::columns::{Column, LENGTHS, Quantity, TIMES, Unit, unit_named};
+use super::header::{Head, head};
+use super::recorded;
+use super::rows::{Row, refuse, whole};
+use crate::error::{Error, Result, within};
+
+/// What a file does not say of itself.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Reading {
+    /// Pictures a second: the clock is the number of the picture.
+    pub fps: Option<f64>,
+    /// m: the coordinates are in pixels.
+    pub metres_per_pixel: Option<f64>,
+    /// Of coordinates whose column does not say: m, cm, mm, um, km, in, ft.
+    pub length_unit: Option<String>,
+    /// Of times whose column does not say: s, ms, us, min.
+    pub time_unit: Option<String>,
+    /// Whether y points down; none: nobody said.
+    pub y_down: Option<bool>,
+    /// Which track to read, of a file that holds several.
+    pub track: Option<String>,
+}
+
+/// What was read.
+pub struct Table {
+    /// Trial by trial.
+    pub rows: Vec<Row>,
+    /// Whether a column names the trials.
+    pub names_trials: bool,
+    /// Whether it was in this project's own format.
+    pub own_format: bool,
+    /// Columns that were not read.
+    pub unused: Vec<String>,
+    /// Whether the unit of lengths, and that of times, was said by the file or the reading.
+    pub said: [bool; 2],
+}
+
+/// Reads a file. `trial` and `body` are the names where the file gives none; `reading` is valid.
+pub fn read(text: &str, trial: &str, body: &str, reading: &Reading) -> Result<Table> {
+    // Line ends of old.
+    let text = if text.contains('\n') { text.to_string() } else { text.replace('\r', "\n") };
+    let head = head(&text)?;
+    let names: Vec<&str> = head.columns.iter().map(|c| c.name.as_str()).collect();
+    if recorded::is_header(&names) {
+        return own_format(&text, reading);
+    }
+    let choice = choose(&head, reading)?;
+    let records = head.records(&text)?;
+    let cut: Vec<&str> =
+        records.iter().filter_map(|(_, cells)| cells.get(choice.y).map(String::as_str)).collect();
+    whole(&text, records.last().map_or(head.line, |(line, _)| *line), cut)?;
+    let mut rows = Vec::new();
+    let (mut bodies, mut mark) = (Vec::new(), None);
+    for (line, cells) in &records {
+        if cells.iter().all(|c| c.trim().is_empty()) {
+            continue;
+        }
+        let row = choice.row(&head.columns, *line, cells, &mut mark)?;
+        let own = Row { trial: row.0.unwrap_or(trial.into()), body: body.into(), ..row.2 };
+        bodies.push(row.1);
+        rows.push(own);
+    }
+    let rows = of_one_body(rows, bodies, reading.track.as_deref().filter(|_| choice.body.is_some()))?;
+    let clock = &head.columns[choice.time.0].name;
+    Ok(Table {
+        rows: by_trial(rows, clock)?,
+        names_trials: choice.trial.is_some(),
+        own_format: false,
+        unused: choice.unused(&head.columns),
+        said: choice.said,
+    })
+}
+
+impl Reading {
+    /// Whether anything is said at all.
+    pub fn is_silent(&self) -> bool {
+        *self == Reading::default()
+    }
+
+    /// Errors name the field.
+    pub fn validate(&self) -> Result<()> {
+        self.fps.map_or(Ok(0.0), |v| within("fps", v, 1e-3, 1e7))?;
+        self.metres_per_pixel.map_or(Ok(0.0), |v| within("metres_per_pixel", v, 1e-9, 1e4))?;
+        for (field, given, units) in
+            [("length_unit", &self.length_unit, &LENGTHS[..]), ("time_unit", &self.time_unit, &TIMES[..])]
+        {
+            let measured = |u: &Unit| u.size.is_some();
+            if let Some(name) = given
+                && unit_named(units, name).filter(measured).is_none()
+            {
+                let known: Vec<&str> =
+                    units.iter().filter(|(u, _)| measured(u)).map(|(u, _)| u.name).collect();
+                return Err(Error::input(field, format!("{name:?}"), known.join(", ")));
+            }
+        }
+        for (a, b, both) in [
+            (
+                "metres_per_pixel",
+                "length_unit",
+                self.metres_per_pixel.is_some() && self.length_unit.is_some(),
+            ),
+            ("fps", "time_unit", self.fps.is_some() && self.time_unit.is_some()),
+        ] {
+            if both {
+                return Err(Error::input(a, format!("given beside `{b}`"), "one of the two"));
+            }
+        }
+        Ok(())
+    }
+
+    /// m of a unit that a column gives, or none; and whether anybody said it.
+    fn length(&self, line: usize, column: &Column) -> Result<(f64, bool)> {
+        let wanted = self.length_unit.as_deref().and_then(|name| unit_named(&LENGTHS, name));
+        match (column.unit, self.metres_per_pixel, wanted) {
+            (None, Some(size), _) => Ok((size, true)),
+            (None, None, Some(unit)) => Ok((unit.size.unwrap_or(1.0), true)),
+            (None, None, None) => Ok((1.0, false)),
+            (Some(Unit { size: None, .. }), Some(size), _) => Ok((size, true)),
+            (Some(Unit { size: None, .. }), None, _) => {
+                Err(refuse(line, &column.name, "in pixels", "with `metres_per_pixel`, the size of one in m"))
+            }
+            (Some(unit), Some(_), _) => {
+                Err(contradiction(line, column, unit, "`metres_per_pixel` is for pixels"))
+            }
+            (Some(unit), None, Some(other)) if unit != other => {
+                Err(contradiction(line, column, unit, &format!("`length_unit` says {}", other.name)))
+            }
+            (Some(unit), None, _) => Ok((unit.size.unwrap_or(1.0), true)),
+        }
+    }
+
+    /// The same in s, of a column of times.
+    fn time(&self, line: usize, column: &Column) -> Result<(f64, bool)> {
+        let wanted = self.time_unit.as_deref().and_then(|name| unit_named(&TIMES, name));
+        match (column.unit, wanted) {
+            (None, None) => Ok((1.0, false)),
+            (Some(unit), Some(other)) if unit != other => {
+                Err(contradiction(line, column, unit, &format!("`time_unit` says {}", other.name)))
+            }
+            (Some(unit), _) | (None, Some(unit)) => Ok((unit.size.unwrap_or(1.0), true)),
+        }
+    }
+}
+
+/// Which columns are read, and how.
+struct Choice {
+    /// And how many s its unit is.
+    time: (usize, f64),
+    x: usize,
+    y: usize,
+    /// m of the coordinates' unit.
+    length: f64,
+    /// 1, or -1 where y points down.
+    up: f64,
+    trial: Option<usize>,
+    setting: Option<usize>,
+    body: Option<usize>,
+    /// Cells of a row.
+    count: usize,
+    said: [bool; 2],
+}
+
+fn choose(head: &Head, reading: &Reading) -> Result<Choice> {
+    let of = |quantity| head.columns.iter().position(|c| c.quantity == Some(quantity));
+    let (time, seconds, said_time) = clock(head, reading)?;
+    let body = of(Quantity::Body);
+    let [x, y] = coordinates(head, reading, body.is_some())?;
+    let (length, said_length) = reading.length(head.line, &head.columns[x])?;
+    if reading.length(head.line, &head.columns[y])?.0 != length {
+        let both = format!("in another unit than {:?}", head.columns[x].name);
+        return Err(refuse(head.line, &head.columns[y].name, &both, "one unit for both"));
+    }
+    Ok(Choice {
+        time: (time, seconds),
+        x,
+        y,
+        length,
+        up: if reading.y_down == Some(true) { -1.0 } else { 1.0 },
+        trial: of(Quantity::Trial),
+        setting: of(Quantity::Setting),
+        body,
+        count: head.columns.len(),
+        said: [said_length, said_time],
+    })
+}
+
+/// The column that tells the time, how many s its unit is, and whether anybody said so.
+fn clock(head: &Head, reading: &Reading) -> Result<(usize, f64, bool)> {
+    let counts = |c: &Column| {
+        c.quantity == Some(Quantity::Frame)
+            || c.quantity == Some(Quantity::Time) && c.unit.is_some_and(|u| u.size.is_none())
+    };
+    let frames = head.columns.iter().position(counts);
+    let times = head.columns.iter().position(|c| c.quantity == Some(Quantity::Time) && !counts(c));
+    match (reading.fps, frames, times) {
+        (Some(fps), Some(i), _) => Ok((i, 1.0 / fps, true)),
+        (Some(fps), None, Some(i)) => match head.columns[i].unit {
+            None => Ok((i, 1.0 / fps, true)),
+            Some(unit) => {
+                Err(contradiction(head.line, &head.columns[i], unit, "`fps` is for numbers of pictures"))
+            }
+        },
+        (None, _, Some(i)) => {
+            let (seconds, said) = reading.time(head.line, &head.columns[i])?;
+            Ok((i, seconds, said))
+        }
+        (_, Some(i), None) => {
+            let allowed = "with `fps`, pictures a second; or a column of times";
+            Err(refuse(head.line, &head.columns[i].name, "a number of pictures", allowed))
+        }
+        (_, None, None) => {
+            Err(refuse(head.line, "header", "without a time", "a column `t` or `time`, or `frame`"))
+        }
+    }
+}
+
+/// The columns x and y: of the wanted track, in pixels if the size of one is known and they are there.
+fn coordinates(head: &Head, reading: &Reading, bodies: bool) -> Result<[usize; 2]> {
+    let pixels = |c: &Column| c.unit.is_some_and(|u| u.size.is_none());
+    let all = |quantity| head.columns.iter().enumerate().filter(move |(_, c)| c.quantity == Some(quantity));
+    let mut pairs: Vec<(Option<&str>, bool, [usize; 2])> = Vec::new();
+    for (i, x) in all(Quantity::X) {
+        let (track, px) = (x.track.as_deref(), pixels(x));
+        let fitting = all(Quantity::Y).find(|(_, y)| y.track.as_deref() == track && pixels(y) == px);
+        if pairs.iter().any(|p| (p.0, p.1) == (track, px)) {
+            return Err(refuse(head.line, "header", &format!("{:?} twice", x.name), "every column once"));
+        }
+        pairs.extend(fitting.map(|(j, _)| (track, px, [i, j])));
+    }
+    if pairs.is_empty() {
+        let missing = if all(Quantity::Y).next().is_none() { "y" } else { "x" };
+        let value = format!("without a {missing} to go with the other coordinate");
+        return Err(refuse(head.line, "header", &value, "columns `x` and `y` of one track, in one unit"));
+    }
+    let wanted = reading.metres_per_pixel.is_some() && pairs.iter().any(|p| p.1);
+    if pairs.iter().any(|p| p.1 == wanted) {
+        pairs.retain(|p| p.1 == wanted);
+    }
+    if let Some(track) = reading.track.as_deref().filter(|_| !bodies) {
+        let known = tracks(&pairs);
+        pairs.retain(|p| p.0.is_some_and(|name| name.eq_ignore_ascii_case(track)));
+        if pairs.is_empty() {
+            return Err(refuse(head.line, "track", &format!("{track:?}"), &format!("one of {known}")));
+        }
+    } else if pairs.iter().any(|p| p.0.is_none()) {
+        pairs.retain(|p| p.0.is_none());
+    }
+    match pairs.as_slice() {
+        [(_, _, at)] => Ok(*at),
+        _ => {
+            let value = format!("with several tracks: {}", tracks(&pairs));
+            Err(refuse(head.line, "header", &value, "one track; say which with `track`"))
+        }
+    }
+}
+
+fn tracks(pairs: &[(Option<&str>, bool, [usize; 2])]) -> String {
+    let named = pairs.iter().map(|p| p.0.map_or("one without a name".into(), |n| format!("{n:?}")));
+    named.collect::<Vec<_>>().join(", ")
+}
+
+impl Choice {
+    /// A row with the names of its trial and its body, if it has them. `mark`: the decimal mark of the rows above.
+    fn row(
+        &self,
+        columns: &[Column],
+        line: usize,
+        cells: &[String],
+        mark: &mut Option<char>,
+    ) -> Result<(Option<String>, Option<String>, Row)> {
+        let beyond = cells.get(self.count..).unwrap_or_default().iter().any(|c| !c.trim().is_empty());
+        let chosen = [Some(self.time.0), Some(self.x), Some(self.y), self.trial, self.setting, self.body];
+        if beyond || chosen.iter().flatten().any(|k| *k >= cells.len()) {
+            let allowed =
+                format!("{} cells as in the header (decimal commas need another separator)", self.count);
+            return Err(refuse(line, "", &format!("{} cells", cells.len()), &allowed));
+        }
+        let mut number = |k: usize, size: f64| -> Result<f64> {
+            let value = size
+                * parse(&cells[k], mark).map_err(|allowed| {
+                    refuse(line, &columns[k].name, &format!("{:?}", cells[k].trim()), allowed)
+                })?;
+            if value.abs() > MOST {
+                return Err(refuse(line, &columns[k].name, &value.to_string(), "up to 1e6 m or s"));
+            }
+            Ok(value)
+        };
+        let t = number(self.time.0, self.time.1)?;
+        let (x, y) = (number(self.x, self.length)?, number(self.y, self.up * self.length)?);
+        if t.is_nan() {
+            return Err(refuse(line, &columns[self.time.0].name, "missing", "a time"));
+        }
+        let text = |k: Option<usize>| k.map(|k| cells[k].trim().to_string());
+        let trial = text(self.trial);
+        if trial.as_deref() == Some("") {
+            let name = self.trial.map_or("trial", |k| &columns[k].name);
+            return Err(refuse(line, name, "missing", "the trial's name"));
+        }
+        let values = [x, y, f64::NAN, f64::NAN, f64::NAN, f64::NAN];
+        let (trial_name, setting) = (String::new(), text(self.setting));
+        let row = Row { line, trial: trial_name, setting, body: String::new(), t, values };
+        Ok((trial, text(self.body), row))
+    }
+
+    /// Names of the columns that are not read.
+    fn unused(&self, columns: &[Column]) -> Vec<String> {
+        let read = [Some(self.time.0), Some(self.x), Some(self.y), self.trial, self.setting, self.body];
+        let rest =
+            columns.iter().enumerate().filter(|(i, c)| !read.contains(&Some(*i)) && !c.name.is_empty());
+        rest.map(|(_, c)| c.name.clone()).collect()
+    }
+}
+
+/// Largest coordinate or time, m or s.
+const MOST: f64 = 1e6;
+
+/// A number, NaN for what is missing; `mark` is the decimal mark of the file once one was seen.
+fn parse(cell: &str, mark: &mut Option<char>) -> std::result::Result<f64, &'static str> {
+    let cell = cell.trim();
+    if ["", "-", "nan", "na", "n/a", "null", "none"].contains(&cell.to_lowercase().as_str()) {
+        return Ok(f64::NAN);
+    }
+    let own = match (cell.contains('.'), cell.contains(',')) {
+        (true, true) => return Err("a number without separators of thousands"),
+        (true, false) => Some('.'),
+        (false, true) => Some(','),
+        (false, false) => None,
+    };
+    if let (Some(own), Some(mark)) = (own, *mark)
+        && own != mark
+    {
+        return Err("the decimal mark of the rows above");
+    }
+    *mark = own.or(*mark);
+    match cell.replace(',', ".").parse::<f64>() {
+        Ok(v) if v.is_finite() => Ok(v),
+        _ => Err("a number, or nothing"),
+    }
+}
+
+/// Rows of one body; `bodies` says whose each is.
+fn of_one_body(rows: Vec<Row>, bodies: Vec<Option<String>>, track: Option<&str>) -> Result<Vec<Row>> {
+    let mut known: Vec<&str> = bodies.iter().flatten().map(String::as_str).collect();
+    known.sort_unstable();
+    known.dedup();
+    let listed = known.iter().map(|n| format!("{n:?}")).collect::<Vec<_>>().join(", ");
+    match track {
+        None if known.len() > 1 => {
+            let line = rows.first().map_or(1, |r| r.line);
+            Err(refuse(line, "body", &listed, "one body; say which with `track`"))
+        }
+        None => Ok(rows),
+        Some(track) if !known.iter().any(|n| n.eq_ignore_ascii_case(track)) => {
+            Err(Error::input("track", format!("{track:?}"), format!("one of {listed}")))
+        }
+        Some(track) => {
+            let own = |body: &Option<String>| body.as_ref().is_some_and(|b| b.eq_ignore_ascii_case(track));
+            Ok(rows.into_iter().zip(bodies).filter(|(_, body)| own(body)).map(|(row, _)| row).collect())
+        }
+    }
+}
+
+/// Rows trial by trial, in the order in which trials begin; times must rise.
+fn by_trial(rows: Vec<Row>, clock: &str) -> Result<Vec<Row>> {
+    let mut order: BTreeMap<String, usize> = BTreeMap::new();
+    let mut trials: Vec<Vec<Row>> = Vec::new();
+    for row in rows {
+        let next = order.len();
+        let at = *order.entry(row.trial.clone()).or_insert(next);
+        if at == trials.len() {
+            trials.push(Vec::new());
+        }
+        if let Some(last) = trials[at].last()
+            && row.t <= last.t
+        {
+            let allowed = format!("a time after {} s; one trial a file, or a column `trial`", last.t);
+            return Err(refuse(row.line, clock, &format!("{} s", row.t), &allowed));
+        }
+        trials[at].push(row);
+    }
+    Ok(trials.into_iter().flatten().collect())
+}
+
+/// This project's own format, in the units that are said.
+fn own_format(text: &str, reading: &Reading) -> Result<Table> {
+    let mut rows = recorded::rows(text)?;
+    let plain = |name: &str| Column { name: name.into(), quantity: None, unit: None, track: None };
+    let (length, said_length) = reading.length(1, &plain("x"))?;
+    let (time, said_time) = match reading.fps {
+        Some(fps) => (1.0 / fps, true),
+        None => reading.time(1, &plain("t"))?,
+    };
+    if let Some(track) = &reading.track {
+        let known: HashSet<&str> = rows.iter().map(|r| r.body.as_str()).collect();
+        if !known.contains(track.as_str()) {
+            let known = known.iter().map(|n| format!("{n:?}")).collect::<Vec<_>>().join(", ");
+            return Err(Error::input("track", format!("{track:?}"), format!("one of {known}")));
+        }
+        rows.retain(|r| r.body == *track);
+    }
+    let up = if reading.y_down == Some(true) { -1.0 } else { 1.0 };
+    for row in &mut rows {
+        row.t *= time;
+        let sizes = [length, up * length, up, length / time, up * length / time, up / time];
+        row.values.iter_mut().zip(sizes).for_each(|(v, size)| *v *= size);
+    }
+    Ok(Table {
+        rows,
+        names_trials: true,
+        own_format: true,
+        unused: Vec::new(),
+        said: [said_length, said_time],
+    })
+}
+
+fn contradiction(line: usize, column: &Column, unit: Unit, but: &str) -> Error {
+    refuse(
+        line,
+        &column.name,
+        &format!("in {}", unit.name),
+        &format!("the header or the option alone: {but}"),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Trial, t, x, y by row.
+    fn seen(text: &str, reading: &Reading) -> Vec<(String, f64, f64, f64)> {
+        let table = read(text, "film", "ball", reading).unwrap_or_else(|e| panic!("{text:?}: {e}"));
+        let rounded = |v: f64| (v * 1e9).round() / 1e9;
+        table
+            .rows
+            .into_iter()
+            .map(|r| (r.trial, rounded(r.t), rounded(r.values[0]), rounded(r.values[1])))
+            .collect()
+    }
+
+    fn row(t: f64, x: f64, y: f64) -> (String, f64, f64, f64) {
+        ("film".into(), t, x, y)
+    }
+
+    #[test]
+    fn files_of_tracking_programs_are_read() {
+        let two = vec![row(0.0, 1.5, 2.0), row(0.04, 1.75, -1.25)];
+        let silent = Reading::default();
+        for text in [
+            // Tracker, one mass; with a trailing separator; several masses behind one column of times.
+            "mass_A\nt\tx\ty\n0.0E0\t1.5E0\t2.0E0\n4.0E-2\t1.75\t-1.25\n",
+            "\tmass A\t\t\t\t\nt\tx\ty\tv_{x}\tstep\t\n0.0\t1.5\t2.0\t\t0\t\n0.04\t1.75\t-1.25\t6.25\t1\t\n",
+            // Kinovea: quoted cells, decimal commas; its text for gnuplot.
+            "\"Time\";\"Ball/0/X\";\"Ball/0/Y\"\r\n\"0,000\";\"1,5\";\"2,0\"\r\n\"0,040\";\"1,75\";\"-1,25\"\r\n",
+            "\"Time\",\"Ball/0/X\",\"Ball/0/Y\"\r\n\"0,000\",\"1,5\",\"2,0\"\r\n\"0,040\",\"1,75\",\"-1,25\"\r\n",
+            "#Kinovea Trajectory data export\n#T X Y\n\n# Ball\n0 1.5 2 \n0.04 1.75 -1.25 \n",
+            // Data frames: an index without a name; units; other orders; a spreadsheet's hint and its empty last rows.
+            ",time,x,y\n0,0.0,1.5,2.0\n1,0.04,1.75,-1.25\n",
+            "Time (ms),X [cm],Y [cm]\n0,150,200\n40,175,-125\n",
+            "pos_y,pos_x,t_ms\n2,1.5,0\n-1.25,1.75,40\n",
+            "\u{feff}sep=;\nTime (s);X (m);Y (m)\n0;1,5;2\n0,04;1,75;-1,25\n;;\n;;\n",
+            "# t x y\n0 1.5 2\n0.04 1.75 -1.25",
+            "t,x,y\r0,1.5,2\r0.04,1.75,-1.25\r",
+        ] {
+            assert_eq!(seen(text, &silent), two, "{text:?}");
+        }
+    }
+
+    #[test]
+    fn what_a_file_does_not_say_is_said() {
+        let pixels = Reading {
+            fps: Some(250.0),
+            metres_per_pixel: Some(0.01),
+            y_down: Some(true),
+            ..Reading::default()
+        };
+        let wanted = vec![row(0.0, 1.5, -2.0), row(0.04, 1.75, -1.25)];
+        for text in [
+            "frame,x,y\n0,150,200\n10,175,125\n",
+            "t;x;y\n0;150;200\n10;175;125\n",
+            "frame,x_px,y_px\n0,150,200\n10,175,125\n",
+            // Tracker has both: pixels it is.
+            "t,frame,x,y,pixelx,pixely\n0,0,9,9,150,200\n9,10,9,9,175,125\n",
+        ] {
+            assert_eq!(seen(text, &pixels), wanted, "{text:?}");
+        }
+        let units = |length: &str, time: &str| Reading {
+            length_unit: Some(length.into()),
+            time_unit: Some(time.into()),
+            ..Reading::default()
+        };
+        assert_eq!(
+            seen("t,x,y\n0,1500,2000\n40,1750,-1250\n", &units("mm", "ms")),
+            [row(0.0, 1.5, 2.0), row(0.04, 1.75, -1.25)]
+        );
+        // In this project's own format, too, velocities and angles with them.
+        let own = "trial,t,body,x,y,angle,vx,vy,omega\na,50,ball,150,200,1,10,20,3\n";
+        let table = read(own, "film", "x", &Reading { fps: Some(100.0), ..pixels }).unwrap();
+        let r = &table.rows[0];
+        assert_eq!((r.trial.as_str(), r.body.as_str(), r.t), ("a", "ball", 0.5));
+        assert_eq!(r.values, [1.5, -2.0, -1.0, 10.0, -20.0, -300.0]);
+    }
+
+    #[test]
+    fn missing_values_stay_missing_and_what_is_not_read_is_told() {
+        let text = "t,x,y,vx,label\n0,1,2,5,a\n1,,3,5,b\n2,nan,,5,c\n3,4,5,,d\n";
+        let table = read(text, "film", "ball", &Reading::default()).unwrap();
+        let missing: Vec<[bool; 2]> =
+            table.rows.iter().map(|r| [r.values[0].is_nan(), r.values[1].is_nan()]).collect();
+        assert_eq!(missing, [[false, false], [true, false], [true, true], [false, false]]);
+        assert!(table.rows.iter().all(|r| r.values[2..].iter().all(|v| v.is_nan())));
+        assert_eq!((table.unused, table.said), (vec!["vx".to_string(), "label".into()], [false, false]));
+    }
+
+    /// Rows may come picture by picture.
+    #[test]
+    fn trials_and_tracks_are_told_apart() {
+        let text = "frame,y,x,particle\n0,2,1,0\n0,4,3,1\n1,2.5,1.5,0\n1,4.5,3.5,1\n";
+        let fps = Reading { fps: Some(10.0), ..Reading::default() };
+        let own = |trial: &str, t, x, y| (trial.to_string(), t, x, y);
+        let wanted = [
+            own("0", 0.0, 1.0, 2.0),
+            own("0", 0.1, 1.5, 2.5),
+            own("1", 0.0, 3.0, 4.0),
+            own("1", 0.1, 3.5, 4.5),
+        ];
+        assert_eq!(seen(text, &fps), wanted);
+        let multi = "#multi:\n\tcm A\t\tcm B\t\t\nt\tx\ty\tx\ty\t\n0\t1\t2\t3\t4\n1\t5\t6\t7\t8\n";
+        let of = |track: &str| Reading { track: Some(track.into()), ..Reading::default() };
+        assert_eq!(seen(multi, &of("cm b")), [row(0.0, 3.0, 4.0), row(1.0, 7.0, 8.0)]);
+        let bodies = "t,object,x,y\n0,red,1,2\n0,blue,3,4\n1,red,5,6\n";
+        assert_eq!(seen(bodies, &of("red")), [row(0.0, 1.0, 2.0), row(1.0, 5.0, 6.0)]);
+    }
+
+    #[test]
+    fn errors_name_line_column_and_what_is_allowed() {
+        let silent = Reading::default;
+        let px = || Reading { metres_per_pixel: Some(0.01), ..silent() };
+        let cases = [
+            ("a,b\n1,2\n", silent(), "1: `header` is \"a,b\"; allowed: a line that names the columns"),
+            ("0,1,2\n1,1,2\n", silent(), "allowed: a line that names the columns"),
+            ("", silent(), "`header` is \"empty\""),
+            ("t,x\n0,1\n", silent(), "1: `header` is without a y"),
+            ("t,x,y,x\n0,1,2,3\n", silent(), "\"x\" twice"),
+            ("frame,x,y\n0,1,2\n", silent(), "1: `frame` is a number of pictures; allowed: with `fps`"),
+            ("t,x_px,y_px\n0,1,2\n", silent(), "1: `x_px` is in pixels; allowed: with `metres_per_pixel`"),
+            ("t,x (m),y (m)\n0,1,2\n", px(), "1: `x (m)` is in m; "),
+            ("t,x (m),y (cm)\n0,1,2\n", silent(), "`y (cm)` is in another unit than \"x (m)\""),
+            ("Time (s),x,y\n0,1,2\n", Reading { fps: Some(9.0), ..silent() }, "`Time (s)` is in s"),
+            (
+                "title\nt,pos x,y\n0,1,2\n1,two,2\n",
+                silent(),
+                "4: `pos x` is \"two\"; allowed: a number, or nothing",
+            ),
+            (
+                "t;x;y\n0;1,5;2\n1;1.5;2\n",
+                silent(),
+                "3: `x` is \"1.5\"; allowed: the decimal mark of the rows above",
+            ),
+            ("t;x;y\n0;1.000,5;2\n", silent(), "separators of thousands"),
+            ("t,x,y\n0,1,5,2,0\n", silent(), "2: 5 cells; allowed: 3 cells as in the header (decimal commas"),
+            ("t,x,y\n0,1\n", silent(), "2: 2 cells"),
+            ("t,x,y\n,1,2\n", silent(), "2: `t` is missing"),
+            (
+                "t,x,y\n0,1,2\n0.5,1,2\n0.1,1,2\n",
+                silent(),
+                "4: `t` is 0.1 s; allowed: a time after 0.5 s; one trial a file",
+            ),
+            ("t,x,y\n0,1e9,2\n", silent(), "2: `x` is 1000000000; allowed: up to 1e6"),
+            (
+                "t,A_x,A_y,B_x,B_y\n0,1,2,3,4\n",
+                silent(),
+                "several tracks: \"A\", \"B\"; allowed: one track; say which with `track`",
+            ),
+            (
+                "t,x,y\n0.0,1.00,2.00\n0.1,1.00,2.10\n0.2,1.00,2.20\n0.3,1.00,2.",
+                silent(),
+                "5: allowed: a complete last line",
+            ),
+            ("trial,t,body,x,y\na,0,b,1,oops\n", silent(), "2: `y` is \"oops\""),
+        ];
+        for (text, reading, wanted) in cases {
+            let error = read(text, "film", "ball", &reading).map(|_| ()).expect_err(text).to_string();
+            assert!(error.contains(wanted), "{text:?} gives {error:?}, without {wanted:?}");
+        }
+    }
+
+    #[test]
+    fn a_reading_that_cannot_be_is_refused_by_its_field() {
+        let reading = Reading::default;
+        let pixels = || Reading { metres_per_pixel: Some(0.01), ..reading() };
+        for (said, wanted) in [
+            (
+                Reading { length_unit: Some("yd".into()), ..reading() },
+                "`length_unit` is \"yd\"; allowed: m, cm, mm",
+            ),
+            (Reading { length_unit: Some("px".into()), ..reading() }, "`length_unit` is \"px\""),
+            (Reading { time_unit: Some("h".into()), ..reading() }, "`time_unit` is \"h\"; allowed: s, ms"),
+            (Reading { fps: Some(0.0), ..reading() }, "`fps` is 0"),
+            (Reading { metres_per_pixel: Some(-1.0), ..reading() }, "`metres_per_pixel` is -1"),
+            (
+                Reading { length_unit: Some("mm".into()), ..pixels() },
+                "`metres_per_pixel` is given beside `length_unit`",
+            ),
+        ] {
+            let error = said.validate().expect_err(wanted).to_string();
+            assert!(error.contains(wanted), "{error}");
+        }
+        Reading { length_unit: Some("Millimetres".into()), ..reading() }.validate().unwrap();
+    }
+}
