@@ -1073,6 +1073,40 @@ fn measured_trials_are_diagnosed() {
     problem(untrialled, 409, "refused");
 }
 
+/// Tracks of one ball need no scene, and an error stands under the field of the request that it speaks of.
+#[test]
+fn tracks_of_one_ball_are_diagnosed() {
+    let server = Running::start();
+    let films = worlds::trials(&worlds::single(1, 3), worlds::Noise::White, 6, 30, 8.0, 5);
+    let text = |size: f64| {
+        let film = |trial: &iplw::reality::Trial| {
+            let (track, times) = (&trial.observed.bodies[0], trial.observed.times.iter().enumerate());
+            let rows = times.map(|(k, t)| format!("{t};{};{}\n", track.x[k] / size, track.y[k] / size));
+            (trial.name.clone(), Value::from(format!("time;pos_x;pos_y\n{}", rows.collect::<String>())))
+        };
+        films.iter().map(film).collect::<serde_json::Map<_, _>>()
+    };
+    let ball = json!({"radius": 0.02});
+    let body = json!({"ball": ball, "trials": text(0.002), "reading": {"metres_per_pixel": 0.002}});
+    let done = server.finish(&server.post("/v1/diagnoses", &body, 202));
+    assert_eq!((&done["state"], &done["config"]["trials"]), (&json!("succeeded"), &json!(6)), "{done}");
+    assert_eq!(done["result"]["extended_scene"]["gravity"], json!([0.0, -9.81]));
+    for (body, field) in [
+        (json!({"ball": ball, "trials": text(0.002)}), "trials.x, y"),
+        (json!({"ball": {"radius": -1}, "trials": text(1.0)}), "ball.radius"),
+        (json!({"ball": ball, "trials": text(1.0), "reading": {"fps": 0}}), "reading.fps"),
+        (json!({"ball": ball, "trials": {"a": "t,x,y\n0,1,?\n"}}), "trials.y"),
+        (json!({"ball": ball, "trials": {}}), "trials"),
+        (json!({"ball": ball, "trials": 3}), "trials"),
+        (json!({"ball": ball, "job": "job-1"}), "job"),
+    ] {
+        let answer = server.send(Method::POST, "/v1/diagnoses", body.to_string());
+        let (status, problem): (_, Value) = (answer.status(), answer.json().unwrap());
+        assert!([400, 422].contains(&status.as_u16()), "{problem}");
+        assert_eq!(problem["field"], field, "{problem}");
+    }
+}
+
 #[test]
 fn jobs_and_policies_survive_a_restart_and_one_server_owns_a_directory() {
     let directory = tempfile::tempdir().unwrap();

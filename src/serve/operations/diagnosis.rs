@@ -11,11 +11,12 @@ use crate::discover::{Config, diagnose};
 use crate::error::{Error, Result};
 use crate::job::{New, Outcome, Work};
 use crate::json::{from_value, parse};
-use crate::reality::trials_from_csv;
+use crate::reality::{Of, Reading, gather, trials_from_csv, trials_to_csv};
 use crate::serve::app::{App, Base};
 use crate::serve::operation::{Body, Keep, Operation, post};
 use crate::serve::wire::{DiagnosisIn, JobOut};
 use crate::task::Scene;
+use crate::task::ball::Ball;
 
 /// What can be asked about what a simulation gets wrong.
 pub fn operations() -> Vec<Operation> {
@@ -23,7 +24,8 @@ pub fn operations() -> Vec<Operation> {
         post("start_diagnosis", "/v1/diagnoses", "workflow")
             .about(
                 "Diagnoses measured trials: what the simulation gets wrong, by name. A job; its result is an \
-                 `iplw.diagnosis/1`\ndocument with the `extended_scene`.",
+                 `iplw.diagnosis/1`\ndocument with the `extended_scene`. Tracks of one ball need no scene: `ball` \
+                 makes it.",
             )
             .refuses(&[(404, "Unknown job"), (409, "A job without trials")])
             .queues(KIND, begin, work),
@@ -42,25 +44,73 @@ struct Plan {
 
 /// Queues a diagnosis.
 fn begin(app: &App, Body(body): Body<DiagnosisIn>, keep: Keep<JobOut>) -> Result<JobOut> {
-    let (scene, csv) = match (&body.job, body.scene, body.trials) {
-        (Some(id), None, None) => (trials::scene(app, id)?, trials::csv(app, id)?),
-        (None, Some(scene), Some(csv)) => (scene.0, csv),
-        (None, scene, _) => {
-            let missing = if scene.is_some() { "trials" } else { "scene" };
-            return Err(Error::input(missing, "missing", "a scene and its trials, or the job that has both"));
+    let (job, seed) = (body.job.clone(), body.seed.unwrap_or(0));
+    let (scene, csv, count) = match &job {
+        Some(id) => {
+            if body.scene.is_some() || body.ball.is_some() || body.trials.is_some() || body.reading.is_some()
+            {
+                return Err(Error::input(
+                    "job",
+                    "given beside scene, ball, trials or reading",
+                    "one or the other",
+                ));
+            }
+            let (scene, csv) = (trials::scene(app, id)?, trials::csv(app, id)?);
+            let count = trials_from_csv(&csv, &scene).map_err(|e| e.under("trials"))?.len();
+            (scene, csv, count)
         }
-        (Some(_), ..) => {
-            return Err(Error::input("job", "given beside scene or trials", "one or the other"));
-        }
+        None => sent(body)?,
     };
-    scene.validate().map_err(|e| e.under("scene"))?;
-    let count = trials_from_csv(&csv, &scene).map_err(|e| e.under("trials"))?.len();
-    let seed = body.seed.unwrap_or(0);
     // What was asked for, without the data themselves.
-    let config = json!({ "job": body.job, "scene": scene.name, "trials": count, "seed": seed });
+    let config = json!({ "job": job, "scene": scene.name, "trials": count, "seed": seed });
     let plan = json(&Plan { scene: scene.to_json(), trials: csv, seed })?;
     let new = New { kind: KIND, config: &config, plan: &plan, seed };
     Ok(app.jobs.submit(new, &|job| keep(&job.into()))?.into())
+}
+
+/// The scene, the trials as CSV and their number, of what was sent.
+fn sent(body: DiagnosisIn) -> Result<(Scene, String, usize)> {
+    let scene = body.scene.map(|s| s.0);
+    let ball = body.ball.map(|b| Ball::from(b.0));
+    let of = match (&scene, &ball) {
+        (Some(scene), None) => Of::Scene(scene),
+        (None, Some(ball)) => Of::Ball(ball),
+        (Some(_), Some(_)) => return Err(Error::input("ball", "given beside scene", "one or the other")),
+        (None, None) => {
+            let allowed = "a scene (or a ball) and its trials, or the job that has both";
+            return Err(Error::input("scene", "missing", allowed));
+        }
+    };
+    let Some(trials) = body.trials else {
+        return Err(Error::input("trials", "missing", "a scene and its trials, or the job that has both"));
+    };
+    if let Some(scene) = &scene {
+        scene.validate().map_err(|e| e.under("scene"))?;
+    }
+    let reading = body.reading.map(|r| Reading::from(r.0)).unwrap_or_default();
+    let mut files = trials.files("trials");
+    if files.is_empty() {
+        return Err(Error::input("trials", "empty", "at least one file"));
+    }
+    let found = gather(&files, of, &reading).map_err(placed)?;
+    // Of one file as it should be nothing is rewritten.
+    let csv = match found.own_format && files.len() == 1 {
+        true => files.swap_remove(0).text,
+        false => trials_to_csv(&found.trials),
+    };
+    Ok((found.scene, csv, found.trials.len()))
+}
+
+/// An error under the field of the request that it speaks of.
+fn placed(error: Error) -> Error {
+    let Error::Input(input) = &error else { return error };
+    let within = match input.field.as_str() {
+        _ if !input.place.is_empty() => "trials",
+        "radius" | "mass" | "gravity" | "floor" => "ball",
+        "fps" | "metres_per_pixel" | "length_unit" | "time_unit" | "track" => "reading",
+        _ => "trials",
+    };
+    error.under(within)
 }
 
 /// The work of a diagnosis: begun again, it does everything again, and finds the same.

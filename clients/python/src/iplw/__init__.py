@@ -17,7 +17,7 @@ The files, from the top down; each uses only those below it:
 | `envs`, `vector`, `registration`, `families` | Gymnasium's environments |
 | `aio`, `sync` | the client and its handles on worlds, jobs, policies, surfaces: written once, in `aio`; `generate.py` makes `sync` of it |
 | `runner` | the difference between the two: who does what blocks |
-| `calls`, `rollout`, `ranked`, `proposal`, `bar` | what is asked, and what answers mean; nothing here waits |
+| `calls`, `rollout`, `ranked`, `proposal`, `measured`, `bar` | what is asked, and what answers mean; nothing here waits |
 | `connect`, `http`, `zeromq`, `transport` | how a call goes to the server and back; `codec` and `frames` write it down |
 | `call`, `operations` | a call; the table of operations, which `generate.py` makes of the OpenAPI document |
 | `server`, `errors` | a private server; what all of them raise |

@@ -12,6 +12,7 @@ from typing_extensions import Self
 from .. import calls, server
 from ..call import given
 from ..connect import connect
+from ..measured import Measured, texts
 from ..runner import AsyncRunner
 from .asking import AsyncAsking
 from .job import AsyncJob
@@ -232,14 +233,29 @@ class AsyncClient:
     async def diagnose(
         self,
         scene: Mapping[str, Any] | None = None,
-        trials: str | None = None,
+        trials: Measured | None = None,
         *,
+        ball: Mapping[str, float] | None = None,
+        reading: Mapping[str, Any] | None = None,
         job: AsyncJob | str | None = None,
         seed: int | None = None,
         key: str | None = None,
     ) -> AsyncJob:
-        """What the simulation gets wrong, by name, as a job: of a scene and trials as CSV, or of a job's trials."""
-        body = given(scene=scene, trials=trials, job=calls.id_of(job), seed=seed)
+        """What the simulation gets wrong, by name, as a job: of a scene and trials, or of a job's trials.
+
+        `trials`: a file (its path, or its text), a pandas frame, or a list of arrays (n, 3) of t (s), x and y (m), each a
+        trial; lists and mappings of files and frames, too. Of one body columns may be called as tracking programs do;
+        what they do not say `reading` does: `{"fps": 240, "metres_per_pixel": 0.002, "y_down": True}`. Where one
+        ball flies, `ball={"radius": 0.02, "floor": 0.0}` does instead of a scene.
+        """
+        body = given(
+            scene=scene,
+            ball=ball,
+            trials=None if trials is None else texts(trials),
+            reading=reading,
+            job=calls.id_of(job),
+            seed=seed,
+        )
         return self._job(await self._line.do(calls.post("start_diagnosis", body, key)))
 
     async def find_surface(
