@@ -31,6 +31,8 @@ const FAR: f64 = 300.0;
 const SHARPLY: [f64; 2] = [5.0, 0.5];
 /// Times the noise over the time of the turn: the change of velocity errs by five times that, and there are many pictures.
 const CERTAIN: f64 = 25.0;
+/// m: by how much floors are not level, and heights not well known.
+const LEVEL: f64 = 0.02;
 
 /// What is suspicious about trials of one body: an error, or a note where what it doubts was said outright.
 pub fn units(trials: &[Trial], said: Said) -> Result<Option<String>> {
@@ -41,36 +43,49 @@ pub fn units(trials: &[Trial], said: Said) -> Result<Option<String>> {
     }
 }
 
-/// What is suspicious about where the floor is said to be; `floor` is none where the scene has none.
+/// What is suspicious about where the floor is said to be; `floor` is none where the scene has none. Without what they
+/// bounce off, trials that bounce would be explained by forces that are not there.
 pub fn floor(trials: &[Trial], radius: f64, floor: Option<f64>) -> Result<Option<String>> {
+    let bounces: Vec<Bounce> = trials.iter().filter_map(bounce).collect();
+    let seen = bounces.iter().map(|b| b.centre).fold(f64::INFINITY, f64::min);
+    let Some(height) = floor else {
+        let Some(first) = bounces.first() else { return Ok(None) };
+        let text = format!(
+            "{} of {} trials turn upwards sharply (first {:?} at {:.3} s), as in a bounce",
+            bounces.len(),
+            trials.len(),
+            first.trial,
+            first.time
+        );
+        let advice = format!(
+            "the height of what they bounce off, at most {:.3} m (centre less radius); or tracks that end before",
+            seen - radius
+        );
+        // A slip of the tracking, perhaps.
+        return match bounces.len() > 1 && bounces.len() > trials.len() / 10 {
+            true => Err(Error::input("floor", format!("missing: {text}"), advice)),
+            false => Ok(Some(format!("{text}: if so, give `floor`, {advice}"))),
+        };
+    };
     let mut heights: Vec<f64> =
         trials.iter().flat_map(|t| &t.observed.bodies[0].y).copied().filter(|y| y.is_finite()).collect();
     heights.sort_by(f64::total_cmp);
     // An outlier or two may be anywhere.
     let lowest = heights.get(2).copied().unwrap_or(f64::INFINITY);
-    match floor {
-        Some(height) if lowest < height => {
-            let allowed = format!("a height below the ball's centre, which comes down to {lowest:.4} m");
-            Err(Error::input("floor", height, allowed))
-        }
-        Some(_) => Ok(None),
-        None => {
-            let bounced: Vec<(&Trial, usize)> =
-                trials.iter().filter_map(|t| bounce(t).map(|at| (t, at))).collect();
-            Ok(bounced.first().map(|(trial, i)| {
-                let track = &trial.observed.bodies[0];
-                format!(
-                    "{} of {} trials turn upwards sharply (first {:?} at {:.3} s), as in a bounce: give `floor`, about {:.3} m \
-                     (centre less radius)",
-                    bounced.len(),
-                    trials.len(),
-                    trial.name,
-                    trial.observed.times[*i],
-                    track.y[*i] - radius
-                )
-            }))
-        }
+    if lowest < height {
+        let allowed = format!("a height below the ball's centre, which comes down to {lowest:.4} m");
+        return Err(Error::input("floor", height, allowed));
     }
+    let beyond = |b: &Bounce| b.centre - b.missed > height + LEVEL + 2.0 * radius;
+    if bounces.len() > 1 && bounces.iter().all(beyond) {
+        let allowed = format!(
+            "the height of what the ball bounces off: {} of {} trials bounce, with the centre at {seen:.3} m or above",
+            bounces.len(),
+            trials.len()
+        );
+        return Err(Error::input("floor", height, allowed));
+    }
+    Ok(None)
 }
 
 /// Something that cannot well be.
@@ -180,20 +195,37 @@ fn parabola(points: &[(f64, f64)]) -> Option<(f64, f64)> {
     (found.0.is_finite() && found.1.is_finite()).then_some(found)
 }
 
-/// Where a path turns upwards as nothing in the air does: index of the observation.
-fn bounce(trial: &Trial) -> Option<usize> {
+/// Where a path turns upwards as nothing in the air does.
+struct Bounce {
+    trial: String,
+    /// s
+    time: f64,
+    /// m, the lowest that was seen, and how much deeper it may have been between two pictures.
+    centre: f64,
+    missed: f64,
+}
+
+/// A trial's first bounce.
+fn bounce(trial: &Trial) -> Option<Bounce> {
     let (track, times) = (&trial.observed.bodies[0], &trial.observed.times);
     let g = trial.scene.gravity[1].abs();
     let seen: Vec<usize> = (0..track.len()).filter(|i| track.y[*i].is_finite()).collect();
     let heights: Vec<f64> = seen.iter().map(|i| track.y[*i]).collect();
     let noise = noise(&heights);
     let speed = |a: usize, b: usize| (track.y[b] - track.y[a]) / (times[b] - times[a]);
-    let turns = |w: &[usize]| {
+    seen.windows(7).find_map(|w| {
         let (before, after, time) = (speed(w[0], w[3]), speed(w[3], w[6]), times[w[6]] - times[w[0]]);
         let least = (SHARPLY[0] * g * time).max(SHARPLY[1]).max(CERTAIN * noise / time);
-        before < 0.0 && after > 0.0 && after - before > least
-    };
-    seen.windows(7).find(|w| turns(w)).map(|w| w[3])
+        let down = |a: usize, b: usize| track.y[w[b]] < track.y[w[a]];
+        // One point that is off makes no bounce.
+        let turns = down(0, 1) && down(1, 2) && down(5, 4) && down(6, 5);
+        (turns && after - before > least).then(|| Bounce {
+            trial: trial.name.clone(),
+            time: times[w[3]],
+            centre: w.iter().map(|i| track.y[*i]).fold(f64::INFINITY, f64::min),
+            missed: before.abs().max(after.abs()) * time / 6.0,
+        })
+    })
 }
 
 /// Standard deviation of the noise, from third differences, of which smooth motion leaves next to nothing.

@@ -344,6 +344,7 @@ fn parse(cell: &str, mark: &mut Option<char>) -> std::result::Result<f64, &'stat
     *mark = own.or(*mark);
     match cell.replace(',', ".").parse::<f64>() {
         Ok(v) if v.is_finite() => Ok(v),
+        _ if cell.contains(':') => Err("a number: times in s or ms, not as a timecode"),
         _ => Err("a number, or nothing"),
     }
 }
@@ -567,6 +568,11 @@ mod tests {
                 "3: `x` is \"1.5\"; allowed: the decimal mark of the rows above",
             ),
             ("t;x;y\n0;1.000,5;2\n", silent(), "separators of thousands"),
+            (
+                "#T X Y\n0:00:00:03 1 2\n",
+                silent(),
+                "2: `T` is \"0:00:00:03\"; allowed: a number: times in s or ms",
+            ),
             ("t,x,y\n0,1,5,2,0\n", silent(), "2: 5 cells; allowed: 3 cells as in the header (decimal commas"),
             ("t,x,y\n0,1\n", silent(), "2: 2 cells"),
             ("t,x,y\n,1,2\n", silent(), "2: `t` is missing"),

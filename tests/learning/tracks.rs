@@ -131,16 +131,22 @@ fn drops() -> Vec<File> {
 }
 
 #[test]
-fn bounces_without_a_floor_are_told_and_a_floor_calibrates_them() {
-    let notes = gathered(&drops(), &Reading::default()).unwrap().notes;
-    assert!(
-        notes.len() == 1 && notes[0].contains("6 of 6 trials turn upwards") && notes[0].contains("`floor`"),
-        "{notes:?}"
-    );
+fn bounces_need_a_floor_where_they_are_and_calibrate_it() {
+    let error = gathered(&drops(), &Reading::default()).expect_err("bounces off nothing");
+    let wanted = ["`floor` is missing: 6 of 6 trials turn upwards", "at most 0.499 m"];
+    assert!(wanted.iter().all(|w| error.contains(w)), "{error}");
+    let flight = throws(|_, t, x, y| format!("{t},{x},{y}"), "t,x,y").swap_remove(0);
+    let notes = gathered(&[drops().swap_remove(0), flight], &Reading::default()).unwrap().notes;
+    assert!(notes.len() == 1 && notes[0].contains("1 of 2 trials"), "{notes:?}");
     let with =
         |floor: f64| gather(&drops(), Of::Ball(&Ball { floor: Some(floor), ..BALL }), &Reading::default());
     let error = with(0.6).expect_err("a ball below the floor").to_string();
     assert!(error.contains("`floor` is 0.6; allowed: a height below the ball's centre"), "{error}");
+    let error = with(0.3).expect_err("bounces far above the floor").to_string();
+    assert!(
+        error.contains("`floor` is 0.3; allowed: the height of what the ball bounces off: 6 of 6"),
+        "{error}"
+    );
     let found = with(0.5).unwrap();
     assert!(found.notes.is_empty(), "{:?}", found.notes);
     let finding = diagnose(&found.scene, &found.trials, &Config::standard(0), &Silent).unwrap();
@@ -182,4 +188,30 @@ fn the_own_format_of_a_scene_is_never_refused_for_its_units() {
     let scene = BALL.scene("ball", 1.0).unwrap();
     let found = gather(&files, Of::Scene(&scene), &Reading::default()).unwrap();
     assert!(found.own_format && found.notes.len() == 1, "{:?}", found.notes);
+}
+
+/// Files that end anywhere, or lack a character, are read or refused.
+#[test]
+fn no_file_is_too_broken_to_be_refused() {
+    for text in [
+        "#multi:\n\tcm A\t\tcm B\t\t\nt\tx\ty\tx\ty\t\n0\t1\t2\t3\t4\n1\t5\t6\t7\t8\n",
+        "\u{feff}\"Time (s)\";\"B\u{e4}ll/0/X\";\"B\u{e4}ll/0/Y\"\r\n\"0,5\";\"1,5\";;\r\n\"1\";;\"2\"\r\n",
+        "# T X Y\n\n0 1 2\n1 2 3\n",
+        "trial,t,body,x,y,vx\na,0,ball,1,2,\na,1,ball,1,2,3\n",
+        "frame,particle,y,x\n0,0,1,2\n0,1,1,2\n1,0,,\n",
+    ] {
+        let whole: Vec<char> = text.chars().collect();
+        for i in 0..whole.len() {
+            let without = whole[..i].iter().chain(&whole[i + 1..]).collect::<String>();
+            for broken in [whole[..i].iter().collect::<String>(), without] {
+                let file = File { name: "a.csv".into(), text: broken };
+                let fps = Reading { fps: Some(30.0), track: Some("cm A".into()), ..Reading::default() };
+                for reading in [Reading::default(), fps] {
+                    if let Err(error) = gathered(std::slice::from_ref(&file), &reading) {
+                        assert!(error.contains("allowed: "), "{:?}: {error}", file.text);
+                    }
+                }
+            }
+        }
+    }
 }
