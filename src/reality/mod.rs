@@ -7,6 +7,7 @@ pub mod certify;
 mod columns;
 mod header;
 mod hidden;
+mod reading;
 mod recorded;
 mod rows;
 mod suspicion;
@@ -14,8 +15,8 @@ mod tracked;
 mod tracks;
 
 pub use hidden::{HiddenConfig, HiddenWorld, Truth, measure_each, standard};
+pub use reading::Reading;
 pub use recorded::{decode, read_trials, trials_from_csv, trials_to_csv};
-pub use tracked::Reading;
 pub use tracks::{File, Gathered, Of, gather};
 
 use crate::error::Result;

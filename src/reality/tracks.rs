@@ -3,10 +3,11 @@
 use std::path::Path;
 
 use super::Trial;
+use super::reading::Reading;
 use super::recorded;
 use super::rows::{Row, assemble};
 use super::suspicion::{self, Said};
-use super::tracked::{self, Reading, Table};
+use super::tracked::{self, Table};
 use crate::error::{Error, Result};
 use crate::task::Scene;
 use crate::task::ball::Ball;
