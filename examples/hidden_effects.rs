@@ -143,8 +143,21 @@ fn study(world: &World, id: &str, seed: u64, talk: bool) -> String {
         if let Some(next) = &d.next_experiment {
             eprintln!("  {} ({})", next.action, next.why);
         }
-        for c in d.considered.iter().take(8) {
-            eprintln!("  {:.4} {:.1e} {} {}", c.held_out, c.p_value, c.accepted, c.effects.join("+"));
+        for s in d.scores.iter().take(10) {
+            eprintln!(
+                "  {:9.2} nats, worse with {:.3}: {}",
+                s.score,
+                s.probability_worse,
+                s.effects.join("+")
+            );
+        }
+        if let Some(r) = &d.remainder {
+            eprintln!("  field {:?} nats, explained {:?}", r.field, r.explained_share);
+        }
+        for e in &d.effects {
+            for p in &e.parameters {
+                eprintln!("  {}.{} = {:.4} {:?} spread {:?}", e.name, p.name, p.value, p.ci95, p.spread);
+            }
         }
     }
     out

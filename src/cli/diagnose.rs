@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use iplw::discover::report::{Calibrated, Diagnosis, FoundEffect, FoundParameter, HeldOut};
+use iplw::discover::report::{Calibrated, Diagnosis, FoundEffect, FoundParameter, HeldOut, Score};
 use iplw::discover::{Config, Finding, diagnose};
 use iplw::error::{Error, Result};
 use iplw::picture::report::{Block, Report, Section};
@@ -112,7 +112,8 @@ fn summary(d: &Diagnosis, out: &Path) -> String {
 
 fn parameter(p: &FoundParameter) -> String {
     let setting = p.setting.as_ref().map(|s| format!(" [{s}]")).unwrap_or_default();
-    format!("{}{setting} = {:.5} {} ({})", p.name, p.value, p.unit, interval(&p.ci95))
+    let spread = p.spread.map_or(String::new(), |s| format!(", spread by launch {s:.5}"));
+    format!("{}{setting} = {:.5} {} ({}{spread})", p.name, p.value, p.unit, interval(&p.ci95))
 }
 
 fn interval(ends: &[Option<f64>; 2]) -> String {
@@ -129,7 +130,7 @@ fn gained(g: &HeldOut) -> String {
     format!("error {:.5} m -> {:.5} m, floor {:.5} m: {removed}", g.base_rmse, g.extended_rmse, g.floor_rmse)
 }
 
-/// The report: what was found first, what was considered last; sections without anything to say are left out.
+/// The report: what was found first, what else was tried last; sections without anything to say are left out.
 fn page(scene: &Scene, d: &Diagnosis, plots: &[Plot]) -> Report {
     let pictures = plots
         .iter()
@@ -146,7 +147,7 @@ fn page(scene: &Scene, d: &Diagnosis, plots: &[Plot]) -> Report {
             table(gains(d), "Starts are fitted for every trial; everything else comes from other trials."),
         ),
         section("Residuals before and after", pictures),
-        section("What was considered", considered(d)),
+        section("Rivals", rivals(d)),
     ];
     let name = if scene.name.is_empty() { "a scene".to_string() } else { scene.name.clone() };
     Report {
@@ -159,6 +160,9 @@ fn page(scene: &Scene, d: &Diagnosis, plots: &[Plot]) -> Report {
 fn section(heading: &str, blocks: Vec<Block>) -> Section {
     Section { heading: heading.into(), blocks }
 }
+
+/// Sets that the report shows at once.
+const BEST: usize = 8;
 
 /// Names of columns, and rows.
 type Rows = (&'static [&'static str], Vec<Vec<String>>);
@@ -211,10 +215,14 @@ fn effects(d: &Diagnosis) -> Rows {
             number(p.value),
             p.unit.clone(),
             interval(&p.ci95),
+            p.spread.map_or(String::new(), |s| format!("{s:.4}")),
             format!("{:.1e}", e.p_value),
         ]
     };
-    (&["effect", "parameter", "setting", "value", "unit", "interval", "p"], all.map(row).collect())
+    (
+        &["effect", "parameter", "setting", "value", "unit", "interval", "spread by launch", "p"],
+        all.map(row).collect(),
+    )
 }
 
 fn ties(d: &Diagnosis) -> Vec<Block> {
@@ -256,16 +264,21 @@ fn gains(d: &Diagnosis) -> Rows {
     (&["on", "trials", "base, m", "extended, m", "floor, m", "excess removed"], rows.collect())
 }
 
-fn considered(d: &Diagnosis) -> Vec<Block> {
-    let rows = d.considered.iter().map(|c| {
-        vec![
-            c.effects.join(" + "),
-            format!("{:.4}", c.held_out),
-            format!("{:.1e}", c.p_value),
-            if c.accepted { "yes" } else { "no" }.into(),
-        ]
-    });
-    let columns: &[&str] = &["set", "held-out error over noise (mean square)", "p", "accepted"];
-    let blocks = table((columns, rows.collect()), "Best first.");
-    vec![Block::Details { summary: "every set that was fitted".into(), blocks }]
+/// The best of the sets that were fitted.
+fn rivals(d: &Diagnosis) -> Vec<Block> {
+    let row = |s: &Score| {
+        let effects = if s.effects.is_empty() { "none".to_string() } else { s.effects.join(" + ") };
+        vec![effects, format!("{:.1}", s.score), format!("{:.3}", s.probability_worse)]
+    };
+    let columns: &[&str] = &["set", "score, nats", "probability that it is worse"];
+    let note = "Log predictive density of launches told from the others, beside the best set's.";
+    let best = table((columns, d.scores.iter().take(BEST).map(row).collect()), note);
+    let rest = table((columns, d.scores.iter().skip(BEST).map(row).collect()), "");
+    match rest.is_empty() {
+        true => best,
+        false => best
+            .into_iter()
+            .chain([Block::Details { summary: "every other set that was fitted".into(), blocks: rest }])
+            .collect(),
+    }
 }

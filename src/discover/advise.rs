@@ -7,7 +7,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::Config;
-use super::judge::Fitted;
+use super::fit::Fitted;
 use super::noise::Noise;
 use super::path::Physics;
 use super::report::{NextExperiment, Verdict};

@@ -1,7 +1,7 @@
 //! What a diagnosis rests on, point by point, for pictures: residuals before and after, the pushes that they show, and
 //! what contacts gave.
 
-use super::judge::Fitted;
+use super::fit::Shown;
 use super::model::{self, Data};
 use super::path::Impact;
 use super::stats::slope;
@@ -80,7 +80,7 @@ const PIECE: usize = 7;
 const PIECES: usize = 4;
 
 /// What the windows show of a base model and an extended one.
-pub fn evidence(data: &Data, base: &Fitted, model: &Fitted, names: &[String]) -> Result<Evidence> {
+pub fn evidence(data: &Data, base: Shown, model: Shown, names: &[String]) -> Result<Evidence> {
     let paths = model::paths(data, &model.layout, &model.state)?;
     let mut out = Evidence { settings: names.to_vec(), ..Evidence::default() };
     for (w, window) in data.windows.iter().enumerate() {
@@ -106,8 +106,8 @@ pub fn evidence(data: &Data, base: &Fitted, model: &Fitted, names: &[String]) ->
         };
         let points: Vec<(usize, EvidencePoint)> = (0..window.points.len()).filter_map(point).collect();
         if window.kind == Kind::Flight && points.len() >= PIECE {
-            let of = |f: &Fitted| model::pushes(window, &f.layout, &f.state.values, &paths[w]);
-            let (with, without) = (of(model), of(base));
+            let of = |f: &Shown| model::pushes(window, &f.layout, &f.state.values, &paths[w]);
+            let (with, without) = (of(&model), of(&base));
             let added: Vec<[f64; 2]> =
                 points.iter().map(|(i, _)| [0, 1].map(|k| with[*i][k] - without[*i][k])).collect();
             let only: Vec<EvidencePoint> = points.iter().map(|p| p.1).collect();
@@ -145,10 +145,10 @@ fn pushed(piece: &[EvidencePoint], added: &[[f64; 2]]) -> Push {
 }
 
 /// What a contact took and gave: by the models, and by what the extended model's residuals still have before and after.
-fn bounce(window: &Window, w: usize, base: &Fitted, model: &Fitted) -> Option<Bounce> {
+fn bounce(window: &Window, w: usize, base: Shown, model: Shown) -> Option<Bounce> {
     let [nx, ny] = window.surface.as_ref()?.normal;
-    let of = |f: &Fitted| model::impact(window, w, &f.layout, &f.state);
-    let (base, extended) = (of(base)?, of(model)?);
+    let of = |f: &Shown| model::impact(window, w, &f.layout, &f.state);
+    let (base, extended) = (of(&base)?, of(&model)?);
     let drift = |after: bool| drift(window, &model.pass.residuals[w], extended.time, after);
     let (before, after) = (drift(false)?, drift(true)?);
     let along = |v: [f64; 2]| [v[0] * nx + v[1] * ny, v[1] * nx - v[0] * ny];

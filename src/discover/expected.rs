@@ -1,6 +1,6 @@
 //! What would be left if only noise were, and how far a fit is above it.
 
-use super::judge::Fitted;
+use super::fit::Fitted;
 use super::noise::{Noise, Slow, expected_squares};
 use super::stats::{f_above, mean_error, median, t_above};
 use super::window::{self, Kind, Window};

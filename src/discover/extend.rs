@@ -1,6 +1,6 @@
 //! The scene with what was found, so that it rolls out.
 
-use super::judge::Fitted;
+use super::fit::Shown;
 use super::window::{Kind, Window};
 use crate::reality::Trial;
 use crate::task::Scene;
@@ -8,7 +8,7 @@ use crate::task::scene::EffectTerm;
 
 /// The scene with the found effects, the calibrated latents and a start, so that it rolls out. Where settings differ,
 /// it is the first trial's setting.
-pub fn extend(scene: &Scene, trials: &[Trial], windows: &[Window], kept: &[usize], model: &Fitted) -> Scene {
+pub fn extend(scene: &Scene, trials: &[Trial], windows: &[Window], kept: &[usize], model: Shown) -> Scene {
     let mut out = scene.clone();
     let first = windows.iter().position(|w| w.kind != Kind::Contact).unwrap_or(0);
     let setting = windows[first].setting;

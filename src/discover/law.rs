@@ -10,7 +10,7 @@ use std::f64::consts::PI;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::judge::Fitted;
+use super::fit::Fitted;
 use super::library::span;
 use super::model::{self, Data, Layout, Term};
 use super::noise::Noise;

@@ -22,19 +22,23 @@
 mod advise;
 mod base;
 mod conclude;
+mod decide;
 mod evidence;
 mod expected;
 mod extend;
-mod judge;
+mod field;
+mod fit;
+mod launch;
 mod law;
+mod leave_out;
 mod library;
 mod model;
 mod noise;
 mod path;
 mod phase;
 pub mod report;
+mod score;
 mod search;
-mod signs;
 mod stats;
 mod steps;
 mod survey;
@@ -42,17 +46,17 @@ mod trust;
 mod verdict;
 mod window;
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::reality::Trial;
 use crate::task::Scene;
 use crate::trajectory::Trajectory;
 use crate::world::Engine;
 use crate::world::latent::factor_index;
-use conclude::{conclude, insufficient};
+use conclude::{Given, conclude, insufficient};
 pub use evidence::{Bounce, Evidence, EvidencePoint, Met, Push};
 use expected::{Expected, expected};
-use judge::Fitted;
+use fit::{Fitted, Fitter};
 use model::{Data, Layout, State};
 use noise::Noise;
 pub use report::Diagnosis;
@@ -134,6 +138,7 @@ pub fn diagnose(
             return Ok(insufficient(scene, trials, reason, config));
         }
     };
+    let noise = Noise { sd: noise.sd.max(finest(&windows)), ..noise };
     trust::shorten(&mut windows, config.engine)?;
     let sd: Vec<f64> = windows
         .iter()
@@ -146,41 +151,56 @@ pub fn diagnose(
         nuisances: windows.iter().map(|w| w.nuisances.clone()).collect(),
     };
     let observed: Vec<&Trajectory> = kept.iter().map(|i| &trials[*i].observed).collect();
-    let seek = |known: Option<(&Layout, &State)>| {
-        let (trials, frozen) = (kept.len(), Vec::new());
-        let mut data = Data {
-            windows: &windows,
-            trials,
-            settings: &settings,
-            sd: sd.clone(),
-            frozen,
-            engine: config.engine,
-            other_steps: stepping.is_some(),
-        };
-        if let Some(stepping) = stepping {
-            let (layout, state) = known.unwrap_or((&layout, &start));
-            steps::allow(&mut data, &observed, layout, state, stepping)?;
-        }
-        progress.report("fitting the base model", 0, 1)?;
-        let (state, first) = base::fit(scene, &mut data, &observed, &layout, start.clone(), config.seed)?;
-        let expected = expected(&windows, &data.sd, kept.len(), &noise);
-        let base = Fitted::new(layout.clone(), state, first, &settings);
-        let given = search::Given { expected: &expected, noise: &noise, latents: &latents };
-        let found = search::search(scene, data, base, &given, config, progress)?;
-        Ok((found, expected))
+    let expected = expected(&windows, &sd, kept.len(), &noise);
+    let mut data = Data {
+        windows: &windows,
+        trials: kept.len(),
+        settings: &settings,
+        sd: sd.clone(),
+        frozen: Vec::new(),
+        engine: config.engine,
+        other_steps: stepping.is_some(),
     };
-    let (mut found, mut expected) = seek(None)?;
-    if stepping.is_some() {
-        // What the other engine's steps make of contacts is known once it is known where things go.
-        let best = found.champion.map_or(&found.base, |c| &found.fits[c]);
-        (found, expected) = seek(Some((&best.layout, &best.state)))?;
+    if let Some(stepping) = stepping {
+        steps::allow(&mut data, &observed, &layout, &start, stepping)?;
     }
-    let judged = search::Judged { names: &names, settings: &settings, noise: &noise, expected: &expected };
-    let mut finding = conclude(scene, trials, &windows, &kept, found, &judged, config)?;
+    progress.report("fitting the base model", 0, 1)?;
+    let (state, _) = base::fit(scene, &mut data, &observed, &layout, start, config.seed)?;
+    let seek = |data: &Data, layout: &Layout, state: State| -> Result<_> {
+        let fitter = Fitter::new(data, &noise);
+        let base = fitter.refined(layout.clone(), state, None)?;
+        let base = base.ok_or_else(|| Error::Failed("the base model could not be scored".into()))?;
+        let hunt = search::Hunt::new(scene, &fitter, &latents, config.seed);
+        let found = hunt.search(base, config.most_effects, progress)?;
+        let judged = verdict::judge(&fitter, &found)?;
+        Ok((found, judged))
+    };
+    let (mut found, mut judged) = seek(&data, &layout, state)?;
+    if let Some(stepping) = stepping {
+        // What the other engine's steps make of contacts is known once it is known where things go.
+        let best = judged.champion.map_or(&found.base, |c| &found.fits[c]);
+        data.sd.clone_from(&sd);
+        steps::allow(&mut data, &observed, &best.layout, &best.state, stepping)?;
+        let state = found.base.state;
+        (found, judged) = seek(&data, &layout, state)?;
+    }
+    let given =
+        Given { scene, trials, data: &data, kept: &kept, names: &names, noise: &noise, expected: &expected };
+    let mut finding = conclude(&given, found, &judged, config)?;
     if stepping.is_some() {
         finding.diagnosis.reason += OTHER_STEPS;
     }
     Ok(finding)
+}
+
+/// What paths of flights are integrated to, as a share of their extent: less is no noise.
+const INTEGRATED: f64 = 1e-5;
+
+/// The least that a flight's positions err by, m.
+fn finest(windows: &[Window]) -> f64 {
+    let [x0, y0, x1, y1] = library::span(windows).area;
+    let extent = (x1 - x0).max(y1 - y0);
+    if extent.is_finite() && !window::leaping(windows) { INTEGRATED * extent } else { 0.0 }
 }
 
 /// Noise of runs from third differences, which smooth motion and rest leave at nothing; m.

@@ -233,9 +233,12 @@ impl Layout {
 }
 
 /// A term to be added to a model, at values near which it vanishes: the direction that it would move paths in.
+#[derive(Clone)]
 pub struct Extra {
     pub effect: &'static Effect,
     pub values: Vec<f64>,
+    /// By what the difference that it makes is divided.
+    pub unit: f64,
 }
 
 /// A window at a state: what is left, how it depends on the slots, and on extras; in units of the noise, the window's
@@ -252,8 +255,29 @@ pub struct Look {
     /// Square of the residual; of what went astray, only what grows with its logarithm.
     pub square: f64,
     /// What residual and columns were made smaller by for going astray.
-    share: f64,
+    pub share: f64,
     correction: (DVector<f64>, DMatrix<f64>),
+}
+
+impl Look {
+    /// The step of the window's start that goes with a step of the slots.
+    pub fn start_step(&self, step: &DVector<f64>) -> DVector<f64> {
+        let (own, by_step) = &self.correction;
+        own - by_step * step
+    }
+
+    /// Adds columns, two rows a point, not yet weighed; nothing where there are none.
+    pub fn append(&mut self, count: usize, columns: Option<DMatrix<f64>>) {
+        let (rows, before) = self.columns.shape();
+        let mut all = DMatrix::zeros(rows, before + count);
+        all.columns_mut(0, before).copy_from(&self.columns);
+        if let Some(columns) = columns {
+            for (i, k) in (0..columns.nrows()).flat_map(|i| (0..count).map(move |k| (i, k))) {
+                all[(i, before + k)] = columns[(i, k)] * self.weights[i / 2] * self.share;
+            }
+        }
+        self.columns = all;
+    }
 }
 
 /// Square of a shot's residual, over what noise leaves, from which it counts for less and less (as Cauchy's
@@ -311,7 +335,7 @@ struct Moved {
     /// Derivatives.
     nuisances: Vec<Vec<f64>>,
     slots: Vec<Vec<f64>>,
-    /// Differences.
+    /// Differences over their units.
     extras: Vec<Vec<f64>>,
 }
 
@@ -389,7 +413,7 @@ fn integrated(
         slots: shared.iter().map(moved_slot).collect(),
         extras: extras
             .iter()
-            .map(|e| slope(physics(&state.values, Some(e)).seen(nuisances, |_, _| ()), &base, 1.0))
+            .map(|e| slope(physics(&state.values, Some(e)).seen(nuisances, |_, _| ()), &base, e.unit))
             .collect(),
         base,
     }
@@ -520,7 +544,7 @@ fn simulated(data: &Data, layout: &Layout, state: &State, extras: &[Extra]) -> R
             let (low, high) = (next(), next());
             slots.push(slope(&high, &low, s.high - s.low));
         }
-        let extras = extras.iter().map(|_| slope(&next(), &base, 1.0)).collect();
+        let extras = extras.iter().map(|e| slope(&next(), &base, e.unit)).collect();
         out.push(Moved { base, nuisances, slots, extras });
     }
     Ok(out)

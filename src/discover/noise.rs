@@ -258,7 +258,22 @@ fn degree(n: usize) -> usize {
     (n / 4).clamp(3, 12).min(n.saturating_sub(3))
 }
 
-fn correlation(n: usize, rho: f64) -> DMatrix<f64> {
+/// Orthonormal columns of the polynomials that [`smooth`] takes for motion, over the points that count; `None` of too few.
+pub fn slow_basis(times: &[f64], weights: &[f64]) -> Option<DMatrix<f64>> {
+    let n = times.len();
+    let degree = degree(n);
+    if weights.iter().filter(|w| **w > 0.0).count() < degree + 3 {
+        return None;
+    }
+    let span = (times[n - 1] - times[0]).max(1e-12);
+    orthonormal(&DMatrix::from_fn(n, degree + 1, |i, k| {
+        let u: f64 = 2.0 * (times[i] - times[0]) / span - 1.0;
+        weights[i] * libm::cos(k as f64 * libm::acos(u.clamp(-1.0, 1.0)))
+    }))
+}
+
+/// Correlation of first-order autoregressive noise by distance in the record.
+pub fn correlation(n: usize, rho: f64) -> DMatrix<f64> {
     DMatrix::from_fn(n, n, |i, j| if rho == 0.0 { f64::from(i == j) } else { rho.powi(i.abs_diff(j) as i32) })
 }
 

@@ -216,7 +216,8 @@ impl<'a> Physics<'a> {
         // Impulses over the mass; along the tangent (-ny, nx) of the slip.
         let normal = -(1.0 + answer.restitution) * speed;
         let mobility = 1.0 + 1.0 / surface.inertia;
-        let most = self.friction * normal;
+        // What leaves by itself at the very moment of meeting is not held.
+        let most = (self.friction * normal).max(0.0);
         let tangent = ((answer.slip - slip) / mobility).clamp(-most, most);
         at[2] += normal * n[0] - tangent * n[1];
         at[3] += normal * n[1] + tangent * n[0];

@@ -56,8 +56,12 @@ pub struct Diagnosis {
     /// What acceleration the unexplained looks like; only for the verdict `unknown`.
     pub residual_law: Option<ResidualLaw>,
     pub next_experiment: Option<NextExperiment>,
-    /// Every set that was fitted, best held-out loss first.
-    pub considered: Vec<Considered>,
+    /// Every set that was fitted and the base model (no effects), best first.
+    pub scores: Vec<Score>,
+    /// What the reported model leaves.
+    pub remainder: Option<Remainder>,
+    /// Sets that could not be fitted: they have not lost.
+    pub failed: Vec<Vec<String>>,
     pub seed: u64,
 }
 
@@ -80,6 +84,8 @@ pub struct FoundParameter {
     pub ci95: [Option<f64>; 2],
     pub unit: String,
     pub setting: Option<String>,
+    /// Standard deviation from launch to launch; `None` if launches share it.
+    pub spread: Option<f64>,
 }
 
 /// An acceleration without a name that describes what effects leave.
@@ -92,7 +98,6 @@ pub struct ResidualLaw {
     /// (Which functions make the law up was chosen on all trials.)
     pub held_out: HeldOut,
     /// Whether it is part of the extended scene: it is if it helps by more than chance on trials that it was not fitted to.
-    /// `effects` and `calibrated` are then as fitted along with it.
     pub offered: bool,
 }
 
@@ -165,13 +170,32 @@ pub struct NextExperiment {
     pub scene: Option<Scene>,
 }
 
-/// A fitted set.
+/// How a set compares with the best.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Considered {
+pub struct Score {
     pub effects: Vec<String>,
-    /// Held-out mean squared error over the noise's.
-    pub held_out: f64,
-    /// Largest corrected p of its terms.
-    pub p_value: f64,
-    pub accepted: bool,
+    /// Log predictive density of all launches, each told from the others, less what choosing the set costs; nats above the
+    /// best, so never above 0.
+    pub score: f64,
+    /// Probability that it predicts launches worse than the best.
+    pub probability_worse: f64,
+}
+
+/// What the reported model leaves.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Remainder {
+    /// Root of the mean square of what held-out launches leave above the noise and what changes slowly along a path, by the base
+    /// model, m.
+    pub slow_before_m: f64,
+    /// The same by the reported model, m.
+    pub slow_after_m: f64,
+    /// Standard deviation of the noise, m.
+    pub noise_m: f64,
+    /// Share of what can be predicted of launches, with a force field of no name beside the model, that the model explains by
+    /// itself; `None` where that cannot be asked.
+    pub explained_share: Option<f64>,
+    /// Nats by which such a field predicts launches better, and the probability that it does.
+    pub field: Option<[f64; 2]>,
+    /// The same in words.
+    pub text: String,
 }

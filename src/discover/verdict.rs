@@ -1,104 +1,166 @@
-//! What the search's findings amount to: nothing, a name, several that tie, or something unknown.
+//! What the scores amount to: nothing, a name, several that tie, or something that no name explains.
 
-use super::judge::Fitted;
-use super::model;
+use super::decide::{Compared, MOST, TIED, compared};
+use super::field::{self, Shared};
+use super::fit::{Fitted, Fitter};
 use super::report::Verdict;
-use super::search::{self, Found, Judged, Lack};
-use super::window::{self, Window};
+use super::search::Found;
+use crate::error::Result;
+use crate::world::effect::Effect;
 
-/// p below which a lack of fit counts.
-const MISFIT: f64 = 0.01;
-/// The same where no effect was found: to call physics unknown takes more than one odd trial.
-const UNKNOWN: f64 = 0.002;
-/// Share of the base's excess that may remain under a named set, and the same where slow residuals are sure of it.
-const REMAINS: f64 = 0.05;
-const REMAINS_SURELY: f64 = 0.02;
-/// p below which slow residuals say that a set leaves something (it is ten times smaller than it says, since the trials
-/// that are furthest off are left out of account).
-const SLOW: f64 = 0.04;
-/// Excess below this share of the noise floor (mean square) is too small to speak of.
-pub const SLIGHT: f64 = 0.03;
+/// A verdict with what it was taken from.
+pub struct Judged {
+    pub verdict: Verdict,
+    /// Index of the set that is reported first; none if no set is.
+    pub champion: Option<usize>,
+    /// Indices of all sets that tie, the champion first.
+    pub rivals: Vec<usize>,
+    /// Whether launches share something that the reported model leaves.
+    pub shared: Option<Shared>,
+    /// How every fit compares with the best.
+    pub compared: Vec<Compared>,
+    /// The same of the base model.
+    pub base: Compared,
+}
 
-/// The verdict, and why, for people.
-pub fn verdict(found: &Found, judged: &Judged, windows: &[Window]) -> (Verdict, String) {
-    let Some(best) = found.champion else {
-        return if misfits(found, judged, windows) {
-            (
-                Verdict::Unknown,
-                "there is misfit, and no set in the library explains it on held-out trials".into(),
-            )
-        } else {
-            (Verdict::None, "the base model explains the data to its noise floor".into())
-        };
+/// Judges what a search found.
+pub fn judge(fitter: &Fitter, found: &Found) -> Result<Judged> {
+    let order = found.ranked(|_| true);
+    let base_total: f64 = found.base_score.iter().sum();
+    let best = order.first().copied().filter(|i| found.total(*i) > base_total);
+    let top = best.map_or(&found.base_score, |b| &found.scores[b]);
+    let all: Vec<Compared> = found.scores.iter().map(|s| compared(top, s, &found.bootstrap)).collect();
+    let base = compared(top, &found.base_score, &found.bootstrap);
+    let judged = |verdict, rivals: Vec<usize>, shared| Judged {
+        verdict,
+        champion: rivals.first().copied(),
+        rivals,
+        shared,
+        compared: all.clone(),
+        base,
     };
-    let model = &found.fits[best];
-    let names = model.names().join(" + ");
-    if let Some(what) = remains(found, best, judged, windows) {
-        return (Verdict::Unknown, format!("the best set in the library, {names}, {what}"));
+    let tied: Vec<usize> =
+        order.iter().copied().filter(|i| all[*i].is_tied() && is_something(&found.fits[*i])).collect();
+    let asked = |model: &Fitted| field::shared(fitter, &found.base, model, &found.bootstrap);
+    if base.is_tied() || tied.is_empty() {
+        // No name is any better; but there may be something, shared by launches or drawn anew for each.
+        let shared = asked(&found.base)?;
+        let slow = compared(&found.base.score, &found.base.smooth, &found.bootstrap);
+        let left = shared.as_ref().is_some_and(Shared::is_left) || !slow.is_tied();
+        return Ok(judged(if left { Verdict::Unknown } else { Verdict::None }, Vec::new(), shared));
     }
-    if found.rivals.len() < 2 {
-        return (Verdict::Named, format!("{names} explains the data to its noise floor"));
+    // The smallest of those that cannot be told apart; a larger one where the smaller leaves what launches share.
+    let mut sizes: Vec<usize> = tied.iter().map(|i| found.fits[*i].set.len()).collect();
+    sizes.sort_unstable();
+    sizes.dedup();
+    let mut least: Option<(Vec<usize>, Option<Shared>)> = None;
+    for size in sizes {
+        let group =
+            simplest(found, tied.iter().copied().filter(|i| found.fits[*i].set.len() == size).collect());
+        let shared = asked(&found.fits[group[0]])?;
+        let explained = shared.as_ref().filter(|s| s.is_left()).map_or(1.0, |s| s.explained);
+        if explained >= MOST && shared.as_ref().is_some_and(Shared::is_left) {
+            // What launches share without a name is there anyway: does it take the place of one of the names?
+            let (group, shared) = beside_field(found, &asked)?.unwrap_or((group, shared));
+            let verdict = if group.len() == 1 { Verdict::Named } else { Verdict::Ambiguous };
+            return Ok(judged(verdict, group, shared));
+        }
+        if explained >= MOST {
+            let group = with_better(found, &tied, group);
+            let verdict = if group.len() == 1 { Verdict::Named } else { Verdict::Ambiguous };
+            return Ok(judged(verdict, group, shared));
+        }
+        let known = least.as_ref().and_then(|l| l.1.as_ref()).map_or(-1.0, |s| s.explained);
+        if explained > known {
+            least = Some((group, shared));
+        }
     }
-    let drags = |i: &usize| found.fits[*i].set.iter().any(|e| e.opposes_motion);
-    let against = match found.rivals.iter().all(drags) {
-        true => "a force against the velocity, its law not identified: ",
-        false => "",
-    };
-    let count = found.rivals.len();
-    let reason = format!("{against}{count} sets explain the data equally well; {names} is the simplest");
-    (Verdict::Ambiguous, reason)
+    let (group, shared) = least.unwrap_or_default();
+    Ok(judged(Verdict::Unknown, group, shared))
 }
 
-/// Share of the base's excess over the noise floor that a model leaves; `None` where there is none to speak of.
-pub fn unexplained(base: &Fitted, model: &Fitted, judged: &Judged, windows: &[Window]) -> Option<f64> {
-    let (excess, _) = judged.expected.misfit_of(base, windows);
-    let (left, _) = judged.expected.misfit_of(model, windows);
-    (excess > SLIGHT).then(|| (left / excess).clamp(0.0, 1.0))
+/// Whether every effect of a set is there: an amplitude whose interval leaves nothing out, or one that differs by launch
+/// more than its mean is known.
+fn is_something(fit: &Fitted) -> bool {
+    (0..fit.set.len()).all(|t| {
+        fit.layout.of_term(t).into_iter().filter(|i| !fit.layout.shapes(*i)).any(|i| {
+            let half = fit.half_width(i);
+            let off = (fit.state.values[i] - fit.neutral(i)).abs();
+            off > half || fit.spread(i).is_some_and(|s| s > half)
+        })
+    })
 }
 
-/// Whether the base model leaves anything.
-fn misfits(found: &Found, judged: &Judged, windows: &[Window]) -> bool {
-    let (base, lack, expected) = (&found.base, &found.base_lack, judged.expected);
-    let (excess, _) = expected.misfit_of(base, windows);
-    let (_, slow_p) = expected.slow_misfit(base, windows, judged.noise.unit());
-    let shots = window::shooting(windows);
-    model::astray(windows, &base.pass) >= search::SEVERAL
-        || (lack.tested.p < UNKNOWN && (excess > SLIGHT || !window::leaping(windows)))
-        || (!shots && search::far(expected.above(base, windows)))
-        || lack.is_much(expected.total())
-        || (!shots && slow_p < search::PLAIN)
+/// Sets of every size that are asked again with the field beside them.
+const ASKED: usize = 3;
+
+/// The smallest of the sets that explain most by themselves, each with a field of no name beside it. Where something without a
+/// name is left for certain, nats say little of a name: half a millimetre that nothing explains is worth hundreds of them.
+/// So a larger set must explain more, in square metres, than what it leaves without a name.
+#[allow(clippy::type_complexity)]
+fn beside_field(
+    found: &Found,
+    asked: &dyn Fn(&Fitted) -> Result<Option<Shared>>,
+) -> Result<Option<(Vec<usize>, Option<Shared>)>> {
+    let most = found.fits.iter().map(|f| f.set.len()).max().unwrap_or(0);
+    let mut with: Vec<(usize, Shared, Vec<f64>)> = Vec::new();
+    let of_size = |m: usize| found.ranked(|f| f.set.len() == m && is_something(f)).into_iter().take(ASKED);
+    for i in (1..=most).flat_map(of_size) {
+        if let Some(shared) = asked(&found.fits[i])? {
+            let share = found.choice.charge(&found.fits[i].names()) / shared.scores.len() as f64;
+            let scores = shared.scores.iter().map(|s| s - share).collect();
+            with.push((i, shared, scores));
+        }
+    }
+    let total = |s: &[f64]| s.iter().sum::<f64>();
+    let total = |s: &[f64]| s.iter().sum::<f64>();
+    let mut chosen: Option<(Vec<usize>, Shared)> = None;
+    for size in 1..=most {
+        let mut own: Vec<&(usize, Shared, Vec<f64>)> =
+            with.iter().filter(|w| found.fits[w.0].set.len() == size && w.1.explained >= MOST).collect();
+        own.sort_by(|a, b| total(&b.2).total_cmp(&total(&a.2)));
+        let Some(best) = own.first().copied() else { continue };
+        // A name must explain more than what is left without one.
+        if chosen.as_ref().is_some_and(|(_, s)| best.1.explained - s.explained <= 1.0 - best.1.explained) {
+            break;
+        }
+        let tied = own.iter().filter(|w| compared(&best.2, &w.2, &found.bootstrap).is_tied()).map(|w| w.0);
+        let group = simplest(found, tied.collect());
+        let shared = with.iter().find(|w| w.0 == group[0]).map(|w| w.1.clone());
+        chosen = shared.map(|shared| (group, shared));
+    }
+    Ok(chosen.map(|(group, shared)| (group, Some(shared))))
 }
 
-/// What the best set does wrong, in words, if it leaves more than a little of what the base leaves: by the noise floor, by
-/// what could be added in trial after trial, by windows that it leads astray, or by what is slow.
-fn remains(found: &Found, best: usize, judged: &Judged, windows: &[Window]) -> Option<String> {
-    let (base, model, expected) = (&found.base, &found.fits[best], judged.expected);
-    let lack: &Lack = found.lacks[best].as_ref().unwrap_or(&found.base_lack);
-    let shots = window::shooting(windows);
-    let (base_excess, _) = expected.misfit_of(base, windows);
-    let (excess, p) = expected.misfit_of(model, windows);
-    let sure_of_base = found.base_lack.sure().max(base_excess * expected.total());
-    let by_floor = if !shots && p < MISFIT && excess > SLIGHT { excess / base_excess.max(1e-9) } else { 0.0 };
-    let much = lack.is_much(expected.total());
-    let by_signs = if lack.tested.p < MISFIT || much { lack.sure() / sure_of_base.max(1e-9) } else { 0.0 };
-    let far = !shots && search::far(expected.above(model, windows));
-    let unit = judged.noise.unit();
-    let (slow, slow_p) = expected.slow_misfit(model, windows, unit);
-    let (base_slow, _) = expected.slow_misfit(base, windows, unit);
-    let by_slow = slow / base_slow.max(sure_of_base).max(1e-9);
-    let (astray, base_astray) = (model::astray(windows, &model.pass), model::astray(windows, &base.pass));
-    let percent = |share: f64| 100.0 * share.min(1.0);
-    if (lack.tested.p < MISFIT || far || much) && by_floor.max(by_signs) > REMAINS {
-        return Some(match by_floor > by_signs {
-            true => format!("leaves {:.0} % of the excess error", percent(by_floor)),
-            false => format!("lacks in trial after trial {:.0} % of what was missing", percent(by_signs)),
-        });
+/// A group, and the larger tied sets that predict better by more than what ties, though not for certain, and hold none of
+/// it: which it is, nobody can tell.
+fn with_better(found: &Found, tied: &[usize], mut group: Vec<usize>) -> Vec<usize> {
+    let (size, least) = (found.fits[group[0]].set.len(), found.total(group[0]) + TIED[0]);
+    let better = |i: &usize| found.fits[*i].set.len() > size && found.total(*i) > least;
+    let mut more: Vec<usize> = tied.iter().copied().filter(better).collect();
+    more.sort_by_key(|i| found.fits[*i].set.len());
+    for i in more {
+        if !group.iter().any(|j| holds(found, i, *j)) {
+            group.push(i);
+        }
     }
-    if astray >= search::SEVERAL && astray as f64 > REMAINS * base_astray as f64 {
-        return Some(format!("leads {astray} stretches of motion astray ({base_astray} without it)"));
-    }
-    let slow_left =
-        (slow_p < SLOW && by_slow > REMAINS) || (slow_p < search::PLAIN && by_slow > REMAINS_SURELY);
-    let text = || format!("leaves {:.0} % of the error that changes slowly along trials", percent(by_slow));
-    (!shots && slow_left).then(text)
+    group
+}
+
+/// Whether a set is another, or more than it, for some of its values.
+fn holds(found: &Found, large: usize, small: usize) -> bool {
+    let (large, small) = (&found.fits[large], &found.fits[small]);
+    large.parameters() > small.parameters()
+        && small.set.iter().all(|s| large.set.iter().any(|l| l.name == s.name || contains(l, s)))
+}
+
+/// Those of some sets that hold no other of them as a special case, in their order.
+fn simplest(found: &Found, group: Vec<usize>) -> Vec<usize> {
+    let kept = |i: &usize| !group.iter().any(|j| j != i && holds(found, *i, *j));
+    group.iter().copied().filter(kept).collect()
+}
+
+/// Whether an effect is another for some of its values, or by way of one that is.
+fn contains(large: &Effect, small: &Effect) -> bool {
+    large.holds.iter().any(|h| h.name == small.name || contains(h, small))
 }

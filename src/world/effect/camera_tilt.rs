@@ -21,11 +21,13 @@ pub static EFFECT: Effect = Effect {
         unit: "rad",
         bounds: [-3.2, 3.2],
         neutral: 0.0,
-        ..amplitude(0.1, 2e-3)
+        ..amplitude(0.1, 0.05, 2e-3)
     }],
     act: Act::Sensor(&CameraTilt),
     holds: &[],
     opposes_motion: false,
+    differs: &[],
+    renewed: false,
     check: Some("hang a plumb line in the picture"),
     search: Search::Downhill,
 };

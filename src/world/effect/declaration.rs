@@ -19,6 +19,12 @@ pub struct Effect {
     pub holds: &'static [&'static Effect],
     /// Whether it is a force against the velocity, wherever a body is.
     pub opposes_motion: bool,
+    /// Standard deviation of each amplitude from launch to launch where that has a reason of its own (a ball's spin, a breath
+    /// of air), in the amplitudes' units; none where it has not. Every launch may have so much of it without its naming
+    /// anything.
+    pub differs: &'static [f64],
+    /// Whether a contact changes what it depends on (a ball's spin): after one its size is another.
+    pub renewed: bool,
     /// What tells it from effects that look the same in any launch: a look at the instrument.
     pub check: Option<&'static str>,
     /// How a search for causes tries it.
@@ -39,6 +45,9 @@ pub struct Parameter {
     pub role: Role,
     /// How far from the neutral value it usually is in scenes of some metres, where nothing else is known of it.
     pub size: f64,
+    /// Standard deviation of what may be believed of it before anything was measured, about the neutral value: weak, but it
+    /// rules out a wind as strong as gravity. Infinite for shapes of which nothing is known.
+    pub plausible: f64,
     /// Difference for derivatives by it: far above rounding, far below what changes a path's shape; for edges in
     /// space wide enough that some path crosses what is between.
     pub step: f64,
@@ -110,14 +119,24 @@ pub enum ActsOn {
     Action,
 }
 
-/// An amplitude of a usual size, and the step for derivatives by it; the rest of the row is still to be said.
-pub(super) const fn amplitude(size: f64, step: f64) -> Parameter {
-    Parameter { name: "", unit: "", bounds: [0.0; 2], neutral: 0.0, role: Role::Amplitude, size, step }
+/// An amplitude of a usual and of a plausible size, and the step for derivatives by it; the rest of the row is still to be
+/// said.
+pub(super) const fn amplitude(size: f64, plausible: f64, step: f64) -> Parameter {
+    Parameter {
+        name: "",
+        unit: "",
+        bounds: [0.0; 2],
+        neutral: 0.0,
+        role: Role::Amplitude,
+        size,
+        plausible,
+        step,
+    }
 }
 
-/// As [`amplitude`], for what only shapes the effect.
+/// As [`amplitude`], for what only shapes the effect; of where and when nothing is known.
 pub(super) const fn shape(shape: Shape, size: f64, step: f64) -> Parameter {
-    Parameter { role: Role::Shape(shape), ..amplitude(size, step) }
+    Parameter { role: Role::Shape(shape), ..amplitude(size, f64::INFINITY, step) }
 }
 
 /// As [`shape`], for an edge.

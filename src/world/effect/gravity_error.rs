@@ -26,11 +26,13 @@ pub static EFFECT: Effect = Effect {
         unit: "m/s^2",
         bounds: [-100.0, 100.0],
         neutral: 0.0,
-        ..amplitude(1.0, 1e-2)
+        ..amplitude(1.0, 0.5, 1e-2)
     }],
     act: Act::Motion(&GravityError),
     holds: &[],
     opposes_motion: false,
+    differs: &[],
+    renewed: false,
     check: None,
     search: Search::Downhill,
 };

@@ -28,14 +28,14 @@ pub static EFFECT: Effect = Effect {
             unit: "m/s^2",
             bounds: [-100.0, 100.0],
             neutral: 0.0,
-            ..amplitude(1.0, 1e-2)
+            ..amplitude(1.0, 2.0, 1e-2)
         },
         Parameter {
             name: "ay",
             unit: "m/s^2",
             bounds: [-100.0, 100.0],
             neutral: 0.0,
-            ..amplitude(1.0, 1e-2)
+            ..amplitude(1.0, 2.0, 1e-2)
         },
         Parameter {
             name: "period",
@@ -55,6 +55,8 @@ pub static EFFECT: Effect = Effect {
     act: Act::Motion(&Gust),
     holds: &[&wind::EFFECT],
     opposes_motion: false,
+    differs: &[],
+    renewed: false,
     check: None,
     search: Search::From(starts),
 };

@@ -20,11 +20,13 @@ pub static EFFECT: Effect = Effect {
         unit: "s",
         bounds: [-10.0, 10.0],
         neutral: 0.0,
-        ..amplitude(0.1, 1e-4)
+        ..amplitude(0.1, 0.05, 1e-4)
     }],
     act: Act::Sensor(&Lag),
     holds: &[],
     opposes_motion: false,
+    differs: &[],
+    renewed: false,
     check: Some("film a clock beside the stamps"),
     search: Search::Downhill,
 };

@@ -26,11 +26,13 @@ pub static EFFECT: Effect = Effect {
         unit: "1/s",
         bounds: [-100.0, 100.0],
         neutral: 0.0,
-        ..amplitude(0.5, 2e-3)
+        ..amplitude(0.5, 0.7, 2e-3)
     }],
     act: Act::Motion(&Lift),
     holds: &[],
     opposes_motion: false,
+    differs: &[0.1],
+    renewed: true,
     check: None,
     search: Search::Downhill,
 };

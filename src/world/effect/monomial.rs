@@ -26,14 +26,14 @@ pub static EFFECT: Effect = Effect {
             unit: "m/s^2 over the powers' unit",
             bounds: [-1e3, 1e3],
             neutral: 0.0,
-            ..amplitude(0.1, 2e-3)
+            ..amplitude(0.1, 1.0, 2e-3)
         },
         Parameter {
             name: "ay",
             unit: "m/s^2 over the powers' unit",
             bounds: [-1e3, 1e3],
             neutral: 0.0,
-            ..amplitude(0.1, 2e-3)
+            ..amplitude(0.1, 1.0, 2e-3)
         },
         power("px"),
         power("py"),
@@ -44,6 +44,8 @@ pub static EFFECT: Effect = Effect {
     act: Act::Motion(&Monomial),
     holds: &[],
     opposes_motion: false,
+    differs: &[],
+    renewed: false,
     check: None,
     search: Search::Never,
 };

@@ -25,6 +25,7 @@ pub static EFFECT: Effect = Effect {
             unit: "m/s",
             bounds: [-100.0, 100.0],
             neutral: 0.0,
+            plausible: 3.0,
             ..shape(Shape::Velocity, 1.0, 1e-2)
         },
         Parameter {
@@ -32,13 +33,22 @@ pub static EFFECT: Effect = Effect {
             unit: "m/s",
             bounds: [-100.0, 100.0],
             neutral: 0.0,
+            plausible: 3.0,
             ..shape(Shape::Velocity, 1.0, 1e-2)
         },
-        Parameter { name: "k", unit: "1/m", bounds: [0.0, 1000.0], neutral: 0.0, ..amplitude(0.03, 2e-3) },
+        Parameter {
+            name: "k",
+            unit: "1/m",
+            bounds: [0.0, 1000.0],
+            neutral: 0.0,
+            ..amplitude(0.03, 0.2, 2e-3)
+        },
     ],
     act: Act::Motion(&MovingAir),
     holds: &[&quadratic_drag::EFFECT, &wind::EFFECT],
     opposes_motion: true,
+    differs: &[],
+    renewed: false,
     check: None,
     search: Search::From(starts),
 };

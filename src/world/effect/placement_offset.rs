@@ -18,12 +18,14 @@ pub static EFFECT: Effect = Effect {
     name: "placement_offset",
     equation: "placed position = asked position + (dx, dy)",
     parameters: &[
-        Parameter { name: "dx", unit: "m", bounds: [-10.0, 10.0], neutral: 0.0, ..amplitude(0.1, 2e-3) },
-        Parameter { name: "dy", unit: "m", bounds: [-10.0, 10.0], neutral: 0.0, ..amplitude(0.1, 2e-3) },
+        Parameter { name: "dx", unit: "m", bounds: [-10.0, 10.0], neutral: 0.0, ..amplitude(0.1, 0.1, 2e-3) },
+        Parameter { name: "dy", unit: "m", bounds: [-10.0, 10.0], neutral: 0.0, ..amplitude(0.1, 0.1, 2e-3) },
     ],
     act: Act::Action(&PlacementOffset),
     holds: &[],
     opposes_motion: false,
+    differs: &[],
+    renewed: false,
     check: None,
     search: Search::Downhill,
 };

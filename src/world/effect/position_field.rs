@@ -29,14 +29,14 @@ pub static EFFECT: Effect = Effect {
             unit: "1/s^2",
             bounds: [-1000.0, 1000.0],
             neutral: 0.0,
-            ..amplitude(0.1, 2e-3)
+            ..amplitude(0.1, 1.0, 2e-3)
         },
         Parameter {
             name: "ky",
             unit: "1/s^2",
             bounds: [-1000.0, 1000.0],
             neutral: 0.0,
-            ..amplitude(0.1, 2e-3)
+            ..amplitude(0.1, 1.0, 2e-3)
         },
         Parameter {
             name: "x0",
@@ -56,6 +56,8 @@ pub static EFFECT: Effect = Effect {
     act: Act::Motion(&PositionField),
     holds: &[&wind::EFFECT],
     opposes_motion: false,
+    differs: &[],
+    renewed: false,
     check: None,
     search: Search::From(starts),
 };

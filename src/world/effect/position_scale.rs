@@ -22,11 +22,13 @@ pub static EFFECT: Effect = Effect {
         unit: "1",
         bounds: [0.1, 10.0],
         neutral: 1.0,
-        ..amplitude(0.1, 2e-3)
+        ..amplitude(0.1, 0.05, 2e-3)
     }],
     act: Act::Sensor(&PositionScale),
     holds: &[],
     opposes_motion: false,
+    differs: &[],
+    renewed: false,
     check: Some("measure a known length in the picture"),
     search: Search::Downhill,
 };

@@ -26,11 +26,13 @@ pub static EFFECT: Effect = Effect {
         unit: "1/m",
         bounds: [0.0, 1000.0],
         neutral: 0.0,
-        ..amplitude(0.03, 2e-3)
+        ..amplitude(0.03, 0.2, 2e-3)
     }],
     act: Act::Motion(&QuadraticDrag),
     holds: &[],
     opposes_motion: true,
+    differs: &[],
+    renewed: false,
     check: None,
     search: Search::Downhill,
 };

@@ -24,11 +24,13 @@ pub static EFFECT: Effect = Effect {
         unit: "s/m",
         bounds: [-10.0, 10.0],
         neutral: 0.0,
-        ..amplitude(0.03, 2e-3)
+        ..amplitude(0.03, 0.05, 2e-3)
     }],
     act: Act::Contact(&RestitutionSpeed),
     holds: &[],
     opposes_motion: false,
+    differs: &[],
+    renewed: false,
     check: None,
     search: Search::Downhill,
 };

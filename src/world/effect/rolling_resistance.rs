@@ -27,11 +27,13 @@ pub static EFFECT: Effect = Effect {
         unit: "1",
         bounds: [0.0, 10.0],
         neutral: 0.0,
-        ..amplitude(0.1, 2e-3)
+        ..amplitude(0.1, 0.05, 2e-3)
     }],
     act: Act::Contact(&RollingResistance),
     holds: &[],
     opposes_motion: false,
+    differs: &[],
+    renewed: false,
     check: None,
     search: Search::Downhill,
 };

@@ -24,11 +24,13 @@ pub static EFFECT: Effect = Effect {
         unit: "1/s",
         bounds: [0.0, 100.0],
         neutral: 0.0,
-        ..amplitude(0.5, 2e-3)
+        ..amplitude(0.5, 0.7, 2e-3)
     }],
     act: Act::Motion(&SpinDecay),
     holds: &[],
     opposes_motion: false,
+    differs: &[],
+    renewed: false,
     check: None,
     search: Search::Never,
 };

@@ -28,11 +28,13 @@ pub static EFFECT: Effect = Effect {
         unit: "1",
         bounds: [-1.0, 1.0],
         neutral: 0.0,
-        ..amplitude(0.1, 2e-3)
+        ..amplitude(0.1, 0.5, 2e-3)
     }],
     act: Act::Contact(&TangentialRestitution),
     holds: &[],
     opposes_motion: false,
+    differs: &[],
+    renewed: false,
     check: None,
     search: Search::Downhill,
 };

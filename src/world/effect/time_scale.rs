@@ -20,11 +20,13 @@ pub static EFFECT: Effect = Effect {
         unit: "1",
         bounds: [0.1, 10.0],
         neutral: 1.0,
-        ..amplitude(0.1, 2e-3)
+        ..amplitude(0.1, 0.05, 2e-3)
     }],
     act: Act::Sensor(&TimeScale),
     holds: &[],
     opposes_motion: false,
+    differs: &[],
+    renewed: false,
     check: Some("film a clock"),
     search: Search::Downhill,
 };

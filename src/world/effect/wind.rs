@@ -26,19 +26,21 @@ pub static EFFECT: Effect = Effect {
             unit: "m/s^2",
             bounds: [-100.0, 100.0],
             neutral: 0.0,
-            ..amplitude(1.0, 1e-2)
+            ..amplitude(1.0, 1.0, 1e-2)
         },
         Parameter {
             name: "ay",
             unit: "m/s^2",
             bounds: [-100.0, 100.0],
             neutral: 0.0,
-            ..amplitude(1.0, 1e-2)
+            ..amplitude(1.0, 1.0, 1e-2)
         },
     ],
     act: Act::Motion(&Wind),
     holds: &[&gravity_error::EFFECT, &position_scale::EFFECT, &time_scale::EFFECT],
     opposes_motion: false,
+    differs: &[0.1, 0.1],
+    renewed: false,
     check: None,
     search: Search::Downhill,
 };

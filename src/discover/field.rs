@@ -1,0 +1,229 @@
+//! Something nobody named: a force field shared by all launches, as one more rival of every set.
+//!
+//! Radial functions of position, of velocity and of clock time, each pushing along x and along y, and radial functions of
+//! position that push along and across the velocity; integrated twice along the paths of a fitted model, with a ridge
+//! prior. Where it predicts launches that it was not fitted to, something that all of them share is left.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::decide::{Bootstrap, TIED, compared};
+use super::fit::{Fitted, Fitter, prior};
+use super::launch::Part;
+use super::model;
+use super::score::{self, Prior, spared};
+use super::stats::median;
+use super::window::{Kind, Window};
+use crate::error::Result;
+
+/// Numbers of functions over x and y, vx and vy, and the clock.
+const PLACES: [usize; 2] = [8, 5];
+const SPEEDS: [usize; 2] = [4, 3];
+const TIMES: usize = 16;
+/// Standard deviations of coefficients that are tried, m/s^2.
+const STRENGTHS: [f64; 4] = [0.2, 0.6, 2.0, 6.0];
+/// Directions in the space of coefficients that are kept: those that the data tell most of.
+const DIRECTIONS: usize = 64;
+/// Times the usual launch's misfit beyond which a launch counts for no more.
+const CLIPPED: f64 = 9.0;
+
+/// What a shared field says of a model.
+#[derive(Clone, Debug)]
+pub struct Shared {
+    /// Nats by which the model with the field is better, and the probability that it is.
+    pub gain: f64,
+    pub probability: f64,
+    /// Share of the predictable misfit that the model explains by itself.
+    pub explained: f64,
+    /// Log densities by launch of the model with the field, spoilt launches spared.
+    pub scores: Vec<f64>,
+}
+
+impl Shared {
+    /// Whether something shared is left for certain.
+    pub fn is_left(&self) -> bool {
+        self.gain > TIED[0] && self.probability > TIED[1]
+    }
+}
+
+/// Asks whether `model` leaves something that launches share; `None` without flights or where nothing can be said.
+pub fn shared(
+    fitter: &Fitter,
+    base: &Fitted,
+    model: &Fitted,
+    bootstrap: &Bootstrap,
+) -> Result<Option<Shared>> {
+    let windows = fitter.data.windows;
+    if !windows.iter().any(|w| w.kind == Kind::Flight) {
+        return Ok(None);
+    }
+    let Some(parts) = with_field(fitter, model)? else { return Ok(None) };
+    let own = spared(&model.score, &base.score);
+    let mut best: Option<(Shared, Vec<f64>)> = None;
+    for strength in STRENGTHS {
+        let Some((scores, squares)) = predicted(fitter, model, &parts, strength) else { continue };
+        let scores = spared(&scores, &base.score);
+        let found = compared(&scores, &own, bootstrap);
+        if best.as_ref().is_none_or(|(b, _)| found.worse > b.gain) {
+            let shared = Shared { gain: found.worse, probability: found.probability, explained: 1.0, scores };
+            best = Some((shared, squares));
+        }
+    }
+    let Some((mut found, with)) = best else { return Ok(None) };
+    let (none, own) = (&base.squares, &model.squares);
+    let most = CLIPPED * median(none);
+    let total = |squares: &[f64]| squares.iter().map(|s| s.min(most)).sum::<f64>();
+    let (none, own, with) = (total(none), total(own), total(&with));
+    // What the field and the model explain together, of which the model's share.
+    found.explained = if none > with { ((none - own) / (none - with)).clamp(0.0, 1.0) } else { 0.0 };
+    Ok(Some(found))
+}
+
+/// The parts of a model with the field's columns.
+fn with_field(fitter: &Fitter, model: &Fitted) -> Result<Option<Vec<Part>>> {
+    let (layout, state) = (&model.layout, &model.state);
+    let paths = model::paths(fitter.data, layout, state)?;
+    let functions = Functions::over(fitter.data.windows, &paths);
+    let field = |w: usize| match fitter.data.windows[w].kind {
+        Kind::Flight | Kind::Contact => Some(functions.columns(&fitter.data.windows[w], &paths[w])),
+        _ => None,
+    };
+    let parts = fitter.parts_with(layout, &model.set, state, functions.count(), &field)?;
+    Ok(parts.map(|parts| condensed(parts, layout.slots.len())))
+}
+
+/// Parts whose columns after the first `slots` are turned to the directions that all of them together tell most of: a ridge
+/// prior is the same in every direction.
+fn condensed(mut parts: Vec<Part>, slots: usize) -> Vec<Part> {
+    let count = parts.first().map_or(slots, |p| p.blocks[0].columns.ncols()) - slots;
+    let mut gram = DMatrix::zeros(count, count);
+    for block in parts.iter().flat_map(|p| &p.blocks) {
+        let own = block.columns.columns(slots, count);
+        gram += own.tr_mul(&own);
+    }
+    let eigen = gram.symmetric_eigen();
+    let mut order: Vec<usize> = (0..count).collect();
+    order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]).then(a.cmp(b)));
+    order.truncate(DIRECTIONS);
+    let turn = eigen.eigenvectors.select_columns(&order);
+    for block in parts.iter_mut().flat_map(|p| &mut p.blocks) {
+        let mut columns = DMatrix::zeros(block.columns.nrows(), slots + turn.ncols());
+        columns.columns_mut(0, slots).copy_from(&block.columns.columns(0, slots));
+        columns.columns_mut(slots, turn.ncols()).copy_from(&(block.columns.columns(slots, count) * &turn));
+        block.columns = columns;
+    }
+    parts
+}
+
+/// Held-out log densities and squares (units of the noise) by launch, with a field of some strength.
+fn predicted(fitter: &Fitter, model: &Fitted, parts: &[Part], strength: f64) -> Option<(Vec<f64>, Vec<f64>)> {
+    let own = prior(&model.layout, &model.state);
+    let q = own.off.len();
+    let all = parts.first()?.blocks[0].columns.ncols();
+    let mut precision = DMatrix::from_diagonal_element(all, all, strength.powi(-2));
+    precision.view_mut((0, 0), (q, q)).copy_from(&own.precision);
+    let mut prior = Prior { precision, off: DVector::zeros(all), plausible: own.plausible };
+    prior.off.rows_mut(0, q).copy_from(&own.off);
+    prior.plausible.resize(all, 0.0);
+    let mut components = model.components.clone();
+    components.spread.resize(all, 0.0);
+    score::held_out_with(parts, &prior, &components, &fitter.folds)
+}
+
+/// What the field is made of.
+struct Functions {
+    places: [[f64; 2]; 2],
+    speeds: [[f64; 2]; 2],
+    times: [f64; 2],
+}
+
+impl Functions {
+    fn over(windows: &[Window], paths: &[Vec<[f64; 4]>]) -> Functions {
+        let flights = || (0..windows.len()).filter(|w| windows[*w].kind == Kind::Flight);
+        let all = |k: usize| -> Vec<f64> {
+            flights().flat_map(|w| paths[w].iter().map(move |s| s[k])).filter(|v| v.is_finite()).collect()
+        };
+        let ends = |mut values: Vec<f64>| {
+            values.sort_by(f64::total_cmp);
+            let at = |share: f64| {
+                values.get((share * (values.len().max(1) - 1) as f64) as usize).copied().unwrap_or(0.0)
+            };
+            [at(0.02), at(0.98)]
+        };
+        let clock = flights().flat_map(|w| windows[w].points.iter().map(move |p| windows[w].start + p.time));
+        Functions {
+            places: [ends(all(0)), ends(all(1))],
+            speeds: [ends(all(2)), ends(all(3))],
+            times: ends(clock.collect()),
+        }
+    }
+
+    fn count(&self) -> usize {
+        2 * (PLACES[0] * PLACES[1] + SPEEDS[0] * SPEEDS[1] + TIMES) + 2 * PLACES[0] * PLACES[1]
+    }
+
+    /// Values at a state: each pushes along x and along y, the last along and across the velocity.
+    fn pushes(&self, time: f64, [x, y, vx, vy]: [f64; 4]) -> Vec<[f64; 2]> {
+        let places = radial([x, y], self.places, PLACES);
+        let speed = (vx * vx + vy * vy).sqrt().max(1e-9);
+        let along =
+            places.iter().flat_map(|f| [[f * vx / speed, f * vy / speed], [-f * vy / speed, f * vx / speed]]);
+        let speeds = radial([vx, vy], self.speeds, SPEEDS);
+        let times = radial([time, 0.0], [self.times, [0.0, 0.0]], [TIMES, 1]);
+        places.iter().chain(&speeds).chain(&times).flat_map(|f| [[*f, 0.0], [0.0, *f]]).chain(along).collect()
+    }
+
+    /// The functions integrated twice along a window's path: two rows a point.
+    fn columns(&self, window: &Window, path: &[[f64; 4]]) -> DMatrix<f64> {
+        let n = window.points.len();
+        let mut out = DMatrix::zeros(2 * n, self.count());
+        let mut before: Option<(f64, Vec<[f64; 2]>)> = None;
+        let mut moved = vec![[[0.0f64; 2]; 2]; self.count()];
+        for (i, (point, state)) in window.points.iter().zip(path).enumerate() {
+            let now = self.pushes(window.start + point.time, *state);
+            if let Some((time, last)) = before {
+                let dt = point.time - time;
+                for (k, [place, speed]) in moved.iter_mut().enumerate() {
+                    for axis in 0..2 {
+                        let a = 0.5 * (last[k][axis] + now[k][axis]);
+                        place[axis] += speed[axis] * dt + 0.5 * a * dt * dt;
+                        speed[axis] += a * dt;
+                        out[(2 * i + axis, k)] = place[axis];
+                    }
+                }
+            }
+            before = Some((point.time, now));
+        }
+        out
+    }
+}
+
+/// Gaussian bumps on a grid between the ends, as wide as it is spaced.
+fn radial(at: [f64; 2], ends: [[f64; 2]; 2], counts: [usize; 2]) -> Vec<f64> {
+    let mut out = Vec::with_capacity(counts[0] * counts[1]);
+    let spacing = [0, 1].map(|a| (ends[a][1] - ends[a][0]) / (counts[a].max(2) - 1) as f64 + 1e-3);
+    for i in 0..counts[0] {
+        for j in 0..counts[1] {
+            let bump = |a: usize, k: usize| {
+                if counts[a] < 2 {
+                    return 0.0;
+                }
+                ((at[a] - ends[a][0] - spacing[a] * k as f64) / spacing[a]).powi(2)
+            };
+            out.push(libm::exp(-0.5 * (bump(0, i) + bump(1, j))));
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bumps_stand_on_their_grid() {
+        let at = radial([1.0, 3.0], [[0.0, 2.0], [1.0, 3.0]], [3, 2]);
+        assert_eq!(at.len(), 6);
+        let most = at.iter().copied().fold(0.0, f64::max);
+        assert_eq!(at.iter().position(|v| *v == most), Some(3));
+    }
+}

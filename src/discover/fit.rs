@@ -1,0 +1,358 @@
+//! A model fitted to all launches and scored on each from the others.
+//!
+//! First by least squares (`model::fit`), which finds the way; then by generalised least squares with the variance components
+//! that the launches show, about the new place, until it stays; then held out.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::launch::{self, Columns, Frame, Part};
+use super::leave_out::leave_out;
+use super::library;
+use super::model::{self, Data, Extra, Layout, Look, Pass, Slot, State, Term, What};
+use super::noise::Noise;
+use super::score::{self, Components, Pooled, Prior, Told};
+use super::stats::{f_above, inverse, t_quantile};
+use super::window::Kind;
+use crate::error::{Error, Result};
+use crate::world::effect::Effect;
+
+/// Rounds of generalised least squares.
+const ROUNDS: usize = 3;
+
+/// A model fitted to all trials, and what the others say of each.
+pub struct Fitted {
+    /// The effects, in the layout's order.
+    pub set: Vec<&'static Effect>,
+    pub layout: Layout,
+    pub state: State,
+    pub pass: Pass,
+    /// Held-out squares by trial, units of the noise: what gains are told in.
+    pub held: Vec<f64>,
+    /// Log predictive density by launch: what models are compared by. (A spoilt launch's is not yet spared.)
+    pub score: Vec<f64>,
+    /// The same if nothing were left that changes slowly along paths.
+    pub smooth: Vec<f64>,
+    /// What is left of held-out launches: squares of slow coordinates, in units of the noise.
+    pub squares: Vec<f64>,
+    /// Variance components, all launches together.
+    pub components: Components,
+    /// What the slots' values are known by.
+    pub covariance: DMatrix<f64>,
+    /// What each part says at the components.
+    pub told: Vec<Told>,
+    /// Corrected p by term, filled in by the search.
+    pub p_values: Vec<f64>,
+}
+
+/// A model as pictures and the extended scene show it.
+#[derive(Clone, Copy)]
+pub struct Shown<'a> {
+    pub layout: &'a Layout,
+    pub state: &'a State,
+    pub pass: &'a Pass,
+}
+
+/// Fits and scores models of one recording.
+pub struct Fitter<'a, 'b> {
+    pub data: &'b Data<'a>,
+    frames: Vec<Frame>,
+    /// What a window's residuals, in units of its own scale, are in units of the noise.
+    scales: Vec<f64>,
+    pub folds: Vec<usize>,
+}
+
+impl<'a, 'b> Fitter<'a, 'b> {
+    pub fn new(data: &'b Data<'a>, noise: &Noise) -> Fitter<'a, 'b> {
+        let scale = |(w, sd): (&super::window::Window, &f64)| match w.kind {
+            Kind::Contact => sd / noise.sd,
+            _ if sd.is_finite() => 1.0,
+            _ => f64::NAN,
+        };
+        Fitter {
+            data,
+            frames: launch::frames(data.windows, noise),
+            scales: data.windows.iter().zip(&data.sd).map(scale).collect(),
+            folds: score::folds(data.settings),
+        }
+    }
+
+    /// A layout fitted from a start and scored; `None` where it cannot be simulated or its covariance fails.
+    pub fn fit(&self, layout: Layout, start: State, rounds: usize) -> Result<Option<Fitted>> {
+        match simulated(model::fit(self.data, &layout, start, rounds))? {
+            Some((state, _)) => self.refined(layout, state, None),
+            None => Ok(None),
+        }
+    }
+
+    /// Generalised least squares and the score from a state nearby.
+    pub fn refined(&self, layout: Layout, state: State, known: Option<Components>) -> Result<Option<Fitted>> {
+        let mut state = state;
+        let set: Vec<&'static Effect> = layout.terms.iter().map(|t| t.effect).collect();
+        let mut components = known.unwrap_or_else(|| Components::start(&prior(&layout, &state)));
+        let mut best: Option<(f64, State, Vec<Part>, Components)> = None;
+        for round in 0..=ROUNDS {
+            let Some((looks, parts)) = self.parts(&layout, &set, &state, &[])? else { break };
+            let prior = prior(&layout, &state);
+            let all: Vec<&Part> = parts.iter().collect();
+            let here = DVector::zeros(layout.slots.len());
+            let widths: &[f64] = if round == 0 { &score::WIDE } else { &score::NEAR };
+            components = score::components(&all, &components, &prior, widths);
+            let Some(told) = score::all_told(&parts, &components) else { break };
+            let quality = told.iter().map(|t| t.density(&here)).sum::<f64>()
+                - 0.5 * prior.off.dot(&(&prior.precision * &prior.off));
+            let Some(Pooled { step, .. }) = score::pooled(told.iter(), &prior) else { break };
+            let gained = best.as_ref().is_none_or(|b| quality > b.0);
+            let before = best.as_ref().map_or(f64::NEG_INFINITY, |b| b.0);
+            if gained {
+                best = Some((quality, state.clone(), parts, components.clone()));
+            }
+            if !gained || round == ROUNDS || step.is_empty() || quality - before < 0.05 {
+                break;
+            }
+            move_by(&mut state, &layout, &looks, &step);
+        }
+        let Some((_, state, parts, components)) = best else { return Ok(None) };
+        self.scored(layout, state, parts, components)
+    }
+
+    fn scored(
+        &self,
+        layout: Layout,
+        state: State,
+        parts: Vec<Part>,
+        components: Components,
+    ) -> Result<Option<Fitted>> {
+        let prior = prior(&layout, &state);
+        let (Some(score), Some(told)) =
+            (score::held_out(&parts, &prior, &components, &self.folds), score::all_told(&parts, &components))
+        else {
+            return Ok(None);
+        };
+        let Some(pooled) = score::pooled(told.iter(), &prior) else { return Ok(None) };
+        if score.iter().any(|s| !s.is_finite()) {
+            return Ok(None);
+        }
+        let Some(pass) = simulated(model::pass(self.data, &layout, &state))? else { return Ok(None) };
+        let groups: Vec<usize> = (0..pass.trials.len()).collect();
+        let (held, _) = leave_out(&layout, &state.values, &pass.trials, self.data.settings, &groups, &[]);
+        let set = layout.terms.iter().map(|t| t.effect).collect();
+        let p_values = vec![1.0; layout.terms.len()];
+        let covariance = pooled.covariance;
+        let none = Components { slow: 0.0, ..components.clone() };
+        let Some((smooth, _)) = score::held_out_with(&parts, &prior, &none, &self.folds) else {
+            return Ok(None);
+        };
+        let Some((_, squares)) = score::held_out_with(&parts, &prior, &components, &self.folds) else {
+            return Ok(None);
+        };
+        Ok(Some(Fitted {
+            set,
+            layout,
+            state,
+            pass,
+            held,
+            score,
+            smooth,
+            squares,
+            components,
+            covariance,
+            told,
+            p_values,
+        }))
+    }
+
+    /// Every window at a state and what launches say of it, with columns for `extras` after those of the slots.
+    pub fn parts(
+        &self,
+        layout: &Layout,
+        set: &[&Effect],
+        state: &State,
+        extras: &[Extra],
+    ) -> Result<Option<(Vec<Look>, Vec<Part>)>> {
+        let all: Vec<Extra> = launch::pushes(set).into_iter().chain(extras.iter().cloned()).collect();
+        let Some(looks) = simulated(model::looks(self.data, layout, state, &all))? else { return Ok(None) };
+        let parts = self.reduced(layout, state, &looks);
+        Ok(parts.map(|parts| (looks, parts)))
+    }
+
+    /// As [`Fitter::parts`], with `count` columns given by window: two rows a point.
+    pub fn parts_with(
+        &self,
+        layout: &Layout,
+        set: &[&Effect],
+        state: &State,
+        count: usize,
+        columns: &dyn Fn(usize) -> Option<DMatrix<f64>>,
+    ) -> Result<Option<Vec<Part>>> {
+        let pushes = launch::pushes(set);
+        let Some(mut looks) = simulated(model::looks(self.data, layout, state, &pushes))? else {
+            return Ok(None);
+        };
+        for (w, look) in looks.iter_mut().enumerate() {
+            look.append(count, columns(w));
+        }
+        Ok(self.reduced(layout, state, &looks))
+    }
+
+    fn reduced(&self, layout: &Layout, state: &State, looks: &[Look]) -> Option<Vec<Part>> {
+        let columns = Columns::of(layout);
+        let windows = self.data.windows;
+        let impact = |(w, window): (usize, &super::window::Window)| match window.kind {
+            Kind::Contact => model::impact(window, w, layout, state),
+            _ => None,
+        };
+        let impacts: Vec<_> = windows.iter().enumerate().map(impact).collect();
+        launch::parts(windows, &self.frames, looks, &columns, &self.scales, &impacts)
+    }
+}
+
+/// Moves values by a step, as far as allowed, and every window's start along with them.
+fn move_by(state: &mut State, layout: &Layout, looks: &[Look], step: &DVector<f64>) {
+    let mut taken = step.clone();
+    for (i, slot) in layout.slots.iter().enumerate() {
+        let to = (state.values[i] + step[i]).clamp(slot.bounds[0], slot.bounds[1]);
+        taken[i] = to - state.values[i];
+        state.values[i] = to;
+    }
+    for (nuisances, look) in state.nuisances.iter_mut().zip(looks) {
+        let moved = look.start_step(&taken);
+        nuisances.iter_mut().zip(moved.iter()).for_each(|(n, m)| *n += m.clamp(-50.0, 50.0));
+    }
+}
+
+/// Least deviation of a size between settings, as a share of what is plausible.
+const BETWEEN: f64 = 0.05;
+
+/// Weak priors of a layout's slots about where it stands. Sizes by setting are drawn about a mean of their own, as far as they
+/// are seen to differ: a setting that no other launch tells is one like the others.
+pub fn prior(layout: &Layout, state: &State) -> Prior {
+    let q = layout.slots.len();
+    let mut out = Prior { precision: DMatrix::zeros(q, q), off: DVector::zeros(q), plausible: vec![0.0; q] };
+    for (i, slot) in layout.slots.iter().enumerate() {
+        let parameter = match slot.what {
+            What::Parameter(t, p) => Some(&layout.terms[t].effect.parameters[p]),
+            What::Latent(_) => None,
+        };
+        let Some(parameter) = parameter.filter(|p| p.plausible.is_finite()) else {
+            out.precision[(i, i)] = slot.ridge();
+            continue;
+        };
+        out.off[i] = parameter.neutral - state.values[i];
+        out.plausible[i] = if parameter.is_amplitude() { parameter.plausible } else { 0.0 };
+        let alike: Vec<usize> = (0..q).filter(|j| layout.slots[*j].what == slot.what).collect();
+        if alike.len() < 2 {
+            out.precision[(i, i)] = parameter.plausible.powi(-2);
+        }
+        if alike.len() < 2 || alike[0] != i {
+            continue;
+        }
+        let n = alike.len() as f64;
+        let mean = alike.iter().map(|j| state.values[*j]).sum::<f64>() / n;
+        let between = alike.iter().map(|j| (state.values[*j] - mean).powi(2)).sum::<f64>() / (n - 1.0);
+        let between = between.max((BETWEEN * parameter.plausible).powi(2));
+        // Inverse of between I + plausible^2 J.
+        let shared = parameter.plausible.powi(2) / (between + n * parameter.plausible.powi(2));
+        for (j, k) in alike.iter().flat_map(|j| alike.iter().map(move |k| (*j, *k))) {
+            out.precision[(j, k)] = (f64::from(j == k) - shared) / between;
+        }
+    }
+    out
+}
+
+impl Fitted {
+    /// What there is to show of it.
+    pub fn shown(&self) -> Shown<'_> {
+        Shown { layout: &self.layout, state: &self.state, pass: &self.pass }
+    }
+
+    /// Names, sorted.
+    pub fn names(&self) -> Vec<&'static str> {
+        let mut names: Vec<_> = self.set.iter().map(|e| e.name).collect();
+        names.sort_unstable();
+        names
+    }
+
+    /// This model with `more` terms: where they start, and the rest as it was fitted.
+    pub fn joined(&self, more: impl IntoIterator<Item = Term>, settings: usize) -> (Layout, State) {
+        let latents: Vec<usize> = self.layout.slots.iter().filter_map(Slot::latent).collect();
+        let terms = self.layout.terms.iter().cloned().chain(more).collect();
+        let layout = Layout::new(&latents, terms, settings);
+        let mut values = layout.start(&[0.0; 3]);
+        values[..self.state.values.len()].copy_from_slice(&self.state.values);
+        (layout, State { values, nuisances: self.state.nuisances.clone() })
+    }
+
+    /// Number of effect parameters; one of many settings counts once for comparisons between models.
+    pub fn parameters(&self) -> usize {
+        self.layout.terms.iter().map(|t| t.free.iter().filter(|f| **f).count()).sum()
+    }
+
+    /// p of the hypothesis that a term's amplitudes are all nothing (Wald); not corrected for the search.
+    pub fn p_value(&self, term: usize) -> f64 {
+        let own: Vec<usize> =
+            self.layout.of_term(term).into_iter().filter(|i| !self.layout.shapes(*i)).collect();
+        let off = DVector::from_fn(own.len(), |i, _| self.state.values[own[i]] - self.neutral(own[i]));
+        let v = DMatrix::from_fn(own.len(), own.len(), |i, j| self.covariance[(own[i], own[j])]);
+        let (p, g) = (own.len() as f64, self.score.len() as f64);
+        f_above(off.dot(&(inverse(&v) * &off)) / p, p, (g - p).max(1.0))
+    }
+
+    /// Half the width of a slot's 95 % interval; infinite if the data do not tell the value.
+    pub fn half_width(&self, slot: usize) -> f64 {
+        let information: f64 = self.told.iter().map(|t| t.gram[(slot, slot)]).sum();
+        if information <= 0.0 {
+            return f64::INFINITY;
+        }
+        t_quantile(0.05, (self.score.len() as f64 - 1.0).max(1.0))
+            * self.covariance[(slot, slot)].max(0.0).sqrt()
+    }
+
+    /// The value of a slot at which its effect vanishes; a latent's own value.
+    pub fn neutral(&self, slot: usize) -> f64 {
+        match self.layout.slots[slot].what {
+            What::Parameter(t, p) => self.layout.terms[t].effect.parameters[p].neutral,
+            What::Latent(_) => self.state.values[slot],
+        }
+    }
+
+    /// Root of the mean square of what held-out launches leave above the noise, in its units.
+    pub fn slow(&self) -> f64 {
+        let count: f64 = self.told.iter().map(|t| t.count).sum();
+        (self.squares.iter().sum::<f64>() / count.max(1.0) - 1.0).max(0.0).sqrt()
+    }
+
+    /// Standard deviation of a slot's value from launch to launch; `None` where it does not differ.
+    pub fn spread(&self, slot: usize) -> Option<f64> {
+        self.components.spread.get(slot).copied().filter(|s| *s > 0.0)
+    }
+}
+
+/// Held-out squares of all trials, units of the noise.
+pub fn held(fit: &Fitted) -> f64 {
+    fit.held.iter().sum()
+}
+
+/// A candidate that a world refuses to simulate is no candidate; any other error ends the search.
+pub fn simulated<T>(fitted: Result<T>) -> Result<Option<T>> {
+    match fitted {
+        Ok(found) => Ok(Some(found)),
+        Err(Error::Input(_) | Error::Failed(_)) => Ok(None),
+        Err(other) => Err(other),
+    }
+}
+
+/// A term's values with amplitudes of some sizes.
+pub fn sized(term: &Term, sizes: &[f64]) -> Vec<f64> {
+    let mut sizes = sizes.iter();
+    let value = |(p, parameter): (usize, &crate::world::effect::Parameter)| {
+        if !parameter.is_amplitude() || !term.free[p] {
+            return term.start[p];
+        }
+        let value = parameter.neutral + sizes.next().copied().unwrap_or(0.0);
+        let [low, high] = library::bounds(term.effect, parameter);
+        // Off the bound, where nothing could be told.
+        let hair = 1e-3 * parameter.step;
+        value.clamp(low, high).max(if low == parameter.neutral { low + hair } else { low })
+    };
+    term.effect.parameters.iter().enumerate().map(value).collect()
+}

@@ -1,0 +1,337 @@
+//! Launches as the score sees them: what a model leaves of each, in coordinates in which its covariance is simple.
+//!
+//! A window's residual and columns are taken in slow coordinates (the polynomials that `noise` holds for motion; where there
+//! are few points, the points themselves), its start is projected out by an orthonormal complement (restricted likelihood,
+//! with the flat prior on starts in *observed* coordinates, the same for every candidate), noise is made white, and the
+//! slow misfit's covariance diagonal. What is left is a Gaussian of covariance
+//! diag(1 + slow^2 misfit) + columns' spreads + own columns' variances, in units of the noise.
+//!
+//! Source: restricted likelihood (Patterson and Thompson, Biometrika 58 (1971) 545), model discrepancy as a Gaussian process
+//! (Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425).
+
+use nalgebra::{DMatrix, DVector, Dyn, QR};
+
+use super::model::{Extra, Layout, Look, What};
+use super::noise::{self, Noise};
+use super::path::Impact;
+use super::window::{Kind, Window};
+use crate::world::effect::{Effect, REGISTRY};
+
+/// Length over which slow misfit changes, as a share of the usual flight (the prototype's; Matern 3/2).
+const SLOW_LENGTH: f64 = 0.25;
+
+/// What has a variance of its own.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Own {
+    /// An acceleration that a launch may have a little of.
+    Push,
+    /// An error of what a contact does.
+    Leap,
+    /// A size that a contact has changed: as much as is plausible.
+    Renewed,
+}
+
+/// The columns of a model's looks.
+pub struct Columns {
+    pub slots: usize,
+    pub pushes: usize,
+    /// Columns (slots or pushes) of effects that contacts renew, and what is plausible of each.
+    pub renewed: Vec<(usize, f64)>,
+}
+
+/// Observations that share a scale: all measured windows of a launch, or one stretch that started from what was seen.
+#[derive(Clone, Debug)]
+pub struct Part {
+    /// Index of the trial.
+    pub launch: usize,
+    /// A block a window: nothing but sizes that differ by launch makes windows depend on each other.
+    pub blocks: Vec<Block>,
+    /// Whether sizes may differ from launch to launch: they do where something was measured.
+    pub differs: bool,
+}
+
+/// A window's share of a part.
+#[derive(Clone, Debug)]
+pub struct Block {
+    /// What the model leaves.
+    pub left: DVector<f64>,
+    /// Variance of the slow misfit of unit amplitude, by coordinate.
+    pub slow: DVector<f64>,
+    /// Derivatives by slot, then by extra.
+    pub columns: DMatrix<f64>,
+    /// Columns with variances of their own, of unit standard deviation.
+    pub own: DMatrix<f64>,
+    pub kinds: Vec<Own>,
+    /// Logarithm of the determinant of what made noise white, squared.
+    pub log_white: f64,
+}
+
+/// What does not change about a window while models do.
+pub struct Frame {
+    /// (slow coordinates, points); none where points stand for themselves.
+    basis: Option<DMatrix<f64>>,
+    /// Noise, unless it is white, and slow misfit in them, by coordinate axis.
+    white: Option<DMatrix<f64>>,
+    slow: DMatrix<f64>,
+    /// Whether anything moved along x and y: what never does is no observation.
+    axes: [bool; 2],
+    /// Whether it comes after a contact of its trial.
+    after: bool,
+}
+
+impl Columns {
+    /// Those of a layout with [`pushes`].
+    pub fn of(layout: &Layout) -> Columns {
+        let set: Vec<&Effect> = layout.terms.iter().map(|t| t.effect).collect();
+        let pushes = pushes(&set);
+        let slots = layout.slots.len();
+        let own = (0..slots).filter_map(|i| match layout.slots[i].what {
+            What::Parameter(t, p) if set[t].renewed && set[t].parameters[p].is_amplitude() => {
+                Some((i, set[t].parameters[p].plausible))
+            }
+            _ => None,
+        });
+        let push = |(k, extra): (usize, &Extra)| {
+            let moved = |p: &usize| extra.values[*p] != extra.effect.parameters[*p].neutral;
+            let p = (0..extra.values.len()).find(moved).filter(|_| extra.effect.renewed)?;
+            Some((slots + k, extra.effect.parameters[p].plausible / extra.values[p].abs()))
+        };
+        let renewed = own.chain(pushes.iter().enumerate().filter_map(push)).collect();
+        Columns { slots, pushes: pushes.len(), renewed }
+    }
+}
+
+/// Accelerations that every launch may have a little of, one an amplitude; those of `without` left out.
+pub fn pushes(without: &[&Effect]) -> Vec<Extra> {
+    let mut out = Vec::new();
+    for effect in REGISTRY.iter().filter(|e| without.iter().all(|w| w.name != e.name)) {
+        let amplitudes = (0..effect.parameters.len()).filter(|p| effect.parameters[*p].is_amplitude());
+        for (p, sd) in amplitudes.zip(effect.differs) {
+            let value = |k: usize| effect.parameters[k].neutral + if k == p { *sd } else { 0.0 };
+            out.push(Extra { effect, values: (0..effect.parameters.len()).map(value).collect(), unit: 1.0 });
+        }
+    }
+    out
+}
+
+/// Frames of all windows.
+pub fn frames(windows: &[Window], noise: &Noise) -> Vec<Frame> {
+    let flights = windows.iter().filter(|w| w.kind == Kind::Flight);
+    let durations: Vec<f64> = flights.map(|w| w.points.last().map_or(0.0, |p| p.time)).collect();
+    let length = SLOW_LENGTH * super::stats::median(&durations).max(1e-6);
+    let after = |w: &Window| {
+        windows.iter().any(|o| o.trial == w.trial && o.start < w.start && o.kind == Kind::Flight)
+    };
+    windows.iter().map(|w| frame(w, noise, length, after(w))).collect()
+}
+
+fn frame(window: &Window, noise: &Noise, length: f64, after: bool) -> Frame {
+    let points = &window.points;
+    let axes = match window.kind.simulated() {
+        true => [true; 2],
+        false => [0, 1].map(|a| points.iter().any(|p| p.seen[a] != points[0].seen[a])),
+    };
+    let times: Vec<f64> = points.iter().map(|p| p.time).collect();
+    let weights: Vec<f64> = points.iter().map(|p| p.weight).collect();
+    let n = points.len();
+    let rho = if window.kind.simulated() { 0.0 } else { noise.rho };
+    let basis = window.smooth.as_ref().and_then(|_| noise::slow_basis(&times, &weights));
+    let correlation = (rho != 0.0).then(|| noise::correlation(n, rho));
+    match basis {
+        Some(q) => {
+            let kernel = DMatrix::from_fn(n, n, |i, j| {
+                let d = 3f64.sqrt() * (times[i] - times[j]).abs() / length;
+                (1.0 + d) * libm::exp(-d)
+            });
+            let within = |m: DMatrix<f64>| q.tr_mul(&(m * &q));
+            Frame {
+                white: correlation.map(within),
+                slow: within(kernel),
+                basis: Some(q.transpose()),
+                axes,
+                after,
+            }
+        }
+        None => Frame { basis: None, slow: DMatrix::zeros(n, n), white: correlation, axes, after },
+    }
+}
+
+/// A window's part of its launch; `scale` is by how much its residuals were made smaller than in units of the noise.
+fn reduced(
+    window: &Window,
+    frame: &Frame,
+    look: &Look,
+    columns: &Columns,
+    scale: f64,
+    impact: Option<Impact>,
+) -> Option<Block> {
+    let (slots, pushes) = (columns.slots, columns.pushes);
+    let n = window.points.len();
+    let scale = scale / look.share;
+    let extras = look.columns.ncols() - slots - pushes;
+    let held = (look.residual.len() - 2 * n) / 2;
+    let k = frame.basis.as_ref().map_or(n, |q| q.nrows());
+    let used: Vec<usize> = (0..2).filter(|a| frame.axes[*a]).collect();
+    let dims = k * used.len() + held;
+    let leaps = impact.map_or(0, |_| 2);
+    let wide = slots + extras + pushes + leaps + 1;
+    // Slots, extras, pushes, leaps, and what is left.
+    let of = |c: usize, i: usize| match c {
+        _ if c < slots => look.columns[(i, c)],
+        _ if c < slots + extras => look.columns[(i, c + pushes)],
+        _ if c < slots + extras + pushes => look.columns[(i, c - extras)],
+        _ if c == wide - 1 => look.residual[i],
+        _ => leap(window, look, impact, c - slots - extras - pushes, i),
+    };
+    // In slow coordinates, axis after axis, then what is held of nuisances.
+    let into = |count: usize, value: &dyn Fn(usize, usize) -> f64| {
+        let mut out = DMatrix::zeros(dims, count);
+        for (b, axis) in used.iter().enumerate() {
+            let rows = DMatrix::from_fn(n, count, |i, c| value(c, 2 * i + axis) * scale);
+            let rows = match &frame.basis {
+                Some(q) => q * rows,
+                None => rows,
+            };
+            out.rows_mut(b * k, k).copy_from(&rows);
+        }
+        for (h, c) in (0..held).flat_map(|h| (0..count).map(move |c| (h, c))) {
+            out[(k * used.len() + h, c)] = value(c, 2 * n + 2 * h) / look.share;
+        }
+        out
+    };
+    let start = into(look.start.ncols(), &|c, i| look.start[(i, c)]);
+    let across = Across::of(&start)?;
+    let mut turned = across.project(into(wide, &of));
+    let within = |m: &DMatrix<f64>, rest: f64| {
+        let mut out = DMatrix::zeros(dims, dims);
+        for b in 0..used.len() {
+            out.view_mut((b * k, b * k), (k, k)).copy_from(m);
+        }
+        (k * used.len()..dims).for_each(|h| out[(h, h)] = rest);
+        across.project(across.project(out).transpose())
+    };
+    let m = turned.nrows();
+    let mut log_white = 0.0;
+    let mut misfit = frame.basis.as_ref().map(|_| within(&frame.slow, 0.0));
+    if let Some(white) = &frame.white {
+        let white = within(white, 1.0).cholesky()?;
+        log_white = 2.0 * white.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
+        let root = white.l();
+        turned = root.solve_lower_triangular(&turned)?;
+        if let Some(own) = &mut misfit {
+            let half = root.solve_lower_triangular(own)?;
+            *own = root.solve_lower_triangular(&half.transpose())?;
+        }
+    }
+    let mut slow = DVector::zeros(m);
+    if let Some(misfit) = misfit {
+        let eigen = (0.5 * (&misfit + misfit.transpose())).symmetric_eigen();
+        slow = eigen.eigenvalues.map(|v| v.max(0.0));
+        turned = eigen.eigenvectors.transpose() * turned;
+    }
+    if turned.iter().any(|v| !v.is_finite()) {
+        return None;
+    }
+    let flies = matches!(window.kind, Kind::Flight | Kind::Contact);
+    let after = frame.after || window.kind == Kind::Contact;
+    let mut own: Vec<(Own, DVector<f64>)> = Vec::new();
+    let column = |c: usize| turned.column(c).into_owned();
+    if flies {
+        own.extend((0..pushes).map(|k| (Own::Push, column(slots + extras + k))));
+        for (c, plausible) in columns.renewed.iter().filter(|_| after) {
+            let at = if *c < slots { *c } else { *c + extras };
+            own.push((Own::Renewed, column(at) * *plausible));
+        }
+    }
+    own.extend((0..leaps).map(|k| (Own::Leap, column(slots + extras + pushes + k))));
+    let kinds = own.iter().map(|o| o.0).collect();
+    let own = DMatrix::from_fn(m, own.len(), |i, k| own[k].1[i]);
+    Some(Block {
+        left: turned.column(wide - 1).into_owned(),
+        slow,
+        columns: turned.columns(0, slots + extras).into_owned(),
+        own,
+        kinds,
+        log_white,
+    })
+}
+
+/// What a contact that errs along its normal (0) or its tangent (1) by its speed of approach does to row `i`.
+fn leap(window: &Window, look: &Look, impact: Option<Impact>, way: usize, i: usize) -> f64 {
+    let (Some(met), Some(surface)) = (impact, &window.surface) else { return 0.0 };
+    let Some(point) = window.points.get(i / 2) else { return 0.0 };
+    let [nx, ny] = surface.normal;
+    let along = [[nx, ny], [-ny, nx]][way][i % 2];
+    (point.time - met.time).max(0.0) * along * met.approach * look.weights[i / 2] * look.share
+}
+
+/// Everything across the columns of a start.
+struct Across {
+    turn: QR<f64, Dyn, Dyn>,
+    rank: usize,
+}
+
+impl Across {
+    /// `None` where nothing is left beside the start.
+    fn of(start: &DMatrix<f64>) -> Option<Across> {
+        let mut basis: Vec<DVector<f64>> = Vec::new();
+        for column in start.column_iter() {
+            let size = column.norm();
+            let mut rest = column.into_owned();
+            for _ in 0..2 {
+                for b in &basis {
+                    let along = b.dot(&rest);
+                    rest.axpy(-along, b, 1.0);
+                }
+            }
+            if rest.norm() > 1e-9 * size && size > 0.0 {
+                basis.push(rest.normalize());
+            }
+        }
+        let rank = basis.len();
+        let columns = DMatrix::from_fn(start.nrows(), rank, |i, k| basis[k][i]);
+        (rank < start.nrows()).then(|| Across { turn: columns.qr(), rank })
+    }
+
+    /// Coordinates across the start, of every column.
+    fn project(&self, mut of: DMatrix<f64>) -> DMatrix<f64> {
+        if self.rank > 0 {
+            self.turn.q_tr_mul(&mut of);
+        }
+        of.rows(self.rank, of.nrows() - self.rank).into_owned()
+    }
+}
+
+/// All launches' parts. `looks`: every window at a state, with columns for `slots`, then [`pushes`], then extras;
+/// `impacts`: what happens in contact windows; `scales`: of each window's residuals, in units of the noise.
+pub fn parts(
+    windows: &[Window],
+    frames: &[Frame],
+    looks: &[Look],
+    columns: &Columns,
+    scales: &[f64],
+    impacts: &[Option<Impact>],
+) -> Option<Vec<Part>> {
+    let mut out: Vec<Part> = Vec::new();
+    for (w, window) in windows.iter().enumerate().filter(|(w, _)| scales[*w].is_finite()) {
+        let Some(block) = reduced(window, &frames[w], &looks[w], columns, scales[w], impacts[w]) else {
+            if looks[w].residual.iter().all(|r| r.is_finite()) {
+                continue;
+            }
+            return None;
+        };
+        let differs = !window.kind.simulated();
+        match out.last_mut() {
+            Some(last) if last.launch == window.trial && last.differs && differs => last.blocks.push(block),
+            _ => out.push(Part { launch: window.trial, blocks: vec![block], differs }),
+        }
+    }
+    Some(out)
+}
+
+impl Part {
+    /// Square of what is left with the slots `step` away, in units of the noise.
+    pub fn square_at(&self, step: &DVector<f64>) -> f64 {
+        self.blocks.iter().map(|b| (&b.left - &b.columns * step).norm_squared()).sum()
+    }
+}
