@@ -7,23 +7,20 @@ use iplw::discover::{Config, Finding, diagnose};
 use iplw::error::{Error, Result};
 use iplw::picture::report::{Block, Report, Section};
 use iplw::progress::Progress;
-use iplw::reality::read_trials;
+use iplw::reality::Gathered;
 use iplw::task::Scene;
 
 use super::evidence::{Plot, plots};
-use super::output;
+use super::{output, tracks};
 
 /// Compares measured trials with the scene's simulation and says what the simulation lacks: the effect by name with
 /// its parameters, several if the data cannot tell them apart, or that nothing in the library explains the misfit.
 /// Writes report.json, report.html, extended_scene.json and the plots.
 #[derive(clap::Args)]
+#[command(after_long_help = tracks::EXAMPLES)]
 pub struct Args {
-    /// The scene (iplw.scene/1).
-    #[arg(long)]
-    scene: PathBuf,
-    /// Measured trials (CSV).
-    #[arg(long)]
-    trials: PathBuf,
+    #[command(flatten)]
+    tracks: tracks::Tracks,
     /// Directory for the report.
     #[arg(long)]
     out: PathBuf,
@@ -33,13 +30,7 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    let text = std::fs::read_to_string(&args.scene).map_err(|e| unreadable(&args.scene, &e))?;
-    let scene = Scene::from_json(&text).map_err(|e| e.at(args.scene.display()))?;
-    if !args.trials.is_file() {
-        let e = std::io::Error::new(std::io::ErrorKind::NotFound, "no such file");
-        return Err(unreadable(&args.trials, &e));
-    }
-    let trials = read_trials(&args.trials, &scene)?;
+    let Gathered { scene, trials, .. } = tracks::read(&args.tracks)?;
     output::directory("--out", &args.out)?;
     let bar = output::Bar::new();
     bar.report("cutting trials into windows", 0, 1)?;
@@ -61,11 +52,6 @@ pub fn write_report(out: &Path, scene: &Scene, found: &Finding) -> Result<()> {
     }
     let page = page(scene, &found.diagnosis, &plots).to_html();
     output::write_whole(&out.join("report.html"), page.as_bytes())
-}
-
-/// A file that the user named and that cannot be read is bad input.
-fn unreadable(path: &Path, error: &std::io::Error) -> Error {
-    Error::input("", error, "a file that can be read").at(path.display())
 }
 
 /// For a terminal.

@@ -12,6 +12,7 @@ mod rollout;
 mod serve;
 mod surface;
 mod tasks;
+mod tracks;
 mod train;
 
 use std::process::ExitCode;
@@ -51,6 +52,10 @@ enum Command {
     /// Find which latents a task's performance depends on, in a related, known environment.
     Surface(surface::Args),
     /// Say what a simulation gets wrong, from measured trials.
+    ///
+    /// Trials are held against the simulation of a scene, or of one ball: the effect that is missing is named with its
+    /// parameters; or several are, if the data cannot tell them apart; or it is said that nothing in the library explains
+    /// the misfit. Writes report.html, report.json, extended_scene.json (the scene with what was found) and the plots.
     Diagnose(diagnose::Args),
     /// Train a policy in simulation; writes its weights.
     Train(train::TrainArgs),

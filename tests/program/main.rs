@@ -9,3 +9,4 @@ mod discover_cli;
 mod families;
 mod rooms;
 mod sources;
+mod tracks_cli;
