@@ -5,6 +5,7 @@ use super::window::{Kind, Window};
 use crate::reality::Trial;
 use crate::task::Scene;
 use crate::task::scene::EffectTerm;
+use crate::world::Latents;
 
 /// The scene with the found effects, the calibrated latents and a start, so that it rolls out. Where settings differ,
 /// it is the first trial's setting.
@@ -14,21 +15,7 @@ pub fn extend(scene: &Scene, trials: &[Trial], windows: &[Window], kept: &[usize
     let setting = windows[first].setting;
     let (terms, latents): (Vec<EffectTerm>, _) = model.layout.physics(&model.state.values, setting, 0.0);
     out.effects.extend(terms);
-    let carriers: Vec<String> =
-        out.bodies.iter().map(|b| b.name.clone()).chain(out.statics.iter().map(|s| s.name.clone())).collect();
-    let carries: Vec<bool> = carriers.iter().map(|n| out.carries_latents(n)).collect();
-    for (body, _) in out.bodies.iter_mut().zip(&carries).filter(|(_, c)| **c) {
-        body.friction = latents.friction.unwrap_or(body.friction);
-        body.restitution = latents.restitution.unwrap_or(body.restitution);
-        if latents.density.is_some() && body.mass.is_none() {
-            body.density = latents.density;
-        }
-    }
-    let bodies = out.bodies.len();
-    for (fixed, _) in out.statics.iter_mut().zip(&carries[bodies..]).filter(|(_, c)| **c) {
-        fixed.friction = latents.friction.unwrap_or(fixed.friction);
-        fixed.restitution = latents.restitution.unwrap_or(fixed.restitution);
-    }
+    ground(&mut out, &latents);
     let trial = &trials[kept[windows[first].trial]];
     let window = &windows[first];
     let fitted = (window.kind == Kind::Flight)
@@ -40,6 +27,24 @@ pub fn extend(scene: &Scene, trials: &[Trial], windows: &[Window], kept: &[usize
         place(&mut out, &trial.scene, None);
     }
     out
+}
+
+/// Gives everything that carries the latents those that were fitted.
+fn ground(scene: &mut Scene, latents: &Latents) {
+    let bodies: Vec<bool> = scene.bodies.iter().map(|b| scene.carries_latents(&b.name)).collect();
+    let statics: Vec<bool> = scene.statics.iter().map(|s| scene.carries_latents(&s.name)).collect();
+    for (body, _) in scene.bodies.iter_mut().zip(bodies).filter(|(_, c)| *c) {
+        body.friction = latents.friction.unwrap_or(body.friction);
+        body.restitution = latents.restitution.unwrap_or(body.restitution);
+        if latents.density.is_some() {
+            // As in every rollout that was fitted: the density stands in for a mass that was given.
+            (body.mass, body.density) = (None, latents.density);
+        }
+    }
+    for (fixed, _) in scene.statics.iter_mut().zip(statics).filter(|(_, c)| *c) {
+        fixed.friction = latents.friction.unwrap_or(fixed.friction);
+        fixed.restitution = latents.restitution.unwrap_or(fixed.restitution);
+    }
 }
 
 /// Gives every body of `scene` a start: `from`'s, and for the only body of a window its fitted one.
@@ -56,5 +61,27 @@ pub fn place(scene: &mut Scene, from: &Scene, fitted: Option<(&str, &[f64])>) {
         {
             (body.position, body.velocity) = (Some([*x, *y]), [*vx, *vy]);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A body that gives its mass once kept it, and rolled out otherwise than it had been fitted.
+    #[test]
+    fn a_fitted_density_replaces_a_given_mass() {
+        let mut scene = Scene::from_json(
+            r#"{"format": "iplw.scene/1", "carriers": ["ball", "table"],
+                "bodies": [{"name": "ball", "shape": {"type": "disc", "radius": 0.1}, "mass": 2},
+                           {"name": "cup", "shape": {"type": "disc", "radius": 0.2}, "mass": 3}],
+                "statics": [{"name": "table", "shape": {"type": "halfspace", "normal": [0, 1], "offset": 0}}]}"#,
+        )
+        .unwrap();
+        ground(&mut scene, &Latents { density: Some(7.0), friction: None, restitution: Some(0.6) });
+        scene.validate().unwrap();
+        assert_eq!((scene.bodies[0].mass, scene.bodies[0].density), (None, Some(7.0)));
+        assert_eq!((scene.bodies[1].mass, scene.bodies[1].restitution), (Some(3.0), 0.5), "no carrier");
+        assert_eq!((scene.statics[0].friction, scene.statics[0].restitution), (1.0, 0.6));
     }
 }

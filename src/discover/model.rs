@@ -583,13 +583,15 @@ pub fn freeze(data: &mut Data, layout: &Layout, state: &State) -> Result<()> {
 /// 1 cm, 5 mm a metre. A shot's spins are held where they stand.
 fn held(window: &Window) -> Vec<(usize, f64)> {
     let spin = window.surface.as_ref().map_or(3.0, |s| s.spin);
-    let all: &[(usize, f64)] = match window.kind {
-        Kind::Contact => &[(4, spin), (5, 0.01)],
-        Kind::Roll => &[(2, 0.01), (3, 0.005)],
-        Kind::Shot => &[(4, 3.0), (9, 3.0), (14, 3.0), (19, 3.0)],
-        Kind::Flight | Kind::Run | Kind::Leap => &[],
+    let count = window.nuisances.len();
+    let all: Vec<(usize, f64)> = match window.kind {
+        Kind::Contact => vec![(4, spin), (5, 0.01)],
+        Kind::Roll => vec![(2, 0.01), (3, 0.005)],
+        // Every body's fifth nuisance.
+        Kind::Shot => (4..count).step_by(NUDGE.len()).map(|k| (k, 3.0)).collect(),
+        Kind::Flight | Kind::Run | Kind::Leap => Vec::new(),
     };
-    all.iter().copied().filter(|(k, _)| *k < window.nuisances.len()).collect()
+    all.into_iter().filter(|(k, _)| *k < count).collect()
 }
 
 /// Weighs, and projects the nuisances out. What is held of them is observed, as it were: two more rows each, of which
@@ -846,5 +848,30 @@ fn state_at(path: &Trajectory, point: &super::window::Point) -> [f64; 4] {
             [track.x[i], track.y[i], track.vx[i], track.vy[i]]
         }
         _ => [f64::NAN; 4],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The spins of the first four bodies were once held, and those of further ones left to wander.
+    #[test]
+    fn the_spin_of_every_body_of_a_shot_is_held() {
+        let shot = |bodies: usize| Window {
+            trial: 0,
+            setting: 0,
+            kind: Kind::Shot,
+            scene: Scene::empty(),
+            start: 0.0,
+            points: Vec::new(),
+            nuisances: vec![0.0; 5 * bodies],
+            surface: None,
+            own: Vec::new(),
+            smooth: None,
+        };
+        let spins = |bodies: usize| held(&shot(bodies)).iter().map(|(k, _)| *k).collect::<Vec<_>>();
+        assert_eq!(spins(6), [4, 9, 14, 19, 24, 29]);
+        assert_eq!(spins(2), [4, 9]);
     }
 }
