@@ -102,10 +102,10 @@ fn doubt(trials: &[Trial], said: Said) -> Option<Doubt> {
     let scene: &Scene = &trials.first()?.scene;
     let g = scene.gravity[0].hypot(scene.gravity[1]);
     let extent = [0, 1].map(|axis| extent(trials, axis)).into_iter().fold(0.0, f64::max);
-    if extent > FAR {
+    if extent > FAR && !said.length {
         let value = format!("spread over {extent:.0} m");
         let allowed = format!("metres; {PIXELS}; if they are m, `length_unit` m");
-        return Some(Doubt { field: "x, y", value, allowed, insisted: said.length });
+        return Some(Doubt { field: "x, y", value, allowed, insisted: false });
     }
     if g == 0.0 {
         return None;
@@ -116,29 +116,37 @@ fn doubt(trials: &[Trial], said: Said) -> Option<Doubt> {
     }
     let speed = format!("{:.3e} m/s^2, {:.2e} times gravity", (along * g).abs(), along.abs());
     let (units, fall) = (said.length && said.time, if along > 0.0 { "falling" } else { "rising" });
+    let lengths = if said.length { "is the unit, or the size of a pixel, the right one?" } else { PIXELS };
     let (field, value, allowed, insisted) = if along.abs() < BELIEVED[0] {
         let fps = along.abs().sqrt().recip();
         let like = if along.abs() < 1e-5 { String::new() } else { format!(" (of about {fps:.0} a second)") };
-        let allowed = format!(
-            "seconds, with coordinates in metres; of pictures{like} give `fps`, of milliseconds `time_unit` ms; if they are \
-             s and m, `time_unit` s and `length_unit` m"
-        );
+        let times = match said.time {
+            true => "is the unit, or the number of pictures a second, the right one?".into(),
+            false => format!("of pictures{like} give `fps`, of milliseconds `time_unit` ms"),
+        };
+        let allowed = format!("seconds, with coordinates in metres; {times}; {}", outright(said));
         ("t", format!("such that things fall with {speed}"), allowed, units)
     } else if along > 0.0 {
-        let allowed =
-            format!("metres and seconds; {PIXELS}; if they are m and s, `length_unit` m and `time_unit` s");
+        let allowed = format!("metres and seconds; {lengths}; {}", outright(said));
         ("y", format!("{fall} with {speed}"), allowed, units)
     } else if along > -BELIEVED[1] {
         let allowed = "counted upwards; counted from above, as in pictures, give `y_down`; if it is upwards, `y_down` false";
         ("y", format!("{fall} with {speed}"), allowed.to_string(), said.up)
     } else {
-        let allowed = format!("metres, upwards; {PIXELS}, and with it `y_down` if y is counted from above");
+        let allowed = format!("metres, upwards; {lengths}; counted from above, give `y_down` as well");
         ("y", format!("{fall} with {speed}"), allowed, units && said.up)
     };
     Some(Doubt { field, value, allowed, insisted })
 }
 
 const PIXELS: &str = "of pixels give `metres_per_pixel`, of millimetres `length_unit` mm (or cm)";
+
+/// How to say of units that they are what they were taken for.
+fn outright(said: Said) -> String {
+    let missing = [("`length_unit` m", said.length), ("`time_unit` s", said.time)];
+    let missing: Vec<&str> = missing.iter().filter(|(_, said)| !said).map(|(option, _)| *option).collect();
+    format!("if it is right, say so: {}", missing.join(" and "))
+}
 
 /// Largest distance between two points of a track along an axis.
 fn extent(trials: &[Trial], axis: usize) -> f64 {

@@ -95,6 +95,16 @@ fn units_that_cannot_be_are_told_with_what_to_give() {
     }
 }
 
+/// Where a unit was given it is that which is doubted.
+#[test]
+fn a_unit_that_was_given_is_asked_about_and_not_asked_for() {
+    let films = throws(|_, t, x, y| format!("{t},{},{}", x / 0.002, y / 0.002), "t,x,y");
+    let pixels = Reading { metres_per_pixel: Some(0.05), ..Reading::default() };
+    let error = gathered(&films, &pixels).unwrap_err();
+    let wanted = ["is the unit, or the size of a pixel, the right one?", "say so: `time_unit` s"];
+    assert!(wanted.iter().all(|w| error.contains(w)) && !error.contains("millimetres"), "{error}");
+}
+
 /// What a user says outright is believed, with a note.
 #[test]
 fn odd_units_are_taken_as_they_are_said_to_be() {

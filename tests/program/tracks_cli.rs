@@ -62,7 +62,7 @@ fn what_is_missing_or_odd_is_told_in_the_commands_own_words() {
         ),
         (&metres, &["--radius", "0.02", "--fps", "-1"], "`--fps` is -1"),
         (&metres, &["--radius", "0.02", "--scene", scene], "cannot be used with"),
-        (&small, &["--radius", "0.02"], "of millimetres --length-unit mm (or cm); if they are m"),
+        (&small, &["--radius", "0.02"], "of millimetres --length-unit mm (or cm); if"),
         (&[folder.path().join("none.csv")], &["--radius", "0.02"], "none.csv"),
     ];
     for (files, more, wanted) in cases {
