@@ -23,8 +23,8 @@ const SLOW_LENGTH: f64 = 0.25;
 /// What has a variance of its own.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Own {
-    /// An acceleration that a launch may have a little of.
-    Push,
+    /// An acceleration that a launch may have a little of: the place of its effect in [`differing`].
+    Push(usize),
     /// An error of what a contact does.
     Leap,
     /// A size that a contact has changed: as much as is plausible.
@@ -35,6 +35,8 @@ pub enum Own {
 pub struct Columns {
     pub slots: usize,
     pub pushes: usize,
+    /// By push: the place of its effect, and whether contacts change it.
+    pub of: Vec<(usize, bool)>,
     /// Columns (slots or pushes) of effects that contacts renew, and what is plausible of each.
     pub renewed: Vec<(usize, f64)>,
 }
@@ -59,6 +61,9 @@ pub struct Block {
     pub slow: DVector<f64>,
     /// Derivatives by slot, then by extra.
     pub columns: DMatrix<f64>,
+    /// Pushes that all windows of a launch have alike, of unit standard deviation, and the place of each one's effect.
+    pub alike: DMatrix<f64>,
+    pub alike_of: Vec<usize>,
     /// Columns with variances of their own, of unit standard deviation.
     pub own: DMatrix<f64>,
     pub kinds: Vec<Own>,
@@ -96,9 +101,16 @@ impl Columns {
             let p = (0..extra.values.len()).find(moved).filter(|_| extra.effect.renewed)?;
             Some((slots + k, extra.effect.parameters[p].plausible / extra.values[p].abs()))
         };
+        let place = |e: &Effect| differing().position(|d| d.name == e.name).unwrap_or(0);
+        let of = pushes.iter().map(|p| (place(p.effect), p.effect.renewed)).collect();
         let renewed = own.chain(pushes.iter().enumerate().filter_map(push)).collect();
-        Columns { slots, pushes: pushes.len(), renewed }
+        Columns { slots, pushes: pushes.len(), of, renewed }
     }
+}
+
+/// Effects that have a reason to differ from launch to launch.
+pub fn differing() -> impl Iterator<Item = &'static Effect> {
+    REGISTRY.iter().copied().filter(|e| !e.differs.is_empty())
 }
 
 /// Accelerations that every launch may have a little of, one an amplitude; those of `without` left out.
@@ -237,19 +249,27 @@ fn reduced(
     let mut own: Vec<(Own, DVector<f64>)> = Vec::new();
     let column = |c: usize| turned.column(c).into_owned();
     if flies {
-        own.extend((0..pushes).map(|k| (Own::Push, column(slots + extras + k))));
+        let fresh = columns.of.iter().enumerate().filter(|(_, (_, fresh))| *fresh);
+        own.extend(fresh.map(|(k, (place, _))| (Own::Push(*place), column(slots + extras + k))));
         for (c, plausible) in columns.renewed.iter().filter(|_| after) {
             let at = if *c < slots { *c } else { *c + extras };
             own.push((Own::Renewed, column(at) * *plausible));
         }
     }
     own.extend((0..leaps).map(|k| (Own::Leap, column(slots + extras + pushes + k))));
+    let alike: Vec<usize> = (0..pushes).filter(|k| !columns.of[*k].1).collect();
+    let alike_of = alike.iter().map(|k| columns.of[*k].0).collect();
+    let push = |k: usize| if flies { column(slots + extras + alike[k]) } else { DVector::zeros(m) };
+    let shared: Vec<DVector<f64>> = (0..alike.len()).map(push).collect();
+    let alike = DMatrix::from_fn(m, shared.len(), |i, k| shared[k][i]);
     let kinds = own.iter().map(|o| o.0).collect();
     let own = DMatrix::from_fn(m, own.len(), |i, k| own[k].1[i]);
     Some(Block {
         left: turned.column(wide - 1).into_owned(),
         slow,
         columns: turned.columns(0, slots + extras).into_owned(),
+        alike,
+        alike_of,
         own,
         kinds,
         log_white,

@@ -10,7 +10,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::launch::{Block, Own, Part};
+use super::launch::{Block, Own, Part, differing};
 
 /// Degrees of freedom of a launch's scale: one launch in a hundred is three times as wide as the usual one.
 pub const FREEDOM: f64 = 4.0;
@@ -34,8 +34,8 @@ const SPREAD: [f64; 2] = [0.05, 1.5];
 pub struct Components {
     /// Of the slow misfit, in units of the noise.
     pub slow: f64,
-    /// Of pushes by launch, in what effects declare.
-    pub push: f64,
+    /// Of pushes by launch, in what effects declare, by effect that differs.
+    pub push: Vec<f64>,
     /// Of a contact's leaps, in the speed of approach.
     pub leap: f64,
     /// Of each slot's value from launch to launch; 0 for those that do not differ.
@@ -75,40 +75,45 @@ impl Components {
     /// Where a fit starts.
     pub fn start(prior: &Prior) -> Components {
         let spread = prior.plausible.iter().map(|p| SPREAD[0] * p).collect();
-        Components { slow: 1.0, push: 0.3, leap: 0.01, spread }
+        Components { slow: 1.0, leap: 0.01, push: differing().map(|_| 0.3).collect(), spread }
     }
 
     fn of(&self, kind: Own) -> f64 {
         match kind {
-            Own::Push => self.push,
+            Own::Push(place) => self.push[place],
             Own::Leap => self.leap,
             Own::Renewed => 1.0,
         }
     }
 
     fn logs(&self) -> Vec<f64> {
-        let own = [self.slow, self.push, self.leap];
-        own.iter().chain(self.spread.iter().filter(|s| **s > 0.0)).map(|v| v.ln()).collect()
+        let own = [self.slow, self.leap];
+        own.iter().chain(&self.push).chain(self.spread.iter().filter(|s| **s > 0.0)).map(|v| v.ln()).collect()
     }
 
     fn with(&self, logs: &[f64]) -> Components {
-        let mut rest = logs[3..].iter();
-        let spread =
-            self.spread.iter().map(|s| if *s > 0.0 { rest.next().map_or(0.0, |l| l.exp()) } else { 0.0 });
-        Components { slow: logs[0].exp(), push: logs[1].exp(), leap: logs[2].exp(), spread: spread.collect() }
+        let mut rest = logs.iter().map(|l| l.exp());
+        let mut next = || rest.next().unwrap_or(0.0);
+        Components {
+            slow: next(),
+            leap: next(),
+            push: self.push.iter().map(|_| next()).collect(),
+            spread: self.spread.iter().map(|s| if *s > 0.0 { next() } else { 0.0 }).collect(),
+        }
     }
 
     fn log_prior(logs: &[f64], prior: &Prior) -> f64 {
         let spreads = prior.plausible.iter().filter(|p| **p > 0.0).map(|p| [(SPREAD[0] * p).ln(), SPREAD[1]]);
-        let all = [SLOW, PUSH, LEAP].into_iter().chain(spreads);
+        let all = [SLOW, LEAP].into_iter().chain(differing().map(|_| PUSH)).chain(spreads);
         -0.5 * logs.iter().zip(all).map(|(l, [centre, sd])| ((l - centre) / sd).powi(2)).sum::<f64>()
     }
 }
 
-/// Products of a block's columns and what is left of it, under its own covariance: Z'C^-1 Z, Z'C^-1 z, z'C^-1 z; the
-/// covariance's log determinant. `None` where it cannot be taken apart.
+/// Products of a block's columns, its launch's pushes and what is left of it, under its own covariance: Z'C^-1 Z, Z'C^-1 z,
+/// z'C^-1 z; the covariance's log determinant. `None` where it cannot be taken apart.
 fn of_block(block: &Block, columns: &[usize], components: &Components) -> Option<(DMatrix<f64>, f64)> {
-    let (m, own, q) = (block.left.len(), block.kinds.len(), columns.len());
+    let (m, own) = (block.left.len(), block.kinds.len());
+    let (slots, q) = (columns.len(), columns.len() + block.alike.ncols());
     let variance = components.slow.powi(2);
     let mut log_det = block.log_white;
     let root = block.slow.map(|s| {
@@ -117,7 +122,12 @@ fn of_block(block: &Block, columns: &[usize], components: &Components) -> Option
         all.sqrt().recip()
     });
     let seen = DMatrix::from_fn(m, q + 1, |i, k| {
-        root[i] * if k < q { block.columns[(i, columns[k])] } else { block.left[i] }
+        root[i]
+            * match k {
+                _ if k < slots => block.columns[(i, columns[k])],
+                _ if k < q => block.alike[(i, k - slots)],
+                _ => block.left[i],
+            }
     });
     let mut gram = seen.tr_mul(&seen);
     if own > 0 {
@@ -135,7 +145,8 @@ fn of_block(block: &Block, columns: &[usize], components: &Components) -> Option
 
 /// What a part says of some columns under components; `None` where its covariance cannot be taken apart.
 fn of_part(part: &Part, columns: &[usize], components: &Components) -> Option<Told> {
-    let q = columns.len();
+    let slots = columns.len();
+    let q = slots + part.blocks.first().map_or(0, |b| b.alike.ncols());
     let mut all = DMatrix::zeros(q + 1, q + 1);
     let (mut log_det, mut count) = (0.0, 0.0);
     for block in &part.blocks {
@@ -145,7 +156,10 @@ fn of_part(part: &Part, columns: &[usize], components: &Components) -> Option<To
         count += block.left.len() as f64;
     }
     // Sizes that differ by launch: C + Z T^2 Z' with what Z'C^-1 Z is already.
-    let spread = |k: &usize| components.spread.get(columns[*k]).copied().unwrap_or(0.0);
+    let spread = |k: &usize| match columns.get(*k) {
+        Some(column) => components.spread.get(*column).copied().unwrap_or(0.0),
+        None => components.push[part.blocks[0].alike_of[*k - slots]],
+    };
     let wide: Vec<usize> = (0..q).filter(|k| part.differs && spread(k) > 0.0).collect();
     if !wide.is_empty() {
         let n = wide.len();
@@ -160,8 +174,8 @@ fn of_part(part: &Part, columns: &[usize], components: &Components) -> Option<To
     }
     Some(Told {
         launch: part.launch,
-        gram: all.view((0, 0), (q, q)).into_owned(),
-        score: DVector::from_fn(q, |k, _| all[(k, q)]),
+        gram: all.view((0, 0), (slots, slots)).into_owned(),
+        score: DVector::from_fn(slots, |k, _| all[(k, q)]),
         square: all[(q, q)],
         log_det,
         count,

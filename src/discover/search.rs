@@ -15,10 +15,11 @@ use super::library;
 use super::model::{Extra, Layout, State, Term};
 use super::score;
 use super::survey;
+use super::window;
 use crate::error::Result;
 use crate::progress::Progress;
 use crate::task::Scene;
-use crate::world::effect::{Effect, REGISTRY};
+use crate::world::effect::{ActsOn, Effect, REGISTRY};
 
 /// Sets of the size before from which larger ones are made, and how many of those are fitted.
 const BEAM: [(usize, usize); 2] = [(4, 12), (3, 6)];
@@ -179,7 +180,9 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
                     let term = Term { start: sized(&terms[*s], sizes), ..terms[*s].clone() };
                     fit.joined([term], self.fitter.data.setting_count())
                 };
-                let starts = told[c].iter().take(STARTS).map(start).collect();
+                // A survey frames regions by itself.
+                let framed = effect.acts_on() == ActsOn::Region && window::leaping(self.fitter.data.windows);
+                let starts = told[c].iter().take(if framed { 1 } else { STARTS }).map(start).collect();
                 let union = Union { names, promise, starts };
                 match all.iter_mut().find(|u| u.names == union.names) {
                     Some(known) if known.promise >= promise => {}

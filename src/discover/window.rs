@@ -14,6 +14,8 @@
 //! Source: multiple shooting (Bock, 1983), with starts taken as nuisances instead of being tied together: what happens
 //! in a contact then cannot leak into what is said about the motion.
 
+use nalgebra::{DMatrix, DVector};
+
 use super::noise::{Smooth, smooth};
 use super::stats::{median, slope};
 use crate::reality::Trial;
@@ -133,6 +135,11 @@ const MOVES: f64 = 0.1;
 /// rad/s: what a ball may spin at that nobody watched, and the error of a spin that was seen.
 const UNSEEN_SPIN: f64 = 300.0;
 const SEEN_SPIN: f64 = 0.5;
+/// Rows on each side that tell whether a surface holds a body, and the share of gravity below which it does not fall.
+const SUPPORTED: usize = 6;
+const FALLING: f64 = 0.3;
+/// Slope of a straight surface as it may be seen by a camera that is turned a little.
+const TURNED: f64 = 0.02;
 /// Observations on each side of a bounce.
 const AROUND: usize = 8;
 /// Longest gap between observations within a window, as a multiple of the usual one.
@@ -472,8 +479,11 @@ fn rolls(touches: &[Option<Touch>], rows: &[(f64, [f64; 2])]) -> Vec<(usize, usi
             };
             let noise: Vec<f64> = (from..end - 3).flat_map(|k| [third(&height, k), third(&way, k)]).collect();
             let noise = 1.4826 * median(&noise);
-            let mean = (from..end).map(height).sum::<f64>() / (end - from) as f64;
-            let spread = (from..end).map(|k| (height(k) - mean).powi(2)).sum::<f64>() / (end - from) as f64;
+            let along: Vec<(f64, f64)> = (from..end).map(|k| (way(k), height(k))).collect();
+            let tilt = slope(&along).unwrap_or(0.0).clamp(-TURNED, TURNED);
+            let level = |k: usize| height(k) - tilt * way(k);
+            let mean = (from..end).map(level).sum::<f64>() / (end - from) as f64;
+            let spread = (from..end).map(|k| (level(k) - mean).powi(2)).sum::<f64>() / (end - from) as f64;
             if spread.sqrt() < 3.0 * noise + 1e-6 {
                 out.push((from, end, touch));
             }
@@ -586,7 +596,13 @@ fn touches(trial: &Trial, body: usize, rows: &[(f64, [f64; 2])]) -> Vec<Option<T
             let length = n[0].hypot(n[1]);
             if length > 0.0 { [n[0] / length, n[1] / length] } else { [0.0, 1.0] }
         };
-        mark(&gaps, near, |i| {
+        let supported = supported(rows, &gaps, extent, |i| {
+            let n = normal(rows[i].1);
+            [n[0], n[1], n[0] * scene.gravity[0] + n[1] * scene.gravity[1]]
+        });
+        let held = supported.iter().zip(&gaps).map(|(held, gap)| if *held { gap.min(0.0) } else { *gap });
+        let gaps_held: Vec<f64> = held.collect();
+        mark(&gaps_held, near, |i| {
             let (p, normal) = (rows[i].1, normal(rows[i].1));
             let level = p[0] * normal[0] + p[1] * normal[1] - gaps[i];
             out[i] = Some(Touch { normal, level, fixed: Some(f) });
@@ -605,6 +621,36 @@ fn touches(trial: &Trial, body: usize, rows: &[(f64, [f64; 2])]) -> Vec<Option<T
         mark(&gaps, near, |i| out[i] = Some(Touch { normal: [0.0, 1.0], level: 0.0, fixed: None }));
     }
     out
+}
+
+/// Rows that a surface holds, seen as far off it as a camera that is turned a little shows it: within a radius of it, and not
+/// falling towards it over some rows about them. `normal`: a surface's normal at a row, and gravity along it.
+fn supported(
+    rows: &[(f64, [f64; 2])],
+    gaps: &[f64],
+    extent: f64,
+    normal: impl Fn(usize) -> [f64; 3],
+) -> Vec<bool> {
+    let n = rows.len();
+    (0..n)
+        .map(|i| {
+            let about = i.saturating_sub(SUPPORTED)..(i + SUPPORTED + 1).min(n);
+            if gaps[i] > extent || about.len() <= SUPPORTED || about.clone().any(|k| !(gaps[k] <= extent)) {
+                return false;
+            }
+            let [nx, ny, pull] = normal(i);
+            let heights = about.map(|k| (rows[k].0 - rows[i].0, rows[k].1[0] * nx + rows[k].1[1] * ny));
+            pull < 0.0 && bend(&heights.collect::<Vec<_>>()).is_some_and(|a| a.abs() < FALLING * pull.abs())
+        })
+        .collect()
+}
+
+/// Second derivative of the parabola through points (t, y) by least squares.
+fn bend(points: &[(f64, f64)]) -> Option<f64> {
+    let basis = DMatrix::from_fn(points.len(), 3, |i, k| points[i].0.powi(k as i32));
+    let y = DVector::from_fn(points.len(), |i, _| points[i].1);
+    let beta = basis.svd(true, true).solve(&y, 1e-12).ok()?;
+    Some(2.0 * beta[2])
 }
 
 /// Calls `touch` for every row about which a series of gaps shows contact.
