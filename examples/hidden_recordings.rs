@@ -71,7 +71,12 @@ fn study(world: &World, id: &str, seed: u64, talk: bool) -> String {
     if talk {
         eprintln!("{id},{line}\n  {}", d.reason);
         for s in d.scores.iter().take(10) {
-            eprintln!("  {:9.2} nats, worse with {:.3}: {}", s.score, s.probability_worse, s.effects.join("+"));
+            eprintln!(
+                "  {:9.2} nats, worse with {:.3}: {}",
+                s.score,
+                s.probability_worse,
+                s.effects.join("+")
+            );
         }
         for (e, p) in d.effects.iter().flat_map(|e| e.parameters.iter().map(move |p| (e, p))) {
             eprintln!("  {}.{} = {:.4} {:?} spread {:?}", e.name, p.name, p.value, p.ci95, p.spread);

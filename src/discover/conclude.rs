@@ -76,9 +76,9 @@ pub fn conclude(given: &Given, found: Found, judged: &Judged, config: &Config) -
         format: report::FORMAT,
         verdict,
         reason: reason(&found, judged, &remainder, given),
-        effects: effects(model, names, settings),
+        effects: effects(model, names),
         rivals: judged.rivals.iter().map(rival_names).collect(),
-        calibrated: calibrated(model, base.layout.latents(), settings),
+        calibrated: calibrated(model, base.layout.latents()),
         residual: Residual {
             base_rmse: root_mean_square(&base.pass.residuals),
             floor_rmse: scale.rmse(expected.total()),
@@ -299,7 +299,7 @@ fn at_other_settings(f: &Fitted, settings: &[usize], count: usize) -> Option<f64
 }
 
 /// The first `count` slots of a fit: its latents.
-fn calibrated(f: &Fitted, count: usize, settings: &[usize]) -> Vec<Calibrated> {
+fn calibrated(f: &Fitted, count: usize) -> Vec<Calibrated> {
     let of = |i: usize| {
         let slot = &f.layout.slots[i];
         let latent = slot.latent().expect("latents come first in a layout");
@@ -367,7 +367,7 @@ fn root_mean_square(residuals: &[Vec<f64>]) -> f64 {
 }
 
 /// The effects of a fit.
-fn effects(f: &Fitted, names: &[String], settings: &[usize]) -> Vec<FoundEffect> {
+fn effects(f: &Fitted, names: &[String]) -> Vec<FoundEffect> {
     f.layout
         .terms
         .iter()

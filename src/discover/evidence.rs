@@ -81,7 +81,7 @@ const PIECES: usize = 4;
 
 /// What the windows show of a base model and an extended one.
 pub fn evidence(data: &Data, base: Shown, model: Shown, names: &[String]) -> Result<Evidence> {
-    let paths = model::paths(data, &model.layout, &model.state)?;
+    let paths = model::paths(data, model.layout, model.state)?;
     let mut out = Evidence { settings: names.to_vec(), ..Evidence::default() };
     for (w, window) in data.windows.iter().enumerate() {
         if window.kind == Kind::Contact {
@@ -106,7 +106,7 @@ pub fn evidence(data: &Data, base: Shown, model: Shown, names: &[String]) -> Res
         };
         let points: Vec<(usize, EvidencePoint)> = (0..window.points.len()).filter_map(point).collect();
         if window.kind == Kind::Flight && points.len() >= PIECE {
-            let of = |f: &Shown| model::pushes(window, &f.layout, &f.state.values, &paths[w]);
+            let of = |f: &Shown| model::pushes(window, f.layout, &f.state.values, &paths[w]);
             let (with, without) = (of(&model), of(&base));
             let added: Vec<[f64; 2]> =
                 points.iter().map(|(i, _)| [0, 1].map(|k| with[*i][k] - without[*i][k])).collect();
@@ -147,7 +147,7 @@ fn pushed(piece: &[EvidencePoint], added: &[[f64; 2]]) -> Push {
 /// What a contact took and gave: by the models, and by what the extended model's residuals still have before and after.
 fn bounce(window: &Window, w: usize, base: Shown, model: Shown) -> Option<Bounce> {
     let [nx, ny] = window.surface.as_ref()?.normal;
-    let of = |f: &Shown| model::impact(window, w, &f.layout, &f.state);
+    let of = |f: &Shown| model::impact(window, w, f.layout, f.state);
     let (base, extended) = (of(&base)?, of(&model)?);
     let drift = |after: bool| drift(window, &model.pass.residuals[w], extended.time, after);
     let (before, after) = (drift(false)?, drift(true)?);

@@ -11,8 +11,10 @@ use super::library;
 use super::model::{self, Data, Extra, Layout, Look, Pass, Slot, State, Term, What};
 use super::noise::Noise;
 use super::score::{self, Components, Pooled, Prior, Told};
-use super::stats::{f_above, inverse, t_quantile};
+use super::stats::inverse;
 use super::window::Kind;
+use crate::distribution::f_above;
+use crate::distribution::t_quantile;
 use crate::error::{Error, Result};
 use crate::world::effect::Effect;
 
@@ -32,6 +34,8 @@ pub struct Fitted {
     pub score: Vec<f64>,
     /// The same if nothing were left that changes slowly along paths.
     pub smooth: Vec<f64>,
+    /// The same if sizes differed from launch to launch no more than they have reason to.
+    pub steady: Vec<f64>,
     /// What is left of held-out launches: squares of slow coordinates, in units of the noise.
     pub squares: Vec<f64>,
     /// Variance components, all launches together.
@@ -142,8 +146,21 @@ impl<'a, 'b> Fitter<'a, 'b> {
         let Some((smooth, _)) = score::held_out_with(&parts, &prior, &none, &self.folds) else {
             return Ok(None);
         };
-        let Some((_, squares)) = score::held_out_with(&parts, &prior, &components, &self.folds) else {
+        let reason = |k: usize, spread: f64| spread.min(reason(&layout, &state, k));
+        let spread = components.spread.iter().enumerate().map(|(k, s)| reason(k, *s)).collect();
+        let within = Components { spread, ..components.clone() };
+        let Some((fitted, squares)) = score::held_out_with(&parts, &prior, &components, &self.folds) else {
             return Ok(None);
+        };
+        // Against the same components for all launches.
+        let steady = match within.spread == components.spread {
+            true => score.clone(),
+            false => match score::held_out_with(&parts, &prior, &within, &self.folds) {
+                Some((steady, _)) => {
+                    score.iter().zip(steady.iter().zip(&fitted)).map(|(s, (a, b))| s + a - b).collect()
+                }
+                None => return Ok(None),
+            },
         };
         Ok(Some(Fitted {
             set,
@@ -153,6 +170,7 @@ impl<'a, 'b> Fitter<'a, 'b> {
             held,
             score,
             smooth,
+            steady,
             squares,
             components,
             covariance,
@@ -218,6 +236,20 @@ fn move_by(state: &mut State, layout: &Layout, looks: &[Look], step: &DVector<f6
         let moved = look.start_step(&taken);
         nuisances.iter_mut().zip(moved.iter()).for_each(|(n, m)| *n += m.clamp(-50.0, 50.0));
     }
+}
+
+/// Share of its size by which anything may differ from launch to launch, and in how many standard deviations of its reason.
+const DIFFERS: [f64; 2] = [1.0 / 3.0, 3.0];
+
+/// How far a slot's value has reason to differ from launch to launch.
+fn reason(layout: &Layout, state: &State, slot: usize) -> f64 {
+    let What::Parameter(t, p) = layout.slots[slot].what else { return f64::INFINITY };
+    let effect = layout.terms[t].effect;
+    let amplitudes = |k: &usize| effect.parameters[*k].is_amplitude();
+    let place = (0..p).filter(amplitudes).count();
+    let own = effect.differs.get(place).copied().unwrap_or(0.0);
+    let size = (state.values[slot] - effect.parameters[p].neutral).abs();
+    (DIFFERS[0] * size).max(DIFFERS[1] * own)
 }
 
 /// Least deviation of a size between settings, as a share of what is plausible.

@@ -355,3 +355,35 @@ impl Part {
         self.blocks.iter().map(|b| (&b.left - &b.columns * step).norm_squared()).sum()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What a start takes up is gone, whatever its columns are scaled by, and lengths across it are kept.
+    #[test]
+    fn a_start_is_projected_out() {
+        let start = DMatrix::from_fn(6, 3, |i, k| match k {
+            0 => 1.0,
+            1 => 1e4 * i as f64,
+            _ => 0.0,
+        });
+        let across = Across::of(&start).unwrap();
+        let line = DMatrix::from_fn(6, 1, |i, _| 3.0 - 2.0 * i as f64);
+        assert!(across.project(line).norm() < 1e-9);
+        let bend = DMatrix::from_column_slice(6, 1, &[5.0, -1.0, -4.0, -4.0, -1.0, 5.0]);
+        let seen = across.project(bend.clone());
+        assert_eq!(seen.nrows(), 4, "a column of nothing takes nothing up");
+        assert!((seen.norm() - bend.norm()).abs() < 1e-9);
+    }
+
+    /// A launch may have a little of every push but those that the model has itself.
+    #[test]
+    fn a_model_with_an_effect_has_no_push_of_it() {
+        let all = pushes(&[]);
+        let named = |name: &str| all.iter().filter(|p| p.effect.name == name).count();
+        assert_eq!((named("lift"), named("wind"), all.len()), (1, 2, 3));
+        let lift = differing().find(|e| e.name == "lift").unwrap();
+        assert_eq!(pushes(&[lift]).len(), 2);
+    }
+}

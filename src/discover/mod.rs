@@ -1,23 +1,23 @@
 //! What the simulation gets wrong: measured trials in, the named cause, the extended model and its gain out.
 //!
-//! 1. `window`: trials are cut into windows whose starts are nuisances; `noise`: what no smooth motion explains.
+//! 1. Data. `window`: trials are cut into windows whose starts are nuisances; `noise`: what no smooth motion explains.
 //!    `phase`: which moment velocities seen are of; `trust`: what of the windows can be foreseen and is no outlier.
-//! 2. `path` and the engines simulate windows; `model`: residuals and their derivatives; latents are fitted with every
-//!    candidate. `base`: the scene as it is, fitted; `expected`: what would be left if only noise were; `steps`: the same
-//!    where another engine plays nature.
-//! 3. `signs`: whether what is left acts in the same way in trial after trial; `library`: the effect registry as
-//!    candidates; `search`: sets of up to three of them, judged by trial (`judge`); `survey`: where starts are known the
-//!    whole range of values is searched, since collisions leave no way downhill.
-//! 4. `verdict`: what that amounts to. Sets that the data cannot tell apart are reported together (`advise`: what would
-//!    separate them); what no set explains is said to be unknown, with a law for it that can be simulated (`law`).
-//!    `conclude`: the report; `extend`: the scene with what was found; `evidence`: what pictures show.
+//! 2. Models. `path` and the engines simulate windows; `model`: residuals and their derivatives; latents are fitted with every
+//!    candidate. `base`: the scene as it is, fitted; `steps`: what another engine's steps make of contacts.
+//! 3. Scores. `launch`: what a model leaves of each launch, as a Gaussian of known components; `score`: its predictive
+//!    density, told from the other launches; `fit`: a model fitted and scored.
+//! 4. Search. `library`: the effect registry as candidates; `search`: sets of up to three of them; `survey`: where starts are
+//!    known the whole range of values is searched, since collisions leave no way downhill. `field`: something nobody named.
+//! 5. `decide`: which of two models is better, the one place where it is decided; `verdict`: what that amounts to.
+//! 6. `advise`: what would separate those that tie; `law`: what no set explains, as terms that can be simulated; `conclude`:
+//!    the report, its gains by `expected` and `leave_out`; `extend`: the scene with what was found; `evidence`: what pictures
+//!    show.
 //!
-//! Sources: multiple shooting (Bock 1983), variable projection (Golub and Pereyra 1973), cluster-robust covariance by the
-//! jackknife (Bell and McCaffrey 2002), Holm's correction (1979), sparse regression of dynamics in integral form
-//! (Schaeffer and McCalla, Phys. Rev. E 96 (2017) 023302).
+//! Sources: multiple shooting (Bock 1983), variable projection (Golub and Pereyra 1973), model discrepancy as a Gaussian
+//! process (Kennedy and O'Hagan 2001), mixed-effects models (Pinheiro and Bates 2000), pseudo-BMA+ (Yao et al. 2018).
 //!
-//! Differences from the sources: positions are never differentiated; the cluster is the trial; a set must explain the
-//! data on trials that it was not fitted to before it is named.
+//! Differences from the sources: positions are never differentiated; the launch is what is left out, never the sample; the
+//! discrepancy is drawn anew for every launch, and what launches share is a rival of its own (`field`).
 
 mod advise;
 mod base;
@@ -55,8 +55,8 @@ use crate::world::Engine;
 use crate::world::latent::factor_index;
 use conclude::{Given, conclude, insufficient};
 pub use evidence::{Bounce, Evidence, EvidencePoint, Met, Push};
-use expected::{Expected, expected};
-use fit::{Fitted, Fitter};
+use expected::expected;
+use fit::Fitter;
 use model::{Data, Layout, State};
 use noise::Noise;
 pub use report::Diagnosis;
@@ -159,7 +159,6 @@ pub fn diagnose(
         sd: sd.clone(),
         frozen: Vec::new(),
         engine: config.engine,
-        other_steps: stepping.is_some(),
     };
     if let Some(stepping) = stepping {
         steps::allow(&mut data, &observed, &layout, &start, stepping)?;

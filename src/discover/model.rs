@@ -102,8 +102,6 @@ pub struct Data<'a> {
     /// Derivatives of shots by their nuisances and by the latents, found once: by window; empty for others.
     pub frozen: Vec<Frozen>,
     pub engine: Engine,
-    /// Whether what was seen moves in other time steps than the engine's (`steps`).
-    pub other_steps: bool,
 }
 
 impl Data<'_> {
@@ -249,9 +247,8 @@ pub struct Look {
     pub residual: DVector<f64>,
     /// A column for every slot, then for every extra.
     pub columns: DMatrix<f64>,
-    /// Columns of the nuisances and what maps a column to its coefficients on them.
+    /// Columns of the nuisances.
     pub start: DMatrix<f64>,
-    pub project: DMatrix<f64>,
     /// Square of the residual; of what went astray, only what grows with its logarithm.
     pub square: f64,
     /// What residual and columns were made smaller by for going astray.
@@ -448,17 +445,6 @@ pub fn losses(data: &Data, layout: &Layout, all: &[Vec<f64>], windows: &[usize])
     Ok((0..all.len()).map(of).collect())
 }
 
-/// Number of trials in which a leap goes another way than simulated.
-pub fn astray(windows: &[Window], pass: &Pass) -> usize {
-    let off = |(w, window): (usize, &Window)| {
-        let left = 2.0 * window.points.len() as f64;
-        (window.kind == Kind::Leap && pass.squares[w] > TAME * left).then_some(window.trial)
-    };
-    let mut trials: Vec<usize> = windows.iter().enumerate().filter_map(off).collect();
-    trials.dedup();
-    trials.len()
-}
-
 /// A square as it counts for a window that can go astray, of which noise would leave `left`.
 fn tamed(square: f64, left: f64) -> f64 {
     if square > TAME * left { TAME * left * (1.0 + (square / (TAME * left)).ln()) } else { square }
@@ -641,10 +627,9 @@ fn look(data: &Data, w: usize, slots: usize, shared: &[Shared], nuisances: &[f64
         columns.fill(0.0);
         start.fill(0.0);
     }
-    let mut project = DMatrix::zeros(count, n);
     let mut correction = (DVector::zeros(count), DMatrix::zeros(count, slots));
     if count > 0 {
-        project = inverse(&start.tr_mul(&start)) * start.transpose();
+        let project = inverse(&start.tr_mul(&start)) * start.transpose();
         let by_column = &project * &columns;
         correction = (&project * &residual, by_column.columns(0, slots).into_owned());
         residual -= &start * &correction.0;
@@ -660,7 +645,7 @@ fn look(data: &Data, w: usize, slots: usize, shared: &[Shared], nuisances: &[f64
         start *= share;
         square = tamed(square, left);
     }
-    Look { weights, residual, columns, start, project, square, share, correction }
+    Look { weights, residual, columns, start, square, share, correction }
 }
 
 /// Steps at the beginning of a fit that leave the shapes of effects alone: while an effect is weak its shape is told by

@@ -349,3 +349,103 @@ pub fn spared(own: &[f64], base: &[f64]) -> Vec<f64> {
     };
     own.iter().zip(base).map(mixed).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two windows of a launch: six coordinates each, two slots, a push alike in both and one of its own.
+    fn part() -> Part {
+        let block = |seed: usize| {
+            let wave = |k: usize| libm::sin(1.7 * (k + 13 * seed) as f64);
+            Block {
+                left: DVector::from_fn(6, |i, _| 2.0 * wave(i)),
+                slow: DVector::from_fn(6, |i, _| 1.0 / (1 + i) as f64),
+                columns: DMatrix::from_fn(6, 2, |i, k| wave(31 + 7 * i + k)),
+                alike: DMatrix::from_fn(6, 1, |i, _| wave(90 + i)),
+                alike_of: vec![1],
+                own: DMatrix::from_fn(6, 1, |i, _| wave(120 + i)),
+                kinds: vec![Own::Push(0)],
+                log_white: 0.3,
+            }
+        };
+        Part { launch: 0, blocks: vec![block(1), block(2)], differs: true }
+    }
+
+    fn components_of_it() -> Components {
+        Components { slow: 1.3, leap: 0.01, push: vec![0.7, 0.4], spread: vec![0.5, 0.0] }
+    }
+
+    /// The same Gaussian written down whole: (covariance, columns, what is left).
+    fn whole(part: &Part, c: &Components) -> (DMatrix<f64>, DMatrix<f64>, DVector<f64>) {
+        let [a, b] = &part.blocks[..] else { unreachable!("two windows") };
+        let rows = |f: &dyn Fn(&Block) -> DMatrix<f64>| {
+            let (x, y) = (f(a), f(b));
+            DMatrix::from_fn(12, x.ncols(), |i, k| if i < 6 { x[(i, k)] } else { y[(i - 6, k)] })
+        };
+        let columns = rows(&|p| p.columns.clone());
+        let left = rows(&|p| DMatrix::from_column_slice(6, 1, p.left.as_slice())).column(0).into_owned();
+        let alike = rows(&|p| p.alike.clone()) * c.push[1];
+        let spread = columns.column(0) * c.spread[0];
+        let mut all = &alike * alike.transpose() + &spread * spread.transpose();
+        for (b, block) in part.blocks.iter().enumerate() {
+            let own = &block.own * c.push[0];
+            let diagonal = DMatrix::from_diagonal(&block.slow.map(|s| 1.0 + c.slow * c.slow * s));
+            let mut view = all.view_mut((6 * b, 6 * b), (6, 6));
+            view += diagonal + &own * own.transpose();
+        }
+        (all, columns, left)
+    }
+
+    #[test]
+    fn a_part_taken_apart_is_the_gaussian_written_down_whole() {
+        let (part, c) = (part(), components_of_it());
+        let told = of_part(&part, &[0, 1], &c).unwrap();
+        let (covariance, columns, left) = whole(&part, &c);
+        let inverse = covariance.clone().try_inverse().unwrap();
+        let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-9 * (1.0 + b.abs()), "{a} for {b}");
+        close(told.square, left.dot(&(&inverse * &left)));
+        close(told.log_det, covariance.determinant().ln() + 0.6);
+        for k in 0..2 {
+            close(told.score[k], columns.column(k).dot(&(&inverse * &left)));
+            for l in 0..2 {
+                close(told.gram[(k, l)], columns.column(k).dot(&(&inverse * columns.column(l))));
+            }
+        }
+        // What others say of the slots is one more source of spread.
+        let others = Pooled {
+            step: DVector::from_vec(vec![0.2, -0.4]),
+            covariance: DMatrix::from_row_slice(2, 2, &[0.3, 0.1, 0.1, 0.2]),
+        };
+        let wide = &covariance + &columns * &others.covariance * columns.transpose();
+        let off = &left - &columns * &others.step;
+        let square = off.dot(&(wide.clone().try_inverse().unwrap() * &off));
+        close(told.predicted(&others), student(square, wide.determinant().ln() + 0.6, 12.0));
+    }
+
+    /// A launch a thousand times as far off as the others costs its logarithm, and moves what is told of the slots little.
+    #[test]
+    fn a_spoilt_launch_has_bounded_say() {
+        let mut spoilt = part();
+        spoilt.blocks.iter_mut().for_each(|b| b.left *= 1000.0);
+        let c = Components { spread: vec![0.0; 2], ..components_of_it() };
+        let prior =
+            Prior { precision: DMatrix::identity(2, 2), off: DVector::zeros(2), plausible: vec![0.0; 2] };
+        let of = |parts: &[Part]| pooled(all_told(parts, &c).unwrap().iter(), &prior).unwrap().step;
+        let usual: Vec<Part> = vec![part(); 10];
+        let all: Vec<Part> = usual.iter().cloned().chain([spoilt]).collect();
+        assert!((of(&usual) - of(&all)).norm() < 0.2, "{} {}", of(&usual), of(&all));
+        assert!((spared(&[-500.0], &[-40.0])[0] - (-40.0 + SPOILT.ln())).abs() < 1e-6);
+    }
+
+    #[test]
+    fn every_setting_is_spread_over_the_folds() {
+        let folds = folds(&[0, 0, 0, 1, 1, 1]);
+        let of = |s: usize| -> Vec<usize> { folds[3 * s..3 * s + 3].to_vec() };
+        for s in 0..2 {
+            let mut own = of(s);
+            own.dedup();
+            assert_eq!(own.len(), 3);
+        }
+    }
+}

@@ -106,7 +106,7 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
                 let simple = self.simpler(&found, size);
                 self.join(&mut found, simple)?;
             }
-            if found.best_total() <= before + if size == 1 { 0.0 } else { TIED[0] } {
+            if found.best_total() <= before + TIED[0] {
                 break;
             }
         }

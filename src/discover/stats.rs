@@ -1,37 +1,14 @@
 //! Distributions and small linear algebra that judging needs.
 //!
-//! Sources: regularised incomplete beta by Lentz's continued fraction, incomplete gamma by series and fraction
-//! (Abramowitz and Stegun 26.5.8, 6.5.29, 6.5.31); leverage-corrected cluster covariance by the jackknife ("CR3":
-//! MacKinnon and White, J. Econometrics 29 (1985) 305; Bell and McCaffrey, Survey Methodology 28 (2002) 169).
+//! Student's tail by Fisher's (Abramowitz and Stegun 26.7.1).
 
-use libm::{exp, lgamma, log};
+use crate::distribution::f_above;
 use nalgebra::{DMatrix, DVector};
-
-/// P(F > f) for `a` and `b` degrees of freedom; 1 where they are not positive.
-pub fn f_above(f: f64, a: f64, b: f64) -> f64 {
-    if !(a > 0.0 && b > 0.0) || f.is_nan() {
-        return 1.0;
-    }
-    if f <= 0.0 { 1.0 } else { beta(b / 2.0, a / 2.0, b / (b + a * f)) }
-}
 
 /// P(T > t), one-sided, Student with `freedom` degrees.
 pub fn t_above(t: f64, freedom: f64) -> f64 {
     let half = 0.5 * f_above(t * t, 1.0, freedom);
     if t > 0.0 { half } else { 1.0 - half }
-}
-
-/// t with P(|T| > t) = `outside`.
-pub fn t_quantile(outside: f64, freedom: f64) -> f64 {
-    if freedom < 1.0 {
-        return f64::INFINITY;
-    }
-    let (mut low, mut high) = (0.0, 1e6);
-    for _ in 0..200 {
-        let middle = 0.5 * (low + high);
-        if f_above(middle * middle, 1.0, freedom) > outside { low = middle } else { high = middle }
-    }
-    0.5 * (low + high)
 }
 
 /// P(Z > z) of the normal distribution.
@@ -96,43 +73,6 @@ pub fn inverse(a: &DMatrix<f64>) -> DMatrix<f64> {
     DMatrix::from_fn(n, n, |i, j| out[(i, j)] * scale[i] * scale[j])
 }
 
-/// The regularised incomplete beta function.
-fn beta(a: f64, b: f64, x: f64) -> f64 {
-    if x <= 0.0 {
-        return 0.0;
-    }
-    if x >= 1.0 {
-        return 1.0;
-    }
-    let front = exp(lgamma(a + b) - lgamma(a) - lgamma(b) + a * log(x) + b * log(1.0 - x));
-    if x < (a + 1.0) / (a + b + 2.0) {
-        front * fraction(a, b, x) / a
-    } else {
-        1.0 - front * fraction(b, a, 1.0 - x) / b
-    }
-}
-
-fn fraction(a: f64, b: f64, x: f64) -> f64 {
-    let floor = |v: f64| if v.abs() < 1e-300 { 1e-300 } else { v };
-    let (mut c, mut d) = (1.0, 1.0 / floor(1.0 - (a + b) * x / (a + 1.0)));
-    let mut h = d;
-    for m in 1..400 {
-        let m = f64::from(m);
-        let even = m * (b - m) * x / ((a + 2.0 * m - 1.0) * (a + 2.0 * m));
-        d = 1.0 / floor(1.0 + even * d);
-        c = floor(1.0 + even / c);
-        h *= d * c;
-        let odd = -(a + m) * (a + b + m) * x / ((a + 2.0 * m) * (a + 2.0 * m + 1.0));
-        d = 1.0 / floor(1.0 + odd * d);
-        c = floor(1.0 + odd / c);
-        h *= d * c;
-        if (d * c - 1.0).abs() < 1e-14 {
-            break;
-        }
-    }
-    h
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -150,7 +90,6 @@ mod tests {
         assert!((f_above(4.965, 1.0, 10.0) - 0.05).abs() < 1e-4);
         assert!((f_above(4.938, 3.0, 20.0) - 0.01).abs() < 1e-4);
         assert!((t_above(2.160, 13.0) - 0.025).abs() < 1e-4);
-        assert!((t_quantile(0.05, 13.0) - 2.160).abs() < 1e-3);
         assert!((normal_above(1.959_964) - 0.025).abs() < 1e-6);
     }
 

@@ -65,7 +65,6 @@ pub fn weed(
         sd: flights.iter().map(|w| sd[*w]).collect(),
         frozen: Vec::new(),
         engine,
-        other_steps: false,
     };
     let layout = Layout::new(&[], Vec::new(), 1);
     let start = State { values: Vec::new(), nuisances: own.iter().map(|w| w.nuisances.clone()).collect() };

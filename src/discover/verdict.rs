@@ -25,7 +25,8 @@ pub struct Judged {
 
 /// Judges what a search found.
 pub fn judge(fitter: &Fitter, found: &Found) -> Result<Judged> {
-    let order = found.ranked(|_| true);
+    // What leaves its own effects out is no model of them.
+    let order = found.ranked(is_something);
     let base_total: f64 = found.base_score.iter().sum();
     let best = order.first().copied().filter(|i| found.total(*i) > base_total);
     let top = best.map_or(&found.base_score, |b| &found.scores[b]);
@@ -39,8 +40,7 @@ pub fn judge(fitter: &Fitter, found: &Found) -> Result<Judged> {
         compared: all.clone(),
         base,
     };
-    let tied: Vec<usize> =
-        order.iter().copied().filter(|i| all[*i].is_tied() && is_something(&found.fits[*i])).collect();
+    let tied: Vec<usize> = order.iter().copied().filter(|i| all[*i].is_tied()).collect();
     let asked = |model: &Fitted| field::shared(fitter, &found.base, model, &found.bootstrap);
     if base.is_tied() || tied.is_empty() {
         // No name is any better; but there may be something, shared by launches or drawn anew for each.
@@ -53,12 +53,19 @@ pub fn judge(fitter: &Fitter, found: &Found) -> Result<Judged> {
     let mut sizes: Vec<usize> = tied.iter().map(|i| found.fits[*i].set.len()).collect();
     sizes.sort_unstable();
     sizes.dedup();
-    let mut least: Option<(Vec<usize>, Option<Shared>)> = None;
+    let mut least: Option<(f64, Vec<usize>, Option<Shared>)> = None;
     for size in sizes {
         let group =
             simplest(found, tied.iter().copied().filter(|i| found.fits[*i].set.len() == size).collect());
         let shared = asked(&found.fits[group[0]])?;
-        let explained = shared.as_ref().filter(|s| s.is_left()).map_or(1.0, |s| s.explained);
+        let steady =
+            compared(&found.fits[group[0]].score, &found.fits[group[0]].steady, &found.bootstrap).is_tied();
+        let explained = match shared.as_ref().filter(|s| s.is_left()) {
+            // Sizes that differ more than they have reason to depend on something that launches share and the set has not.
+            _ if !steady => 0.0,
+            Some(s) => s.explained,
+            None => 1.0,
+        };
         if explained >= MOST && shared.as_ref().is_some_and(Shared::is_left) {
             // What launches share without a name is there anyway: does it take the place of one of the names?
             let (group, shared) = beside_field(found, &asked)?.unwrap_or((group, shared));
@@ -70,23 +77,22 @@ pub fn judge(fitter: &Fitter, found: &Found) -> Result<Judged> {
             let verdict = if group.len() == 1 { Verdict::Named } else { Verdict::Ambiguous };
             return Ok(judged(verdict, group, shared));
         }
-        let known = least.as_ref().and_then(|l| l.1.as_ref()).map_or(-1.0, |s| s.explained);
-        if explained > known {
-            least = Some((group, shared));
+        if least.as_ref().is_none_or(|l| explained > l.0) {
+            least = Some((explained, group, shared));
         }
     }
-    let (group, shared) = least.unwrap_or_default();
+    let (_, group, shared) = least.unwrap_or_default();
     Ok(judged(Verdict::Unknown, group, shared))
 }
 
-/// Whether every effect of a set is there: an amplitude whose interval leaves nothing out, or one that differs by launch
-/// more than its mean is known.
+/// Whether every effect of a set is there: an amplitude whose interval leaves nothing out, or one that has a
+/// reason to differ by launch and does so by more than its mean is known.
 fn is_something(fit: &Fitted) -> bool {
     (0..fit.set.len()).all(|t| {
         fit.layout.of_term(t).into_iter().filter(|i| !fit.layout.shapes(*i)).any(|i| {
             let half = fit.half_width(i);
             let off = (fit.state.values[i] - fit.neutral(i)).abs();
-            off > half || fit.spread(i).is_some_and(|s| s > half)
+            off > half || (!fit.set[t].differs.is_empty() && fit.spread(i).is_some_and(|s| s > half))
         })
     })
 }
@@ -112,7 +118,6 @@ fn beside_field(
             with.push((i, shared, scores));
         }
     }
-    let total = |s: &[f64]| s.iter().sum::<f64>();
     let total = |s: &[f64]| s.iter().sum::<f64>();
     let mut chosen: Option<(Vec<usize>, Shared)> = None;
     for size in 1..=most {
@@ -163,4 +168,18 @@ fn simplest(found: &Found, group: Vec<usize>) -> Vec<usize> {
 /// Whether an effect is another for some of its values, or by way of one that is.
 fn contains(large: &Effect, small: &Effect) -> bool {
     large.holds.iter().any(|h| h.name == small.name || contains(h, small))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::contains;
+    use crate::world::effect::find;
+
+    #[test]
+    fn an_effect_contains_what_those_it_holds_contain() {
+        let of = |large: &str, small: &str| contains(find(large).unwrap(), find(small).unwrap());
+        assert!(of("moving_air", "quadratic_drag") && of("moving_air", "wind"));
+        assert!(of("moving_air", "gravity_error"), "by way of wind");
+        assert!(!of("quadratic_drag", "moving_air") && !of("lift", "wind"));
+    }
 }

@@ -635,7 +635,7 @@ fn supported(
     (0..n)
         .map(|i| {
             let about = i.saturating_sub(SUPPORTED)..(i + SUPPORTED + 1).min(n);
-            if gaps[i] > extent || about.len() <= SUPPORTED || about.clone().any(|k| !(gaps[k] <= extent)) {
+            if gaps[i] > extent || about.len() <= SUPPORTED || !about.clone().all(|k| gaps[k] <= extent) {
                 return false;
             }
             let [nx, ny, pull] = normal(i);

@@ -31,7 +31,7 @@ pub static EFFECT: Effect = Effect {
     act: Act::Motion(&Lift),
     holds: &[],
     opposes_motion: false,
-    differs: &[0.1],
+    differs: &[0.15],
     renewed: true,
     check: None,
     search: Search::Downhill,
