@@ -126,7 +126,7 @@ fn better(worse: &[f64], better: &[f64]) -> bool {
 fn scores(found: &Found, judged: &Judged) -> Vec<Score> {
     let of = |effects: Vec<String>, c: &Compared| Score {
         effects,
-        score: -c.worse.max(0.0),
+        score: -c.worse,
         probability_worse: c.probability,
     };
     let fits = found.fits.iter().zip(&judged.compared).map(|(f, c)| of(strings(&f.names()), c));

@@ -187,7 +187,7 @@ impl<'a, 'b> Fitter<'a, 'b> {
         state: &State,
         extras: &[Extra],
     ) -> Result<Option<(Vec<Look>, Vec<Part>)>> {
-        let all: Vec<Extra> = launch::pushes(set).into_iter().chain(extras.iter().cloned()).collect();
+        let all: Vec<Extra> = pushes(set).into_iter().chain(extras.iter().cloned()).collect();
         let Some(looks) = simulated(model::looks(self.data, layout, state, &all))? else { return Ok(None) };
         let parts = self.reduced(layout, state, &looks);
         Ok(parts.map(|parts| (looks, parts)))
@@ -202,7 +202,7 @@ impl<'a, 'b> Fitter<'a, 'b> {
         count: usize,
         columns: &dyn Fn(usize) -> Option<DMatrix<f64>>,
     ) -> Result<Option<Vec<Part>>> {
-        let pushes = launch::pushes(set);
+        let pushes = pushes(set);
         let Some(mut looks) = simulated(model::looks(self.data, layout, state, &pushes))? else {
             return Ok(None);
         };
@@ -222,6 +222,10 @@ impl<'a, 'b> Fitter<'a, 'b> {
         let impacts: Vec<_> = windows.iter().enumerate().map(impact).collect();
         launch::parts(windows, &self.frames, looks, &columns, &self.scales, &impacts)
     }
+}
+
+fn pushes(set: &[&Effect]) -> Vec<Extra> {
+    launch::pushes_beside(set).into_iter().map(|p| p.1).collect()
 }
 
 /// Moves values by a step, as far as allowed, and every window's start along with them.
@@ -312,6 +316,16 @@ impl Fitted {
         let mut values = layout.start(&[0.0; 3]);
         values[..self.state.values.len()].copy_from_slice(&self.state.values);
         (layout, State { values, nuisances: self.state.nuisances.clone() })
+    }
+
+    /// The layout without one of its terms, and the values that it has.
+    pub fn without(&self, term: usize, settings: usize) -> (Layout, Vec<f64>) {
+        let latents: Vec<usize> = self.layout.slots.iter().filter_map(Slot::latent).collect();
+        let mut terms = self.layout.terms.clone();
+        terms.remove(term);
+        let gone = self.layout.of_term(term);
+        let kept = self.state.values.iter().enumerate().filter(|(i, _)| !gone.contains(i));
+        (Layout::new(&latents, terms, settings), kept.map(|(_, v)| *v).collect())
     }
 
     /// Number of effect parameters; one of many settings counts once for comparisons between models.

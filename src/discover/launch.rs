@@ -23,7 +23,7 @@ const SLOW_LENGTH: f64 = 0.25;
 /// What has a variance of its own.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Own {
-    /// An acceleration that a launch may have a little of: the place of its effect in [`differing`].
+    /// An acceleration that a launch may have a little of: its place in [`pushes`].
     Push(usize),
     /// An error of what a contact does.
     Leap,
@@ -35,7 +35,7 @@ pub enum Own {
 pub struct Columns {
     pub slots: usize,
     pub pushes: usize,
-    /// By push: the place of its effect, and whether contacts change it.
+    /// By push: its place in [`pushes`], and whether contacts change it.
     pub of: Vec<(usize, bool)>,
     /// Columns (slots or pushes) of effects that contacts renew, and what is plausible of each.
     pub renewed: Vec<(usize, f64)>,
@@ -61,7 +61,7 @@ pub struct Block {
     pub slow: DVector<f64>,
     /// Derivatives by slot, then by extra.
     pub columns: DMatrix<f64>,
-    /// Pushes that all windows of a launch have alike, of unit standard deviation, and the place of each one's effect.
+    /// Pushes that all windows of a launch have alike, of unit standard deviation, and the place of each in [`pushes`].
     pub alike: DMatrix<f64>,
     pub alike_of: Vec<usize>,
     /// Columns with variances of their own, of unit standard deviation.
@@ -85,10 +85,10 @@ pub struct Frame {
 }
 
 impl Columns {
-    /// Those of a layout with [`pushes`].
+    /// Those of a layout with [`pushes_beside`] it.
     pub fn of(layout: &Layout) -> Columns {
         let set: Vec<&Effect> = layout.terms.iter().map(|t| t.effect).collect();
-        let pushes = pushes(&set);
+        let pushes = pushes_beside(&set);
         let slots = layout.slots.len();
         let own = (0..slots).filter_map(|i| match layout.slots[i].what {
             What::Parameter(t, p) if set[t].renewed && set[t].parameters[p].is_amplitude() => {
@@ -96,34 +96,34 @@ impl Columns {
             }
             _ => None,
         });
-        let push = |(k, extra): (usize, &Extra)| {
+        let push = |(k, (_, extra)): (usize, &(usize, Extra))| {
             let moved = |p: &usize| extra.values[*p] != extra.effect.parameters[*p].neutral;
             let p = (0..extra.values.len()).find(moved).filter(|_| extra.effect.renewed)?;
             Some((slots + k, extra.effect.parameters[p].plausible / extra.values[p].abs()))
         };
-        let place = |e: &Effect| differing().position(|d| d.name == e.name).unwrap_or(0);
-        let of = pushes.iter().map(|p| (place(p.effect), p.effect.renewed)).collect();
+        let of = pushes.iter().map(|(place, p)| (*place, p.effect.renewed)).collect();
         let renewed = own.chain(pushes.iter().enumerate().filter_map(push)).collect();
         Columns { slots, pushes: pushes.len(), of, renewed }
     }
 }
 
-/// Effects that have a reason to differ from launch to launch.
-pub fn differing() -> impl Iterator<Item = &'static Effect> {
-    REGISTRY.iter().copied().filter(|e| !e.differs.is_empty())
+/// Accelerations that every launch may have a little of, of one standard deviation each: the amplitudes of effects that have a
+/// reason to differ from launch to launch.
+pub fn pushes() -> Vec<Extra> {
+    let of = |effect: &'static Effect| {
+        let amplitudes = (0..effect.parameters.len()).filter(|p| effect.parameters[*p].is_amplitude());
+        amplitudes.zip(effect.differs).map(move |(p, sd)| {
+            let value = |k: usize| effect.parameters[k].neutral + if k == p { *sd } else { 0.0 };
+            Extra { effect, values: (0..effect.parameters.len()).map(value).collect(), unit: 1.0 }
+        })
+    };
+    REGISTRY.iter().copied().flat_map(of).collect()
 }
 
-/// Accelerations that every launch may have a little of, one an amplitude; those of `without` left out.
-pub fn pushes(without: &[&Effect]) -> Vec<Extra> {
-    let mut out = Vec::new();
-    for effect in REGISTRY.iter().filter(|e| without.iter().all(|w| w.name != e.name)) {
-        let amplitudes = (0..effect.parameters.len()).filter(|p| effect.parameters[*p].is_amplitude());
-        for (p, sd) in amplitudes.zip(effect.differs) {
-            let value = |k: usize| effect.parameters[k].neutral + if k == p { *sd } else { 0.0 };
-            out.push(Extra { effect, values: (0..effect.parameters.len()).map(value).collect(), unit: 1.0 });
-        }
-    }
-    out
+/// Those that a model with these effects has not itself, with their places among all.
+pub fn pushes_beside(set: &[&Effect]) -> Vec<(usize, Extra)> {
+    let beside = |(_, push): &(usize, Extra)| set.iter().all(|e| e.name != push.effect.name);
+    pushes().into_iter().enumerate().filter(beside).collect()
 }
 
 /// Frames of all windows.
@@ -380,10 +380,13 @@ mod tests {
     /// A launch may have a little of every push but those that the model has itself.
     #[test]
     fn a_model_with_an_effect_has_no_push_of_it() {
-        let all = pushes(&[]);
+        let all = pushes();
         let named = |name: &str| all.iter().filter(|p| p.effect.name == name).count();
         assert_eq!((named("lift"), named("wind"), all.len()), (1, 2, 3));
-        let lift = differing().find(|e| e.name == "lift").unwrap();
-        assert_eq!(pushes(&[lift]).len(), 2);
+        let lift = all.iter().find(|p| p.effect.name == "lift").unwrap().effect;
+        let beside = pushes_beside(&[lift]);
+        assert!(
+            beside.len() == 2 && beside.iter().all(|(place, p)| p.effect.name == all[*place].effect.name)
+        );
     }
 }

@@ -175,7 +175,7 @@ pub struct NextExperiment {
 pub struct Score {
     pub effects: Vec<String>,
     /// Log predictive density of all launches, each told from the others, less what choosing the set costs; nats above the
-    /// best, so never above 0.
+    /// best whose effects are all there.
     pub score: f64,
     /// Probability that it predicts launches worse than the best.
     pub probability_worse: f64,

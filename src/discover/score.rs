@@ -10,7 +10,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::launch::{Block, Own, Part, differing};
+use super::launch::{Block, Own, Part, pushes};
 
 /// Degrees of freedom of a launch's scale: one launch in a hundred is three times as wide as the usual one.
 pub const FREEDOM: f64 = 4.0;
@@ -34,7 +34,7 @@ const SPREAD: [f64; 2] = [0.05, 1.5];
 pub struct Components {
     /// Of the slow misfit, in units of the noise.
     pub slow: f64,
-    /// Of pushes by launch, in what effects declare, by effect that differs.
+    /// Of pushes by launch, in what effects declare.
     pub push: Vec<f64>,
     /// Of a contact's leaps, in the speed of approach.
     pub leap: f64,
@@ -75,7 +75,7 @@ impl Components {
     /// Where a fit starts.
     pub fn start(prior: &Prior) -> Components {
         let spread = prior.plausible.iter().map(|p| SPREAD[0] * p).collect();
-        Components { slow: 1.0, leap: 0.01, push: differing().map(|_| 0.3).collect(), spread }
+        Components { slow: 1.0, leap: 0.01, push: pushes().iter().map(|_| 0.3).collect(), spread }
     }
 
     fn of(&self, kind: Own) -> f64 {
@@ -102,9 +102,9 @@ impl Components {
         }
     }
 
-    fn log_prior(logs: &[f64], prior: &Prior) -> f64 {
+    fn log_prior(&self, logs: &[f64], prior: &Prior) -> f64 {
         let spreads = prior.plausible.iter().filter(|p| **p > 0.0).map(|p| [(SPREAD[0] * p).ln(), SPREAD[1]]);
-        let all = [SLOW, LEAP].into_iter().chain(differing().map(|_| PUSH)).chain(spreads);
+        let all = [SLOW, LEAP].into_iter().chain(self.push.iter().map(|_| PUSH)).chain(spreads);
         -0.5 * logs.iter().zip(all).map(|(l, [centre, sd])| ((l - centre) / sd).powi(2)).sum::<f64>()
     }
 }
@@ -263,7 +263,7 @@ pub fn components(parts: &[&Part], from: &Components, prior: &Prior, widths: &[f
             Some(t) => student(t.square, t.log_det, t.count),
             None => f64::NEG_INFINITY,
         };
-        parts.iter().map(density).sum::<f64>() + Components::log_prior(logs, prior)
+        parts.iter().map(density).sum::<f64>() + from.log_prior(logs, prior)
     };
     let mut logs = from.logs();
     let mut best = quality(&logs);

@@ -105,6 +105,7 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
             if size > 1 {
                 let simple = self.simpler(&found, size);
                 self.join(&mut found, simple)?;
+                self.refit(&mut found, size)?;
             }
             if found.best_total() <= before + TIED[0] {
                 break;
@@ -129,6 +130,33 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
                     found.fits.push(fit);
                 }
                 None => found.failed.push(names),
+            }
+        }
+        Ok(())
+    }
+
+    /// Fits what the best sets of a size are without one of their effects again, from where those stand: with one more effect a
+    /// fit may have found the way to a better place, and a set must not lose for having missed it.
+    fn refit(&self, found: &mut Found, size: usize) -> Result<()> {
+        let best: Vec<usize> = found.ranked(|f| f.set.len() == size).into_iter().take(BEAM[1].0).collect();
+        let mut again: Vec<(usize, Union)> = Vec::new();
+        for (i, t) in best.iter().flat_map(|i| (0..size).map(move |t| (*i, t))) {
+            let large = &found.fits[i];
+            let mut names: Vec<&'static str> = large.set.iter().map(|e| e.name).collect();
+            names.remove(t);
+            names.sort_unstable();
+            let Some(at) = found.fits.iter().position(|f| f.names() == names) else { continue };
+            let (layout, values) = large.without(t, self.fitter.data.setting_count());
+            let start = State { values, nuisances: found.fits[at].state.nuisances.clone() };
+            again.push((at, Union { names, promise: 0.0, starts: vec![(layout, start)] }));
+        }
+        let fitted: Vec<Result<(usize, Option<Fitted>)>> =
+            again.into_par_iter().map(|(at, union)| Ok((at, self.fit(union)?))).collect();
+        for refitted in fitted {
+            let (at, Some(fit)) = refitted? else { continue };
+            let score = found.choice.charged(&fit, &found.base);
+            if score.iter().sum::<f64>() > found.total(at) {
+                (found.fits[at], found.scores[at]) = (fit, score);
             }
         }
         Ok(())

@@ -66,14 +66,11 @@ pub fn judge(fitter: &Fitter, found: &Found) -> Result<Judged> {
             Some(s) => s.explained,
             None => 1.0,
         };
-        if explained >= MOST && shared.as_ref().is_some_and(Shared::is_left) {
-            // What launches share without a name is there anyway: does it take the place of one of the names?
-            let (group, shared) = beside_field(found, &asked)?.unwrap_or((group, shared));
-            let verdict = if group.len() == 1 { Verdict::Named } else { Verdict::Ambiguous };
-            return Ok(judged(verdict, group, shared));
-        }
         if explained >= MOST {
+            // Something without a name may do as well as one of the names.
             let group = with_better(found, &tied, group);
+            let smaller = beside_field(found, size, &asked)?;
+            let (group, shared) = smaller.unwrap_or((group, shared));
             let verdict = if group.len() == 1 { Verdict::Named } else { Verdict::Ambiguous };
             return Ok(judged(verdict, group, shared));
         }
@@ -97,44 +94,43 @@ fn is_something(fit: &Fitted) -> bool {
     })
 }
 
+/// Share of the predictable misfit that a name must explain where something without a name predicts as well.
+const LEAST: f64 = 0.02;
 /// Sets of every size that are asked again with the field beside them.
 const ASKED: usize = 3;
 
-/// The smallest of the sets that explain most by themselves, each with a field of no name beside it. Where something without a
-/// name is left for certain, nats say little of a name: half a millimetre that nothing explains is worth hundreds of them.
-/// So a larger set must explain more, in square metres, than what it leaves without a name.
+/// A set smaller than `size` that explains nearly as much by itself, and beside a field of no name predicts as well as the best
+/// of that size: the names that it has not are none. Where something without a name is left, nats say little of a name: half
+/// a millimetre that nothing explains is worth hundreds of them.
 #[allow(clippy::type_complexity)]
 fn beside_field(
     found: &Found,
+    size: usize,
     asked: &dyn Fn(&Fitted) -> Result<Option<Shared>>,
 ) -> Result<Option<(Vec<usize>, Option<Shared>)>> {
-    let most = found.fits.iter().map(|f| f.set.len()).max().unwrap_or(0);
-    let mut with: Vec<(usize, Shared, Vec<f64>)> = Vec::new();
     let of_size = |m: usize| found.ranked(|f| f.set.len() == m && is_something(f)).into_iter().take(ASKED);
-    for i in (1..=most).flat_map(of_size) {
-        if let Some(shared) = asked(&found.fits[i])? {
+    let Some(best) = of_size(size).next() else { return Ok(None) };
+    let Some(all) = asked(&found.fits[best])? else { return Ok(None) };
+    for smaller in 1..size {
+        let mut group: Vec<(usize, Shared, Vec<f64>)> = Vec::new();
+        for i in of_size(smaller) {
+            let Some(shared) = asked(&found.fits[i])? else { continue };
             let share = found.choice.charge(&found.fits[i].names()) / shared.scores.len() as f64;
-            let scores = shared.scores.iter().map(|s| s - share).collect();
-            with.push((i, shared, scores));
+            let scores: Vec<f64> = shared.scores.iter().map(|s| s - share).collect();
+            let worse = compared(&found.scores[best], &scores, &found.bootstrap);
+            if shared.explained >= MOST && all.explained - shared.explained <= LEAST && worse.is_tied() {
+                group.push((i, shared, scores));
+            }
         }
+        let total = |s: &[f64]| s.iter().sum::<f64>();
+        group.sort_by(|a, b| total(&b.2).total_cmp(&total(&a.2)));
+        let Some(first) = group.first().map(|f| f.2.clone()) else { continue };
+        group.retain(|g| compared(&first, &g.2, &found.bootstrap).is_tied());
+        let sets = simplest(found, group.iter().map(|g| g.0).collect());
+        let shared = group.into_iter().find(|g| g.0 == sets[0]).map(|g| g.1);
+        return Ok(Some((sets, shared)));
     }
-    let total = |s: &[f64]| s.iter().sum::<f64>();
-    let mut chosen: Option<(Vec<usize>, Shared)> = None;
-    for size in 1..=most {
-        let mut own: Vec<&(usize, Shared, Vec<f64>)> =
-            with.iter().filter(|w| found.fits[w.0].set.len() == size && w.1.explained >= MOST).collect();
-        own.sort_by(|a, b| total(&b.2).total_cmp(&total(&a.2)));
-        let Some(best) = own.first().copied() else { continue };
-        // A name must explain more than what is left without one.
-        if chosen.as_ref().is_some_and(|(_, s)| best.1.explained - s.explained <= 1.0 - best.1.explained) {
-            break;
-        }
-        let tied = own.iter().filter(|w| compared(&best.2, &w.2, &found.bootstrap).is_tied()).map(|w| w.0);
-        let group = simplest(found, tied.collect());
-        let shared = with.iter().find(|w| w.0 == group[0]).map(|w| w.1.clone());
-        chosen = shared.map(|shared| (group, shared));
-    }
-    Ok(chosen.map(|(group, shared)| (group, Some(shared))))
+    Ok(None)
 }
 
 /// A group, and the larger tied sets that predict better by more than what ties, though not for certain, and hold none of
