@@ -24,7 +24,7 @@ pub struct Args {
     /// Directory for the report.
     #[arg(long)]
     out: PathBuf,
-    /// Seed of the draws of signs that tell an effect from chance.
+    /// Seed of the bootstrap over launches that tells an effect from chance.
     #[arg(long, default_value_t = 0)]
     seed: u64,
 }

@@ -310,3 +310,37 @@ impl Surface {
         s[2] * self.normal[0] + s[3] * self.normal[1] < 0.0
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::discover::window::cut;
+    use crate::reality::trials_from_csv;
+    use crate::task::Scene;
+
+    /// What leaves a surface at the very moment of meeting it is not held, and nothing breaks.
+    #[test]
+    fn a_surface_met_while_leaving_holds_nothing() {
+        let scene = Scene::from_json(
+            r#"{"format": "iplw.scene/1", "gravity": [0, -9.81], "time_step": 0.005,
+                "bodies": [{"name": "ball", "shape": {"type": "disc", "radius": 0.05}, "mass": 0.1}],
+                "statics": [{"name": "floor", "shape": {"type": "halfspace", "normal": [0, 1], "offset": 0}}]}"#,
+        )
+        .unwrap();
+        let height = |t: f64| {
+            let fallen = (2.0 * 1.0 / 9.81f64).sqrt();
+            let since = t - fallen;
+            0.05 + if since < 0.0 { 1.0 - 4.905 * t * t } else { 3.5 * since - 4.905 * since * since }
+        };
+        let rows: Vec<String> =
+            (0..60).map(|i| 0.015 * f64::from(i)).map(|t| format!("a,{t},ball,{t},{}", height(t))).collect();
+        let csv = format!("trial,t,body,x,y\n{}\n", rows.join("\n"));
+        let windows = cut(&scene, &trials_from_csv(&csv, &scene).unwrap(), &[0]);
+        let window = windows.iter().find(|w| w.kind == Kind::Contact).expect("one bounce");
+        let surface = window.surface.as_ref().expect("what it bounces off");
+        let physics = Physics::new(window, &[], &Latents::default());
+        let (after, met) = physics.bounce(0.0, &[0.0, 0.051, 1.0, 0.5, 0.0], 0.01, surface, 0.0);
+        assert_eq!((met.approach, met.tangent), (0.0, 0.0));
+        assert!(after.iter().all(|v| v.is_finite()));
+    }
+}

@@ -677,3 +677,44 @@ fn mark(gaps: &[f64], near: f64, mut touch: impl FnMut(usize)) {
 fn seen(track: &Track, i: usize) -> Option<[f64; 2]> {
     (track.x[i].is_finite() && track.y[i].is_finite()).then(|| [track.x[i], track.y[i]])
 }
+
+#[cfg(test)]
+mod tests {
+    use std::fmt::Write as _;
+
+    use super::*;
+    use crate::reality::trials_from_csv;
+
+    /// A ball on a floor, at heights by the way it has gone (m), at 1 m/s.
+    fn rolled(height: impl Fn(f64) -> f64) -> Vec<Window> {
+        let scene = Scene::from_json(
+            r#"{"format": "iplw.scene/1", "gravity": [0, -9.81], "time_step": 0.005,
+                "bodies": [{"name": "ball", "shape": {"type": "disc", "radius": 0.05}, "mass": 0.1}],
+                "statics": [{"name": "floor", "shape": {"type": "halfspace", "normal": [0, 1], "offset": 0}}]}"#,
+        )
+        .unwrap();
+        let mut csv = String::from("trial,t,body,x,y\n");
+        for i in 0..100 {
+            let x = 0.03 * f64::from(i);
+            let noise = |k: i32| 1e-4 * libm::sin(f64::from(k + i * i));
+            let _ = writeln!(csv, "a,{x},ball,{},{}", x + noise(0), height(x) + noise(7));
+        }
+        cut(&scene, &trials_from_csv(&csv, &scene).unwrap(), &[0])
+    }
+
+    /// A camera turned by a fifth of a degree shows a ball up to a centimetre off the floor that it rolls on.
+    #[test]
+    fn a_rolling_ball_seen_askew_does_not_fly() {
+        for tilt in [0.0, 0.0035, -0.0035] {
+            let windows = rolled(|x| 0.05 + tilt * x);
+            assert!(!windows.is_empty(), "{tilt}");
+            assert!(windows.iter().all(|w| w.kind == Kind::Roll), "{tilt}");
+        }
+    }
+
+    #[test]
+    fn a_ball_that_falls_flies() {
+        let windows = rolled(|x| 3.0 + x - 0.5 * 9.81 * x * x / 4.0);
+        assert!(windows.iter().any(|w| w.kind == Kind::Flight));
+    }
+}
