@@ -32,7 +32,7 @@ pub struct Fitted {
     pub held: Vec<f64>,
     /// Log predictive density by launch: what models are compared by. (A spoilt launch's is not yet spared.)
     pub score: Vec<f64>,
-    /// The same if nothing were left that changes slowly along paths.
+    /// The same if launches had nothing of their own that changes slowly along paths, nor pushes.
     pub smooth: Vec<f64>,
     /// The same if sizes differed from launch to launch no more than they have reason to.
     pub steady: Vec<f64>,
@@ -142,7 +142,8 @@ impl<'a, 'b> Fitter<'a, 'b> {
         let set = layout.terms.iter().map(|t| t.effect).collect();
         let p_values = vec![1.0; layout.terms.len()];
         let covariance = pooled.covariance;
-        let none = Components { slow: 0.0, ..components.clone() };
+        let push = vec![0.0; components.push.len()];
+        let none = Components { slow: 0.0, push, ..components.clone() };
         let Some((smooth, _)) = score::held_out_with(&parts, &prior, &none, &self.folds) else {
             return Ok(None);
         };
@@ -243,7 +244,7 @@ fn move_by(state: &mut State, layout: &Layout, looks: &[Look], step: &DVector<f6
 }
 
 /// Share of its size by which anything may differ from launch to launch, and in how many standard deviations of its reason.
-const DIFFERS: [f64; 2] = [1.0 / 3.0, 3.0];
+const DIFFERS: [f64; 2] = [0.2, 2.0];
 
 /// How far a slot's value has reason to differ from launch to launch.
 fn reason(layout: &Layout, state: &State, slot: usize) -> f64 {
