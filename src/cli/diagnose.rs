@@ -110,9 +110,11 @@ fn interval(ends: &[Option<f64>; 2]) -> String {
 }
 
 fn gained(g: &HeldOut) -> String {
-    let removed = g
-        .excess_removed
-        .map_or("no excess to remove".into(), |e| format!("{:.1} % of the excess gone", 100.0 * e));
+    let removed = match g.excess_removed {
+        None => "no excess to remove".to_string(),
+        Some(e) if e < 1.0 => format!("{:.1} % of the excess gone", 100.0 * e),
+        Some(_) => "all of the excess gone".to_string(),
+    };
     format!("error {:.5} m -> {:.5} m, floor {:.5} m: {removed}", g.base_rmse, g.extended_rmse, g.floor_rmse)
 }
 

@@ -118,8 +118,9 @@ fn lacks(d: &Extension) -> String {
         .collect();
     let sets: Vec<String> = d.rivals.iter().map(|r| r.join(" + ")).collect();
     let tie = if sets.len() > 1 { format!("; sets that tie: {}", sets.join(" | ")) } else { String::new() };
-    let gain = d.excess_removed.map_or(String::new(), |e| {
-        format!("; {:.0} % of the excess error goes away on held-out trials", 100.0 * e)
+    let gain = d.excess_removed.map_or(String::new(), |e| match e < 1.0 {
+        true => format!("; {:.0} % of the excess error goes away on held-out trials", 100.0 * e),
+        false => "; all of the excess error goes away on held-out trials".to_string(),
     });
     match terms.is_empty() {
         true => format!("{}: {}", d.verdict, d.reason),
