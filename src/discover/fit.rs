@@ -83,16 +83,16 @@ impl<'a, 'b> Fitter<'a, 'b> {
     /// A layout fitted from a start and scored; `None` where it cannot be simulated or its covariance fails.
     pub fn fit(&self, layout: Layout, start: State, rounds: usize) -> Result<Option<Fitted>> {
         match simulated(model::fit(self.data, &layout, start, rounds))? {
-            Some((state, _)) => self.refined(layout, state, None),
+            Some((state, _)) => self.refined(layout, state),
             None => Ok(None),
         }
     }
 
     /// Generalised least squares and the score from a state nearby.
-    pub fn refined(&self, layout: Layout, state: State, known: Option<Components>) -> Result<Option<Fitted>> {
+    pub fn refined(&self, layout: Layout, state: State) -> Result<Option<Fitted>> {
         let mut state = state;
         let set: Vec<&'static Effect> = layout.terms.iter().map(|t| t.effect).collect();
-        let mut components = known.unwrap_or_else(|| Components::start(&prior(&layout, &state)));
+        let mut components = Components::start(&prior(&layout, &state));
         let mut best: Option<(f64, State, Vec<Part>, Components)> = None;
         for round in 0..=ROUNDS {
             let Some((looks, parts)) = self.parts(&layout, &set, &state, &[])? else { break };
@@ -249,12 +249,16 @@ const DIFFERS: [f64; 2] = [0.2, 2.0];
 /// How far a slot's value has reason to differ from launch to launch.
 fn reason(layout: &Layout, state: &State, slot: usize) -> f64 {
     let What::Parameter(t, p) = layout.slots[slot].what else { return f64::INFINITY };
+    let size = (state.values[slot] - layout.terms[t].effect.parameters[p].neutral).abs();
+    (DIFFERS[0] * size).max(DIFFERS[1] * differs(layout, slot))
+}
+
+/// How far a slot's value may differ from launch to launch without naming anything.
+fn differs(layout: &Layout, slot: usize) -> f64 {
+    let What::Parameter(t, p) = layout.slots[slot].what else { return 0.0 };
     let effect = layout.terms[t].effect;
-    let amplitudes = |k: &usize| effect.parameters[*k].is_amplitude();
-    let place = (0..p).filter(amplitudes).count();
-    let own = effect.differs.get(place).copied().unwrap_or(0.0);
-    let size = (state.values[slot] - effect.parameters[p].neutral).abs();
-    (DIFFERS[0] * size).max(DIFFERS[1] * own)
+    let place = (0..p).filter(|k| effect.parameters[*k].is_amplitude()).count();
+    effect.differs.get(place).copied().unwrap_or(0.0)
 }
 
 /// Least deviation of a size between settings, as a share of what is plausible.
@@ -360,6 +364,13 @@ impl Fitted {
             What::Parameter(t, p) => self.layout.terms[t].effect.parameters[p].neutral,
             What::Latent(_) => self.state.values[slot],
         }
+    }
+
+    /// Whether a slot's effect is there for how it differs from launch to launch alone: it has a reason to, and does so by more
+    /// than every launch may, and than its mean is known.
+    pub fn is_there_by_spread(&self, slot: usize) -> bool {
+        let usual = differs(&self.layout, slot);
+        usual > 0.0 && self.spread(slot).is_some_and(|s| s > usual && s > self.half_width(slot))
     }
 
     /// Root of the mean square of what held-out launches leave above the noise, in its units.

@@ -167,7 +167,7 @@ pub fn diagnose(
     let (state, _) = base::fit(scene, &mut data, &observed, &layout, start, config.seed)?;
     let seek = |data: &Data, layout: &Layout, state: State| -> Result<_> {
         let fitter = Fitter::new(data, &noise);
-        let base = fitter.refined(layout.clone(), state, None)?;
+        let base = fitter.refined(layout.clone(), state)?;
         let base = base.ok_or_else(|| Error::Failed("the base model could not be scored".into()))?;
         let hunt = search::Hunt::new(scene, &fitter, &latents, config.seed);
         let found = hunt.search(base, config.most_effects, progress)?;

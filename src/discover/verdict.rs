@@ -82,14 +82,13 @@ pub fn judge(fitter: &Fitter, found: &Found) -> Result<Judged> {
     Ok(judged(Verdict::Unknown, group, shared))
 }
 
-/// Whether every effect of a set is there: an amplitude whose interval leaves nothing out, or one that has a
-/// reason to differ by launch and does so by more than its mean is known.
+/// Whether every effect of a set is there: an amplitude whose interval leaves nothing out, or one that is there by
+/// its spread.
 fn is_something(fit: &Fitted) -> bool {
     (0..fit.set.len()).all(|t| {
         fit.layout.of_term(t).into_iter().filter(|i| !fit.layout.shapes(*i)).any(|i| {
-            let half = fit.half_width(i);
             let off = (fit.state.values[i] - fit.neutral(i)).abs();
-            off > half || (!fit.set[t].differs.is_empty() && fit.spread(i).is_some_and(|s| s > half))
+            off > fit.half_width(i) || fit.is_there_by_spread(i)
         })
     })
 }

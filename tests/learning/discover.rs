@@ -6,7 +6,7 @@ use iplw::discover::{Config, Finding, diagnose};
 use iplw::experiment::EstimateConfig;
 use iplw::experiment::extension::{diagnosed, extended};
 use iplw::progress::Silent;
-use iplw::reality::{HiddenConfig, HiddenWorld, Trial, settled, standard};
+use iplw::reality::{HiddenConfig, HiddenWorld, Trial, settled, standard, trials_from_csv};
 use iplw::task::Scene;
 use iplw::task::scene::EffectTerm;
 use iplw::task::{Split, split};
@@ -31,6 +31,19 @@ fn nothing_is_found_in_noise_of_any_kind() {
         assert_eq!(d.verdict, Verdict::None, "{noise:?}: {}", d.reason);
         assert!(d.effects.is_empty() && d.rivals.is_empty());
     }
+}
+
+/// Where every launch is the same and nothing errs, no size has to differ from launch to launch, and none is named for it.
+#[test]
+fn flights_without_noise_are_nothing() {
+    let mut csv = String::from("trial,t,body,x,y\n");
+    for (trial, i) in (0..6).flat_map(|trial| (0..30).map(move |i| (trial, i))) {
+        let t = 0.02 * f64::from(i);
+        csv += &format!("{trial},{t},ball,{},{}\n", 2.0 * t, 1.0 + 3.0 * t - 4.905 * t * t);
+    }
+    let trials = trials_from_csv(&csv, &worlds::scene()).unwrap();
+    let d = diagnose(&worlds::scene(), &trials, &Config::standard(0), &Silent).unwrap().diagnosis;
+    assert_eq!(d.verdict, Verdict::None, "{:?} {}", d.rivals, d.reason);
 }
 
 /// What happens at a floor is told from what happens above it: a rebound that falls with the speed of impact, slip that
