@@ -60,7 +60,6 @@ use fit::Fitter;
 use model::{Data, Layout, State};
 use noise::Noise;
 pub use report::Diagnosis;
-use stats::median;
 use window::{Kind, Window};
 
 /// Knobs of a diagnosis.
@@ -208,19 +207,14 @@ fn run_noise(windows: &[Window]) -> Option<f64> {
         // Whole states are seen where nothing errs; a contact that goes on at an observation restarts cold.
         return Some(COLD);
     }
-    let mut thirds = Vec::new();
-    for w in windows.iter().filter(|w| w.kind.simulated()) {
-        for body in 0..w.scene.bodies.len() {
-            let own: Vec<[f64; 2]> = w.points.iter().filter(|p| p.body == body).map(|p| p.seen).collect();
-            for k in own.windows(4) {
-                let third =
-                    |axis: usize| (k[3][axis] - 3.0 * k[2][axis] + 3.0 * k[1][axis] - k[0][axis]).abs();
-                thirds.extend([third(0), third(1)]);
-            }
-        }
-    }
+    let of = |w: &Window, body: usize, axis: usize| -> Vec<f64> {
+        w.points.iter().filter(|p| p.body == body).map(|p| p.seen[axis]).collect()
+    };
+    let bodies = |w: &&Window| (0..w.scene.bodies.len()).flat_map(|b| [(b, 0), (b, 1)]).collect::<Vec<_>>();
+    let runs = windows.iter().filter(|w| w.kind.simulated());
+    let series = runs.flat_map(|w| bodies(&w).into_iter().map(move |(b, axis)| of(w, b, axis)));
     // Half a millimetre: what two engines that mean the same can differ by.
-    (!thirds.is_empty()).then(|| (1.4826 * median(&thirds) / 20f64.sqrt()).max(5e-4))
+    noise::by_thirds(&series.collect::<Vec<_>>()).map(|sd| sd.max(5e-4))
 }
 
 /// The scene's own latents: what its first carrier has.

@@ -13,6 +13,9 @@ use nalgebra::{DMatrix, DVector};
 
 use super::stats::median;
 
+/// s on the trial's clock, and a position seen then, m.
+pub type Row = (f64, [f64; 2]);
+
 /// A flight's polynomial fit.
 #[derive(Clone, Debug)]
 pub struct Smooth {
@@ -60,8 +63,8 @@ const RHO_ERROR: f64 = 2.6;
 /// Scales of the median absolute deviation beyond which a point is an outlier: 7 in a million for normal noise.
 const OUTLIER: f64 = 4.5;
 
-/// Fits a flight's rows (t, position).
-pub fn smooth(rows: &[(f64, [f64; 2])]) -> Smooth {
+/// Fits a flight's rows.
+pub fn smooth(rows: &[Row]) -> Smooth {
     let n = rows.len();
     let degree = degree(n);
     let (first, last) = (rows[0].0, rows[n - 1].0);
@@ -110,6 +113,14 @@ pub fn smooth(rows: &[(f64, [f64; 2])]) -> Smooth {
     let varies = |axis: usize| rows.iter().any(|r| r.1[axis] != rows[0].1[axis]);
     let axes = (0..2).filter(|a| varies(*a)).count() as f64;
     Smooth { residual, kept, axes, projector }
+}
+
+/// Noise of series of evenly seen values from their third differences, which smooth motion and rest leave at nothing; `None`
+/// of fewer than four values each.
+pub fn by_thirds(series: &[Vec<f64>]) -> Option<f64> {
+    let third = |k: &[f64]| (k[3] - 3.0 * k[2] + 3.0 * k[1] - k[0]).abs();
+    let thirds: Vec<f64> = series.iter().flat_map(|s| s.windows(4).map(third)).collect();
+    (!thirds.is_empty()).then(|| 1.4826 * median(&thirds) / 20f64.sqrt())
 }
 
 /// Variance and correlation of the noise of some flights; `None` without enough to estimate them from.

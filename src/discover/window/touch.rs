@@ -1,0 +1,207 @@
+//! When a body touches something, and where it rolls, by the gaps that its positions show.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::kind::{FLIGHT, seen};
+use crate::discover::noise::{Row, by_thirds};
+use crate::discover::stats::slope;
+use crate::reality::Trial;
+
+/// Rows on each side that tell whether a surface holds a body, and the share of gravity below which it does not fall.
+const SUPPORTED: usize = 6;
+const FALLING: f64 = 0.3;
+/// Slope of a straight surface as it may be seen by a camera that is turned a little.
+const TURNED: f64 = 0.02;
+
+/// A row at which the body touches something.
+#[derive(Clone, Copy, Debug)]
+pub struct Touch {
+    /// Away from the surface.
+    pub normal: [f64; 2],
+    /// Where along the normal the body's centre touches, m.
+    pub level: f64,
+    /// The static, if the other is one.
+    pub fixed: Option<usize>,
+}
+
+/// For each row whether the body touches something about then: the gap to it has a low minimum where approach turns
+/// into departure, or stays low.
+pub fn touches(trial: &Trial, body: usize, rows: &[Row]) -> Vec<Option<Touch>> {
+    let mut out = vec![None; rows.len()];
+    let scene = &trial.scene;
+    let Some(shape) = scene.bodies[body].shape.pieces() else { return out };
+    let extent = shape.disc_radius().unwrap_or_else(|| shape.half_size());
+    let near = 0.15 * extent;
+    for (f, fixed) in scene.statics.iter().enumerate() {
+        let solid = fixed.placed();
+        let gap = |p: [f64; 2]| solid.gap_to(&shape.placed(p, 0.0));
+        let gaps: Vec<f64> = rows.iter().map(|(_, p)| gap(*p)).collect();
+        let h = 1e-3 * extent;
+        let normal = |p: [f64; 2]| {
+            let n = [
+                gap([p[0] + h, p[1]]) - gap([p[0] - h, p[1]]),
+                gap([p[0], p[1] + h]) - gap([p[0], p[1] - h]),
+            ];
+            let length = n[0].hypot(n[1]);
+            if length > 0.0 { [n[0] / length, n[1] / length] } else { [0.0, 1.0] }
+        };
+        let supported = supported(rows, &gaps, extent, |i| {
+            let n = normal(rows[i].1);
+            [n[0], n[1], n[0] * scene.gravity[0] + n[1] * scene.gravity[1]]
+        });
+        let held = supported.iter().zip(&gaps).map(|(held, gap)| if *held { gap.min(0.0) } else { *gap });
+        let gaps_held: Vec<f64> = held.collect();
+        mark(&gaps_held, near, |i| {
+            let (p, normal) = (rows[i].1, normal(rows[i].1));
+            let level = p[0] * normal[0] + p[1] * normal[1] - gaps[i];
+            out[i] = Some(Touch { normal, level, fixed: Some(f) });
+        });
+    }
+    for (k, other) in trial.observed.bodies.iter().enumerate().filter(|(k, _)| *k != body) {
+        let Some(theirs) = scene.bodies[k].shape.pieces() else { continue };
+        let at = |t: f64| trial.observed.times.iter().position(|s| *s == t);
+        let gaps: Vec<f64> = rows
+            .iter()
+            .map(|(t, p)| match at(*t).and_then(|i| seen(other, i)) {
+                Some(q) => shape.placed(*p, 0.0).gap_to(&theirs.placed(q, 0.0)),
+                None => f64::INFINITY,
+            })
+            .collect();
+        mark(&gaps, near, |i| out[i] = Some(Touch { normal: [0.0, 1.0], level: 0.0, fixed: None }));
+    }
+    out
+}
+
+/// Stretches (first row, end, what is touched) along one straight static in which the height above it changes no more
+/// than noise does.
+pub fn rolls(touches: &[Option<Touch>], rows: &[Row]) -> Vec<(usize, usize, Touch)> {
+    let mut out = Vec::new();
+    let mut i = 0;
+    while i < rows.len() {
+        let Some(touch) = touches[i] else {
+            i += 1;
+            continue;
+        };
+        let turned = |n: [f64; 2]| (n[0] - touch.normal[0]).hypot(n[1] - touch.normal[1]);
+        let same = |t: Touch| t.fixed.is_some() && t.fixed == touch.fixed && turned(t.normal) < 1e-3;
+        let end = (i..rows.len()).find(|k| !touches[*k].is_some_and(same)).unwrap_or(rows.len());
+        // The first of a landing still slides or hops.
+        let from = i + if i > 0 { 2 } else { 0 };
+        if end >= from + FLIGHT && is_level(&rows[from..end], touch.normal) {
+            out.push((from, end, touch));
+        }
+        i = end.max(i + 1);
+    }
+    out
+}
+
+/// Whether heights along a normal change no more than noise does, but for a camera that is turned a little.
+fn is_level(rows: &[Row], n: [f64; 2]) -> bool {
+    let along: Vec<(f64, f64)> =
+        rows.iter().map(|(_, p)| (p[0] * n[1] - p[1] * n[0], p[0] * n[0] + p[1] * n[1])).collect();
+    let (ways, heights): (Vec<f64>, Vec<f64>) = along.iter().copied().unzip();
+    let noise = by_thirds(&[heights, ways]).unwrap_or(0.0);
+    let tilt = slope(&along).unwrap_or(0.0).clamp(-TURNED, TURNED);
+    let levels = along.iter().map(|(way, height)| height - tilt * way);
+    let mean = levels.clone().sum::<f64>() / along.len() as f64;
+    let spread = levels.map(|l| (l - mean).powi(2)).sum::<f64>() / along.len() as f64;
+    spread.sqrt() < 3.0 * noise + 1e-6
+}
+
+/// Rows that a surface holds, seen as far off it as a camera that is turned a little shows it: within a radius of it, and not
+/// falling towards it over some rows about them. `normal`: a surface's normal at a row, and gravity along it.
+fn supported(rows: &[Row], gaps: &[f64], extent: f64, normal: impl Fn(usize) -> [f64; 3]) -> Vec<bool> {
+    let n = rows.len();
+    (0..n)
+        .map(|i| {
+            let about = i.saturating_sub(SUPPORTED)..(i + SUPPORTED + 1).min(n);
+            if gaps[i] > extent || about.len() <= SUPPORTED || !about.clone().all(|k| gaps[k] <= extent) {
+                return false;
+            }
+            let [nx, ny, pull] = normal(i);
+            let heights = about.map(|k| (rows[k].0 - rows[i].0, rows[k].1[0] * nx + rows[k].1[1] * ny));
+            pull < 0.0 && bend(&heights.collect::<Vec<_>>()).is_some_and(|a| a.abs() < FALLING * pull.abs())
+        })
+        .collect()
+}
+
+/// Second derivative of the parabola through points (t, y) by least squares.
+fn bend(points: &[(f64, f64)]) -> Option<f64> {
+    let basis = DMatrix::from_fn(points.len(), 3, |i, k| points[i].0.powi(k as i32));
+    let y = DVector::from_fn(points.len(), |i, _| points[i].1);
+    let beta = basis.svd(true, true).solve(&y, 1e-12).ok()?;
+    Some(2.0 * beta[2])
+}
+
+/// Calls `touch` for every row about which a series of gaps shows contact.
+fn mark(gaps: &[f64], near: f64, mut touch: impl FnMut(usize)) {
+    let n = gaps.len();
+    for i in 0..n {
+        if !gaps[i].is_finite() {
+            continue;
+        }
+        let before = gaps[i.saturating_sub(1)];
+        let after = gaps[(i + 1).min(n - 1)];
+        // How far the gap changes from one row to the next: a bounce can hide in as much.
+        let far = gaps[i.saturating_sub(2)].max(before);
+        let reach =
+            if i >= 2 && far.is_finite() { (far - gaps[i]).max(0.0) } else { (after - gaps[i]).abs() };
+        let turns = i > 0 && i + 1 < n && gaps[i] <= before && gaps[i] <= after;
+        let low = gaps[i] < near;
+        if low || (turns && gaps[i] < near + 0.8 * reach) {
+            touch(i);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Heights of a gap over time as in a bounce between two observations, and as a ball passes by.
+    #[test]
+    fn a_turn_is_a_touch_only_within_what_a_step_covers() {
+        let marked = |gaps: &[f64]| {
+            let mut out = Vec::new();
+            mark(gaps, 0.01, |i| out.push(i));
+            out
+        };
+        assert_eq!(
+            marked(&[0.5, 0.3, 0.1, 0.2, 0.4]),
+            [2],
+            "it came 0.2 m nearer a step, and has turned 0.1 m off"
+        );
+        assert_eq!(marked(&[0.5, 0.45, 0.43, 0.45, 0.5]), [0; 0], "it turned where it could not reach");
+        assert_eq!(marked(&[0.3, 0.005, 0.005, f64::NAN, 0.3]), [1, 2], "what lies there touches");
+    }
+
+    #[test]
+    fn the_bend_of_a_fall_is_gravity() {
+        let fall: Vec<(f64, f64)> =
+            [0.0, 0.1, 0.25, 0.3, 0.5].map(|t: f64| (t, 2.0 + 3.0 * t - 4.905 * t * t)).to_vec();
+        assert!((bend(&fall).unwrap() + 9.81).abs() < 1e-9);
+    }
+
+    /// Along a slope as along a floor, and not where the height wanders by more than the noise.
+    #[test]
+    fn what_rolls_stays_level() {
+        let normal = [-0.6, 0.8];
+        let rows = |sag: f64| -> Vec<Row> {
+            let at = |i: i32| {
+                let noise = |k: i32| 1e-4 * libm::sin(f64::from(k + i * i));
+                let way = 0.05 * f64::from(i) + noise(7);
+                let up = noise(0) + sag * way * way;
+                (0.02 * f64::from(i), [way * normal[1] + up * normal[0], -way * normal[0] + up * normal[1]])
+            };
+            (0..30).map(at).collect()
+        };
+        let touch = Touch { normal, level: 0.0, fixed: Some(0) };
+        let mut touches = vec![Some(touch); 30];
+        touches[..4].fill(None);
+        let found = |sag| rolls(&touches, &rows(sag)).into_iter().map(|(a, b, _)| (a, b)).collect::<Vec<_>>();
+        assert_eq!(found(0.0), [(6, 30)], "two rows of the landing do not count");
+        assert_eq!(found(0.05), [], "it sinks in");
+        touches[12] = Some(Touch { normal: [0.0, 1.0], ..touch });
+        assert_eq!(rolls(&touches, &rows(0.0))[0].0, 15, "another slope is another roll");
+    }
+}

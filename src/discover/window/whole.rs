@@ -1,0 +1,202 @@
+//! Windows of all bodies of a trial whose start is known: its beginning, leaps from one whole observation to the next, and
+//! shots over a few observations of which not everything was seen.
+
+use super::kind::{Kind, Point, Window, seen};
+use crate::reality::Trial;
+use crate::task::Scene;
+use crate::trajectory::{Track, Trajectory};
+
+/// Intervals of a shot: each body's 5 unknowns against 2 coordinates at one observation more than that.
+const SHOT: usize = 3;
+/// Most shots of a trial.
+const SHOTS: usize = 6;
+/// m from observation to observation in a leap, or in all of a shot; less is rest.
+const MOVES: f64 = 0.1;
+
+/// The beginning of a trial.
+pub fn run(trial: &Trial) -> Option<Window> {
+    let mut scene = Scene { stop: Some(false), ..trial.scene.clone() };
+    let observed = &trial.observed;
+    let start = *observed.times.first()?;
+    let rows = 1..observed.times.len().min(SHOT + 1);
+    let points = points(observed, start, rows);
+    let last = points.last()?.time;
+    let every = scene.observe_every.max(1);
+    let on_grid = points.iter().all(|p| {
+        let steps = p.time / (scene.time_step * f64::from(every));
+        (steps - steps.round()).abs() < 1e-6 || (p.time - last).abs() < 1e-9
+    });
+    if !on_grid {
+        scene.observe_every = 1;
+    }
+    scene.steps = (last / scene.time_step).round().max(1.0) as u32 + u32::from(!on_grid);
+    Some(Window::new(Kind::Run, scene, start, points))
+}
+
+/// At most so many intervals of a trial in which something moves, evenly spread, if everything is seen of what moves.
+pub fn leaps(trial: &Trial, most: usize) -> Vec<Window> {
+    let observed = &trial.observed;
+    let whole = |i: usize| {
+        let known = |b: &Track| [b.vx[i], b.vy[i], b.omega[i], b.angle[i]].iter().all(|v| v.is_finite());
+        observed.bodies.iter().all(|b| seen(b, i).is_some() && known(b))
+    };
+    let last = observed.times.len().saturating_sub(1);
+    if !(0..=last).all(whole) {
+        return Vec::new();
+    }
+    let leap = |from: usize| {
+        let (start, time) = (observed.times[from], observed.times[from + 1] - observed.times[from]);
+        let mut scene = free(&trial.scene);
+        for (body, track) in scene.bodies.iter_mut().zip(&observed.bodies) {
+            body.position = Some([track.x[from], track.y[from]]);
+            body.angle = track.angle[from];
+            body.velocity = [track.vx[from], track.vy[from]];
+            body.angular_velocity = track.omega[from];
+        }
+        let steps = time / scene.time_step;
+        scene.steps = (steps - 1e-6).ceil().max(1.0) as u32;
+        scene.observe_every = if (steps - steps.round()).abs() < 1e-6 { scene.steps } else { 1 };
+        Window::new(Kind::Leap, scene, start, points(observed, start, from + 1..from + 2))
+    };
+    spread((0..last).filter(|i| moves(observed, *i, 1)).collect(), most).map(leap).collect()
+}
+
+/// Stretches of a trial of [`SHOT`] intervals in which something moves, evenly spread.
+pub fn shots(trial: &Trial) -> Vec<Window> {
+    let observed = &trial.observed;
+    let whole = |i: usize| observed.bodies.iter().all(|b| seen(b, i).is_some());
+    let shot = |from: usize| {
+        let start = observed.times[from];
+        let mut scene = free(&trial.scene);
+        let time = observed.times[from + SHOT] - start;
+        let gap = time / SHOT as f64 / scene.time_step;
+        let even = (1..=SHOT).all(|k| {
+            let steps = (observed.times[from + k] - start) / scene.time_step;
+            (steps - gap * k as f64).abs() < 1e-6
+        });
+        scene.observe_every = if even && (gap - gap.round()).abs() < 1e-6 { gap.round() as u32 } else { 1 };
+        scene.steps = (time / scene.time_step - 1e-6).ceil() as u32;
+        for (body, track) in scene.bodies.iter_mut().zip(&observed.bodies) {
+            body.angle = if track.angle[from].is_finite() { track.angle[from] } else { 0.0 };
+        }
+        let of = |track| launch(track, &observed.times, from, scene.gravity, 0);
+        let nuisances = observed.bodies.iter().flat_map(of).collect();
+        let points = points(observed, start, from..from + SHOT + 1);
+        Window { nuisances, ..Window::new(Kind::Shot, scene, start, points) }
+    };
+    let last = observed.times.len().saturating_sub(SHOT);
+    let tells = |i: &usize| (*i..=i + SHOT).all(whole) && moves(observed, *i, SHOT);
+    spread((1..last).step_by(SHOT).filter(tells).collect(), SHOTS).map(shot).collect()
+}
+
+/// Guesses of a body's position, velocity and spin at an observation: as in flight to the next (0), as if nothing
+/// pulled (1), as in flight from the one before (2).
+pub fn launch(track: &Track, times: &[f64], at: usize, gravity: [f64; 2], way: usize) -> [f64; 5] {
+    let (i, j) = if way == 2 && at > 0 { (at - 1, at) } else { (at, at + 1) };
+    let dt = times[j] - times[i];
+    let pull = [-0.5, 0.0, 0.5][way] * dt;
+    let known = |v: f64| if v.is_finite() { v } else { 0.0 };
+    [
+        track.x[at],
+        track.y[at],
+        known((track.x[j] - track.x[i]) / dt + pull * gravity[0]),
+        known((track.y[j] - track.y[i]) / dt + pull * gravity[1]),
+        known((track.angle[j] - track.angle[i]) / dt),
+    ]
+}
+
+/// A trial's scene as it goes on, whatever was to be done or reached in it.
+fn free(scene: &Scene) -> Scene {
+    Scene { stop: Some(false), goal: None, action: None, ..scene.clone() }
+}
+
+/// Where bodies were seen at some observations.
+fn points(observed: &Trajectory, start: f64, rows: std::ops::Range<usize>) -> Vec<Point> {
+    let point = |i: usize, (body, track): (usize, &Track)| {
+        Some(Point { body, time: observed.times[i] - start, seen: seen(track, i)?, weight: 1.0 })
+    };
+    rows.flat_map(|i| observed.bodies.iter().enumerate().filter_map(move |b| point(i, b))).collect()
+}
+
+/// Whether anything moves from one observation to the one `by` later.
+fn moves(observed: &Trajectory, from: usize, by: usize) -> bool {
+    let moved = |b: &Track| (b.x[from + by] - b.x[from]).hypot(b.y[from + by] - b.y[from]) > MOVES;
+    observed.bodies.iter().any(moved)
+}
+
+/// At most so many, evenly spread.
+fn spread(of: Vec<usize>, most: usize) -> impl Iterator<Item = usize> {
+    let stride = of.len().div_ceil(most).max(1);
+    of.into_iter().step_by(stride)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::world::{Engine, Rollout, simulate};
+
+    /// A ball that falls and one that rests, as the engine has it, seen every tenth of a second.
+    fn trial() -> Trial {
+        let scene = Scene::from_json(
+            r#"{"format": "iplw.scene/1", "gravity": [0, -9.8], "time_step": 0.01, "steps": 100, "observe_every": 10,
+                "bodies": [{"name": "falls", "shape": {"type": "disc", "radius": 0.1}, "position": [0, 9]},
+                           {"name": "rests", "shape": {"type": "disc", "radius": 0.1}, "position": [3, 0.1]}],
+                "statics": [{"name": "floor", "shape": {"type": "halfspace", "normal": [0, 1], "offset": 0}}]}"#,
+        )
+        .unwrap();
+        let usual = Rollout { scene: &scene, latents: Default::default(), effects: &[], stop: false };
+        let observed = simulate(&[usual], Engine::Lanes).unwrap().remove(0);
+        Trial { name: String::new(), setting: None, scene, observed }
+    }
+
+    /// Every window's scene, rolled out, ends where its points say: one is simulated as it was seen.
+    #[test]
+    fn windows_roll_out_to_what_was_seen() {
+        let trial = trial();
+        let leaps = leaps(&trial, 3);
+        assert_eq!(leaps.len(), 3, "no more than asked for");
+        for w in leaps.into_iter().chain(run(&trial)) {
+            let usual = Rollout { scene: &w.scene, latents: Default::default(), effects: &[], stop: false };
+            let path = simulate(&[usual], Engine::Lanes).unwrap().remove(0);
+            for p in &w.points {
+                let i = path.times.iter().position(|t| (t - p.time).abs() < 1e-9).expect("an observation");
+                let track = &path.bodies[p.body];
+                let off = (track.x[i] - p.seen[0]).hypot(track.y[i] - p.seen[1]);
+                assert!(off < 1e-3, "{:?} {off}", w.kind);
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_not_seen_whole_makes_no_leaps_and_what_rests_no_shots() {
+        let mut trial = trial();
+        let all = shots(&trial);
+        assert_eq!(all.len(), 3, "from the second observation on, three intervals each");
+        assert!(all.iter().all(|w| w.points.len() == 2 * (SHOT + 1) && w.nuisances.len() == 10));
+        trial.observed.bodies[1].omega[4] = f64::NAN;
+        assert!(leaps(&trial, 100).is_empty());
+        trial.observed.bodies[0].x[5] = f64::NAN;
+        assert_eq!(shots(&trial).len(), 2, "the second holds the fifth");
+        let mut still = self::trial();
+        still.observed.bodies[0] = still.observed.bodies[1].clone();
+        assert!(shots(&still).is_empty() && leaps(&still, 100).is_empty());
+    }
+
+    /// In flight, the guesses forwards and backwards are the velocity there, and the spin that of the angles.
+    #[test]
+    fn a_launch_in_flight_is_met_from_both_sides() {
+        let times: Vec<f64> = (0..4).map(|i| 0.1 * f64::from(i)).collect();
+        let of = |f: &dyn Fn(f64) -> f64| times.iter().map(|t| f(*t)).collect();
+        let track = Track {
+            x: of(&|t| 2.0 * t),
+            y: of(&|t| 3.0 * t - 4.9 * t * t),
+            angle: of(&|t| 7.0 * t),
+            ..Track::default()
+        };
+        for way in [0, 2] {
+            let [x, y, vx, vy, spin] = launch(&track, &times, 1, [0.0, -9.8], way);
+            let off = [x - 0.2, y - 0.251, vx - 2.0, vy - 2.02, spin - 7.0];
+            assert!(off.iter().all(|o| o.abs() < 1e-9), "{off:?}");
+        }
+    }
+}
