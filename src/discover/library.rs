@@ -4,9 +4,10 @@
 //! it should start (`Search`), of which parameters they vanish and which only shape them (`Role`).
 
 use super::model::Term;
+pub use super::model::bounds;
 use super::window::{Kind, Window};
 use crate::task::Scene;
-use crate::world::effect::{ActsOn, Effect, Parameter, REGISTRY, Search, Span};
+use crate::world::effect::{ActsOn, Effect, REGISTRY, Search, Span};
 
 /// What decides which effects can be told at all, and where their search starts.
 #[derive(Clone, Copy, Debug)]
@@ -38,16 +39,6 @@ pub fn candidates(scene: &Scene, ground: &Ground) -> Vec<(&'static Effect, Vec<T
         Some((e, starts.into_iter().map(term).collect()))
     };
     REGISTRY.iter().copied().filter(told).filter_map(of).collect()
-}
-
-/// Values that a search may try: a sensor that is off by more than a fifth (or a fifth of a second or radian) is not an
-/// error to discover but another sensor.
-pub fn bounds(effect: &Effect, parameter: &Parameter) -> [f64; 2] {
-    let [low, high] = parameter.bounds;
-    if effect.acts_on() == ActsOn::Sensor {
-        return [low.max(parameter.neutral - 0.2), high.min(parameter.neutral + 0.2)];
-    }
-    [low, high]
 }
 
 /// What a recording is of.

@@ -28,6 +28,8 @@ mod expected;
 mod extend;
 mod field;
 mod fit;
+#[cfg(test)]
+mod fixture;
 mod launch;
 mod law;
 mod leave_out;
@@ -143,7 +145,7 @@ pub fn diagnose(
         .iter()
         .map(|w| if w.kind.simulated() { runs.unwrap_or(noise.sd) } else { noise.sd })
         .collect();
-    trust::weed(&mut windows, &sd, kept.len(), &settings, config.engine)?;
+    trust::weed(&mut windows, &sd, &settings, config.engine)?;
     let layout = Layout::new(&latents, Vec::new(), names.len());
     let start = State {
         values: layout.start(&nominal(scene)),
@@ -151,14 +153,7 @@ pub fn diagnose(
     };
     let observed: Vec<&Trajectory> = kept.iter().map(|i| &trials[*i].observed).collect();
     let expected = expected(&windows, &sd, kept.len(), &noise);
-    let mut data = Data {
-        windows: &windows,
-        trials: kept.len(),
-        settings: &settings,
-        sd: sd.clone(),
-        frozen: Vec::new(),
-        engine: config.engine,
-    };
+    let mut data = Data::new(&windows, &settings, sd.clone(), config.engine);
     if let Some(stepping) = stepping {
         steps::allow(&mut data, &observed, &layout, &start, stepping)?;
     }

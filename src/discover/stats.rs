@@ -46,6 +46,13 @@ pub fn median(values: &[f64]) -> f64 {
     }
 }
 
+/// Takes a number out of normal equations: it stays where it is.
+pub fn hold(gram: &mut DMatrix<f64>, score: &mut DVector<f64>, number: usize) {
+    gram.row_mut(number).fill(0.0);
+    gram.column_mut(number).fill(0.0);
+    score[number] = 0.0;
+}
+
 /// Solves `a x = b` for a symmetric positive semidefinite `a`; directions without information stay at 0.
 pub fn solve(a: &DMatrix<f64>, b: &DVector<f64>) -> DVector<f64> {
     inverse(a) * b

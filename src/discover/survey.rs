@@ -102,7 +102,7 @@ pub fn survey(data: &Data, layout: &Layout, start: &State, seed: u64) -> Result<
 fn places(data: &Data, layout: &Layout, start: &State) -> Result<[Vec<f64>; 2]> {
     let mut without = start.clone();
     for (i, value) in without.values.iter_mut().enumerate() {
-        if let Some(amplitude) = parameter(layout, i).filter(|p| p.is_amplitude()) {
+        if let Some(amplitude) = layout.parameter(i).filter(|p| p.is_amplitude()) {
             *value = amplitude.neutral;
         }
     }
@@ -132,7 +132,7 @@ fn framed(
     let at = |k: usize, share: f64| places[k][(share * (places[k].len() - 1) as f64) as usize];
     let (mut framed, mut near) = (start.clone(), spread.to_vec());
     for (i, near) in near.iter_mut().enumerate() {
-        let Some(parameter) = parameter(layout, i) else {
+        let Some(parameter) = layout.parameter(i) else {
             *near *= NARROW;
             continue;
         };
@@ -147,14 +147,6 @@ fn framed(
         *near = 0.25 * (at(axis, 1.0) - at(axis, 0.0)) + 0.2;
     }
     (framed, near)
-}
-
-/// The parameter that a slot stands for, unless it stands for a latent.
-fn parameter(layout: &Layout, slot: usize) -> Option<&'static Parameter> {
-    match layout.slots[slot].what {
-        What::Parameter(t, p) => Some(&layout.terms[t].effect.parameters[p]),
-        What::Latent(_) => None,
-    }
 }
 
 /// The cross-entropy method over some leaps, from deviations `spread`.
@@ -228,7 +220,7 @@ fn scan(
     widths: &[(f64, i32)],
 ) -> Result<State> {
     let mut best = lone(data, layout, start.values, leaps)?;
-    let amplitude = |i: &usize| parameter(layout, *i).is_some_and(Parameter::is_amplitude);
+    let amplitude = |i: &usize| layout.parameter(*i).is_some_and(Parameter::is_amplitude);
     let (first, then): (Vec<usize>, Vec<usize>) = (0..layout.slots.len()).partition(amplitude);
     for _ in 0..TURNS {
         let before = best.0;

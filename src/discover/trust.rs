@@ -49,23 +49,10 @@ pub fn shorten(windows: &mut [Window], engine: Engine) -> Result<()> {
 }
 
 /// Takes outliers at the ends of flights out, by what nothing but gravity leaves.
-pub fn weed(
-    windows: &mut [Window],
-    sd: &[f64],
-    trials: usize,
-    settings: &[usize],
-    engine: Engine,
-) -> Result<()> {
+pub fn weed(windows: &mut [Window], sd: &[f64], settings: &[usize], engine: Engine) -> Result<()> {
     let flights: Vec<usize> = (0..windows.len()).filter(|w| windows[*w].kind == Kind::Flight).collect();
     let own: Vec<Window> = flights.iter().map(|w| windows[*w].clone()).collect();
-    let data = Data {
-        windows: &own,
-        trials,
-        settings,
-        sd: flights.iter().map(|w| sd[*w]).collect(),
-        frozen: Vec::new(),
-        engine,
-    };
+    let data = Data::new(&own, settings, flights.iter().map(|w| sd[*w]).collect(), engine);
     let layout = Layout::new(&[], Vec::new(), 1);
     let start = State { values: Vec::new(), nuisances: own.iter().map(|w| w.nuisances.clone()).collect() };
     let (_, left) = model::fit(&data, &layout, start, 3)?;

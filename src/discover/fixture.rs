@@ -1,0 +1,89 @@
+//! Recordings for unit tests, of which everything is known.
+
+use super::model::Term;
+use super::window::{Kind, Window, cut};
+use crate::reality::{Trial, trials_from_csv};
+use crate::task::Scene;
+use crate::task::scene::EffectTerm;
+use crate::world::effect::find;
+use crate::world::{Engine, Rollout, simulate};
+
+/// A ball of 5 cm above a floor.
+pub fn ball() -> Scene {
+    Scene::from_json(
+        r#"{"format": "iplw.scene/1", "gravity": [0, -9.81], "time_step": 0.005,
+            "bodies": [{"name": "ball", "shape": {"type": "disc", "radius": 0.05}, "mass": 0.1}],
+            "statics": [{"name": "floor", "shape": {"type": "halfspace", "normal": [0, 1], "offset": 0}}]}"#,
+    )
+    .unwrap()
+}
+
+/// Trials of [`ball`], each seen at (t, x, y).
+pub fn seen(trials: &[Vec<[f64; 3]>]) -> Vec<Trial> {
+    let rows = trials
+        .iter()
+        .enumerate()
+        .flat_map(|(i, rows)| rows.iter().map(move |[t, x, y]| format!("{i},{t},ball,{x},{y}\n")));
+    let csv: String = std::iter::once("trial,t,body,x,y\n".to_string()).chain(rows).collect();
+    trials_from_csv(&csv, &ball()).unwrap()
+}
+
+/// Trials cut, all of one setting, with their settings.
+fn pieces(base: &Scene, trials: &[Trial]) -> (Vec<Window>, Vec<usize>) {
+    let settings = vec![0; trials.len()];
+    (cut(base, trials, &settings), settings)
+}
+
+/// Throws at 3 m/s sideways and 4 m/s and more upwards in a wind, m/s^2, seen 20 times in 0.76 s without error: a flight
+/// each.
+pub fn flights(wind: [f64; 2], count: usize) -> (Vec<Window>, Vec<usize>) {
+    let at = |k: usize, t: f64| {
+        let up = 4.0 + 0.2 * k as f64;
+        [t, 3.0 * t + 0.5 * wind[0] * t * t, 1.0 + up * t + 0.5 * (wind[1] - 9.81) * t * t]
+    };
+    let trial = |k: usize| (0..20).map(|i| at(k, 0.04 * f64::from(i))).collect();
+    let (windows, settings) = pieces(&ball(), &seen(&(0..count).map(trial).collect::<Vec<_>>()));
+    assert!(windows.len() == count && windows.iter().all(|w| w.kind == Kind::Flight));
+    (windows, settings)
+}
+
+/// Two balls thrown where a scene says in a wind along x, m/s^2, seen whole 9 times in 0.8 s as an engine has it.
+fn thrown(wind: f64) -> (Scene, Trial) {
+    let scene = Scene::from_json(
+        r#"{"format": "iplw.scene/1", "gravity": [0, -9.81], "time_step": 0.005, "steps": 160, "observe_every": 20,
+            "bodies": [{"name": "a", "shape": {"type": "disc", "radius": 0.05}, "position": [0, 5], "velocity": [3, 1]},
+                       {"name": "b", "shape": {"type": "disc", "radius": 0.05}, "position": [9, 5], "velocity": [1, 2]}]}"#,
+    )
+    .unwrap();
+    let term = EffectTerm { name: "wind".into(), parameters: [("ax".to_string(), wind)].into() };
+    let rollout = Rollout { scene: &scene, latents: Default::default(), effects: &[term], stop: false };
+    let observed = simulate(&[rollout], Engine::Lanes).unwrap().remove(0);
+    (scene.clone(), Trial { name: String::new(), setting: None, scene, observed })
+}
+
+/// One trial's leaps.
+pub fn leaps(wind: f64) -> (Vec<Window>, Vec<usize>) {
+    let (scene, trial) = thrown(wind);
+    let (windows, settings) = pieces(&scene, &[trial]);
+    assert!(windows.len() == 8 && windows.iter().all(|w| w.kind == Kind::Leap));
+    (windows, settings)
+}
+
+/// One shot of a trial without wind.
+pub fn shots() -> (Vec<Window>, Vec<usize>) {
+    let (scene, mut trial) = thrown(0.0);
+    trial.observed.bodies.iter_mut().for_each(|b| b.omega.fill(f64::NAN));
+    let (mut windows, settings) = pieces(&scene, &[trial]);
+    windows.retain(|w| w.kind == Kind::Shot);
+    windows.truncate(1);
+    assert_eq!(windows.len(), 1);
+    (windows, settings)
+}
+
+/// An effect as a candidate, all of it fitted, from where it vanishes.
+pub fn term(name: &str) -> Term {
+    let effect = find(name).unwrap();
+    let start = effect.parameters.iter().map(|p| p.neutral).collect();
+    let free = vec![true; effect.parameters.len()];
+    Term { effect, per_setting: false, start, free, difference: None }
+}

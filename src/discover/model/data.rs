@@ -1,0 +1,42 @@
+//! What is fixed during a diagnosis.
+
+use crate::discover::window::Window;
+use crate::world::Engine;
+
+/// Windows and their noise.
+pub struct Data<'a> {
+    pub windows: &'a [Window],
+    pub trials: usize,
+    /// Setting of each trial.
+    pub settings: &'a [usize],
+    /// Scale of the residuals by window, m.
+    pub sd: Vec<f64>,
+    /// Derivatives of shots by their nuisances and by the latents, found once: by window; empty for others.
+    pub frozen: Vec<Frozen>,
+    pub engine: Engine,
+}
+
+impl<'a> Data<'a> {
+    /// Windows of as many trials as there are settings; nothing is frozen yet.
+    pub fn new(windows: &'a [Window], settings: &'a [usize], sd: Vec<f64>, engine: Engine) -> Data<'a> {
+        Data { windows, trials: settings.len(), settings, sd, frozen: Vec::new(), engine }
+    }
+
+    /// How many settings there are.
+    pub fn setting_count(&self) -> usize {
+        self.settings.iter().max().map_or(1, |s| s + 1)
+    }
+
+    /// What is kept of a window's derivatives, if anything is.
+    pub fn frozen(&self, window: usize) -> Option<&Frozen> {
+        self.frozen.get(window).filter(|f| !f.nuisances.is_empty())
+    }
+}
+
+/// Derivatives that change little with what a search tries.
+#[derive(Clone, Default)]
+pub struct Frozen {
+    pub nuisances: Vec<Vec<f64>>,
+    /// Of the first slots, which are the latents.
+    pub latents: Vec<Vec<f64>>,
+}
