@@ -17,7 +17,7 @@ use crate::rng;
 /// Nats within which two models are tied, and the probability below which they are.
 pub const TIED: [f64; 2] = [3.0, 0.98];
 /// Share of the predictable misfit that a name must explain where something shared is left.
-pub const MOST: f64 = 0.8;
+pub const MOST: f64 = 0.9;
 /// Draws of weights.
 const DRAWS: usize = 2000;
 

@@ -32,10 +32,6 @@ pub struct Fitted {
     pub held: Vec<f64>,
     /// Log predictive density by launch: what models are compared by. (A spoilt launch's is not yet spared.)
     pub score: Vec<f64>,
-    /// The same if launches had nothing of their own that changes slowly along paths, nor pushes.
-    pub smooth: Vec<f64>,
-    /// The same if sizes differed from launch to launch no more than they have reason to.
-    pub steady: Vec<f64>,
     /// What is left of held-out launches: squares of slow coordinates, in units of the noise.
     pub squares: Vec<f64>,
     /// Variance components, all launches together.
@@ -142,26 +138,8 @@ impl<'a, 'b> Fitter<'a, 'b> {
         let set = layout.terms.iter().map(|t| t.effect).collect();
         let p_values = vec![1.0; layout.terms.len()];
         let covariance = pooled.covariance;
-        let push = vec![0.0; components.push.len()];
-        let none = Components { slow: 0.0, push, ..components.clone() };
-        let Some((smooth, _)) = score::held_out_with(&parts, &prior, &none, &self.folds) else {
+        let Some((_, squares)) = score::held_out_with(&parts, &prior, &components, &self.folds) else {
             return Ok(None);
-        };
-        let reason = |k: usize, spread: f64| spread.min(reason(&layout, &state, k));
-        let spread = components.spread.iter().enumerate().map(|(k, s)| reason(k, *s)).collect();
-        let within = Components { spread, ..components.clone() };
-        let Some((fitted, squares)) = score::held_out_with(&parts, &prior, &components, &self.folds) else {
-            return Ok(None);
-        };
-        // Against the same components for all launches.
-        let steady = match within.spread == components.spread {
-            true => score.clone(),
-            false => match score::held_out_with(&parts, &prior, &within, &self.folds) {
-                Some((steady, _)) => {
-                    score.iter().zip(steady.iter().zip(&fitted)).map(|(s, (a, b))| s + a - b).collect()
-                }
-                None => return Ok(None),
-            },
         };
         Ok(Some(Fitted {
             set,
@@ -170,8 +148,6 @@ impl<'a, 'b> Fitter<'a, 'b> {
             pass,
             held,
             score,
-            smooth,
-            steady,
             squares,
             components,
             covariance,
@@ -243,18 +219,8 @@ fn move_by(state: &mut State, layout: &Layout, looks: &[Look], step: &DVector<f6
     }
 }
 
-/// Share of its size by which anything may differ from launch to launch, and in how many standard deviations of its reason.
-const DIFFERS: [f64; 2] = [0.2, 2.0];
-
-/// How far a slot's value has reason to differ from launch to launch.
-fn reason(layout: &Layout, state: &State, slot: usize) -> f64 {
-    let What::Parameter(t, p) = layout.slots[slot].what else { return f64::INFINITY };
-    let size = (state.values[slot] - layout.terms[t].effect.parameters[p].neutral).abs();
-    (DIFFERS[0] * size).max(DIFFERS[1] * differs(layout, slot))
-}
-
 /// How far a slot's value may differ from launch to launch without naming anything.
-fn differs(layout: &Layout, slot: usize) -> f64 {
+pub fn differs(layout: &Layout, slot: usize) -> f64 {
     let What::Parameter(t, p) = layout.slots[slot].what else { return 0.0 };
     let effect = layout.terms[t].effect;
     let place = (0..p).filter(|k| effect.parameters[*k].is_amplitude()).count();

@@ -8,7 +8,8 @@
 //!    density, told from the other launches; `fit`: a model fitted and scored.
 //! 4. Search. `library`: the effect registry as candidates; `search`: sets of up to three of them; `survey`: where starts are
 //!    known the whole range of values is searched, since collisions leave no way downhill. `field`: something nobody named.
-//! 5. `decide`: which of two models is better, the one place where it is decided; `verdict`: what that amounts to.
+//! 5. `decide`: which of two models is better, the one place where it is decided; `reason`: what launches may differ by;
+//!    `verdict`: what that amounts to.
 //! 6. `advise`: what would separate those that tie; `law`: what no set explains, as terms that can be simulated; `conclude`:
 //!    the report, its gains by `expected` and `leave_out`; `extend`: the scene with what was found; `evidence`: what pictures
 //!    show.
@@ -38,6 +39,7 @@ mod model;
 mod noise;
 mod path;
 mod phase;
+mod reason;
 pub mod report;
 mod score;
 mod search;

@@ -21,16 +21,17 @@ use crate::progress::Progress;
 use crate::task::Scene;
 use crate::world::effect::{ActsOn, Effect, REGISTRY};
 
-/// Sets of the size before from which larger ones are made, and how many of those are fitted.
-const BEAM: [(usize, usize); 2] = [(4, 12), (3, 6)];
+/// Sets of the size before from which larger ones are made, and how many of those are fitted (of pairs, all without a shape
+/// besides).
+const BEAM: [(usize, usize); 2] = [(usize::MAX, 12), (3, 6)];
 /// Starts of an effect from which it is fitted.
 const STARTS: usize = 2;
 /// Steps of least squares before generalised least squares takes over.
 const STEPS: usize = 12;
 /// Square, in units of the noise, that a plausible size must move launches by to be told at all.
 const TELLS: f64 = 1.0;
-/// Largest slow misfit, in units of the noise, under which effects are told by derivatives: what a missing effect does looks
-/// like misfit until the effect is there.
+/// Largest slow misfit, in units of the noise, and largest pushes, in what effects declare, under which effects are told by
+/// derivatives: what a missing effect does looks like them until the effect is there.
 const SCREENED: f64 = 1.0;
 
 /// What a search brings home.
@@ -190,7 +191,6 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
     fn unions(&self, parents: &[&Fitted], found: &Found, most: usize) -> Result<Vec<Union>> {
         let mut all: Vec<Union> = Vec::new();
         for fit in parents {
-            let total = found.total_of(fit);
             let Some(told) = self.promises(fit)? else { continue };
             for (c, (effect, terms)) in self.library.iter().enumerate() {
                 let mut names = fit.names();
@@ -201,9 +201,9 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
                     continue;
                 }
                 // What chance gives a parameter, and what the choice costs.
-                let chance = effect.parameters.len() as f64 + found.choice.charge(&names)
-                    - found.choice.charge(&fit.names());
-                let promise = total + told[c][0].0 - chance;
+                let own = fit.parameters() + effect.parameters.len();
+                let chance = own as f64 + found.choice.charge(&names);
+                let promise = told[c][0].0 - chance;
                 let start = |(_, s, sizes): &(f64, usize, Vec<f64>)| {
                     let term = Term { start: sized(&terms[*s], sizes), ..terms[*s].clone() };
                     fit.joined([term], self.fitter.data.setting_count())
@@ -220,7 +220,16 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
             }
         }
         all.sort_by(|a, b| b.promise.total_cmp(&a.promise));
-        all.truncate(most);
+        // No set stands where a plainer one was never tried: a shape bends to anything that is far off.
+        let plain = |u: &Union| {
+            let shaped = |e: &Effect| e.parameters.iter().any(|p| !p.is_amplitude());
+            !self.library.iter().any(|c| u.names.contains(&c.0.name) && shaped(c.0))
+        };
+        let mut place = 0;
+        all.retain(|u| {
+            place += 1;
+            place <= most || (u.names.len() == 2 && plain(u))
+        });
         Ok(all)
     }
 
@@ -233,7 +242,7 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
         Ok(())
     }
 
-    /// By candidate: what its starts promise (nats, start, sizes of amplitudes), best first; empty for what is in the set.
+    /// By candidate: what its starts promise (log density, start, sizes of amplitudes), best first; empty for what is in the set.
     #[allow(clippy::type_complexity)]
     fn promises(&self, fit: &Fitted) -> Result<Option<Vec<Vec<(f64, usize, Vec<f64>)>>>> {
         let mut extras = Vec::new();
@@ -254,9 +263,11 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
         let q = fit.layout.slots.len();
         let mut components = fit.components.clone();
         components.slow = components.slow.min(SCREENED);
+        components.push.iter_mut().for_each(|p| *p = p.min(SCREENED));
         components.spread.resize(q + extras.len(), 0.0);
         let Some(told) = score::all_told(&parts, &components) else { return Ok(None) };
-        let own = prior(&fit.layout, &fit.state);
+        let (own, here) = (prior(&fit.layout, &fit.state), DVector::zeros(q + extras.len()));
+        let before: f64 = told.iter().map(|t| t.density(&here)).sum();
         let settings = self.fitter.data.settings;
         let mut out: Vec<Vec<(f64, usize, Vec<f64>)>> = self.library.iter().map(|_| Vec::new()).collect();
         for (c, s, from, count) in of {
@@ -295,7 +306,7 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
                 continue;
             }
             let sizes = (0..count).map(|k| told.iter().map(|t| t.1[k]).sum::<f64>() / told.len() as f64);
-            out[c].push((told.iter().map(|t| t.0).sum(), s, sizes.collect()));
+            out[c].push((before + told.iter().map(|t| t.0).sum::<f64>(), s, sizes.collect()));
         }
         out.iter_mut().for_each(|o| o.sort_by(|a, b| b.0.partial_cmp(&a.0).unwrap_or(Ordering::Equal)));
         Ok(Some(out))
@@ -378,9 +389,5 @@ impl Found {
     /// The same of the best of all, the base among them.
     pub fn best_total(&self) -> f64 {
         (0..self.fits.len()).map(|i| self.total(i)).fold(self.base_score.iter().sum(), f64::max)
-    }
-
-    fn total_of(&self, fit: &Fitted) -> f64 {
-        self.choice.charged(fit, &self.base).iter().sum()
     }
 }

@@ -3,6 +3,7 @@
 use super::decide::{Compared, MOST, TIED, compared};
 use super::field::{self, Shared};
 use super::fit::{Fitted, Fitter};
+use super::reason;
 use super::report::Verdict;
 use super::search::Found;
 use crate::error::Result;
@@ -42,11 +43,11 @@ pub fn judge(fitter: &Fitter, found: &Found) -> Result<Judged> {
     };
     let tied: Vec<usize> = order.iter().copied().filter(|i| all[*i].is_tied()).collect();
     let asked = |model: &Fitted| field::shared(fitter, &found.base, model, &found.bootstrap);
+    let suffices = |model: &Fitted| reason::suffices(fitter, &found.base, model, &found.bootstrap);
     if base.is_tied() || tied.is_empty() {
         // No name is any better; but there may be something, shared by launches or drawn anew for each.
         let shared = asked(&found.base)?;
-        let slow = compared(&found.base.score, &found.base.smooth, &found.bootstrap);
-        let left = shared.as_ref().is_some_and(Shared::is_left) || !slow.is_tied();
+        let left = shared.as_ref().is_some_and(Shared::is_left) || !suffices(&found.base)?;
         return Ok(judged(if left { Verdict::Unknown } else { Verdict::None }, Vec::new(), shared));
     }
     // The smallest of those that cannot be told apart; a larger one where the smaller leaves what launches share.
@@ -58,19 +59,18 @@ pub fn judge(fitter: &Fitter, found: &Found) -> Result<Judged> {
         let group =
             simplest(found, tied.iter().copied().filter(|i| found.fits[*i].set.len() == size).collect());
         let shared = asked(&found.fits[group[0]])?;
-        let steady =
-            compared(&found.fits[group[0]].score, &found.fits[group[0]].steady, &found.bootstrap).is_tied();
-        let explained = match shared.as_ref().filter(|s| s.is_left()) {
-            // Sizes that differ more than they have reason to depend on something that launches share and the set has not.
-            _ if !steady => 0.0,
-            Some(s) => s.explained,
-            None => 1.0,
+        let explained = match suffices(&found.fits[group[0]])? {
+            true => explained(shared.as_ref()),
+            // What launches have no reason to differ by depends on something that they share and the set has not.
+            false => 0.0,
         };
         if explained >= MOST {
-            // Something without a name may do as well as one of the names.
-            let group = with_better(found, &tied, group);
-            let smaller = beside_field(found, size, &asked)?;
-            let (group, shared) = smaller.unwrap_or((group, shared));
+            let plainer = plainer(found, group[0], shared.as_ref(), &asked, &suffices)?;
+            let (group, shared) = match plainer {
+                Some(plainer) => plainer,
+                // Something without a name may do as well as one of the names.
+                None => (with_better(found, &tied, group), shared),
+            };
             let verdict = if group.len() == 1 { Verdict::Named } else { Verdict::Ambiguous };
             return Ok(judged(verdict, group, shared));
         }
@@ -80,6 +80,11 @@ pub fn judge(fitter: &Fitter, found: &Found) -> Result<Judged> {
     }
     let (_, group, shared) = least.unwrap_or_default();
     Ok(judged(Verdict::Unknown, group, shared))
+}
+
+/// Share of what can be predicted that a model explains, if something certain is left.
+fn explained(shared: Option<&Shared>) -> f64 {
+    shared.filter(|s| s.is_left()).map_or(1.0, |s| s.explained)
 }
 
 /// Whether every effect of a set is there: an amplitude whose interval leaves nothing out, or one that is there by
@@ -93,43 +98,58 @@ fn is_something(fit: &Fitted) -> bool {
     })
 }
 
-/// Share of the predictable misfit that a name must explain where something without a name predicts as well.
+/// Share of the base model's misfit that a name must explain where something without a name predicts as well.
 const LEAST: f64 = 0.02;
-/// Sets of every size that are asked again with the field beside them.
-const ASKED: usize = 3;
 
-/// A set smaller than `size` that explains nearly as much by itself, and beside a field of no name predicts as well as the best
-/// of that size: the names that it has not are none. Where something without a name is left, nats say little of a name: half
-/// a millimetre that nothing explains is worth hundreds of them.
-#[allow(clippy::type_complexity)]
-fn beside_field(
+/// Plainer sets than `best` that explain nearly as much by themselves, if what they have not is no name: something that nobody
+/// named is left by `best` too, or beside such a thing they predict as well. Where something is left, nats say little of a
+/// name: half a millimetre that nothing explains is worth hundreds of them.
+fn plainer(
     found: &Found,
-    size: usize,
+    best: usize,
+    left: Option<&Shared>,
     asked: &dyn Fn(&Fitted) -> Result<Option<Shared>>,
+    suffices: &dyn Fn(&Fitted) -> Result<bool>,
 ) -> Result<Option<(Vec<usize>, Option<Shared>)>> {
-    let of_size = |m: usize| found.ranked(|f| f.set.len() == m && is_something(f)).into_iter().take(ASKED);
-    let Some(best) = of_size(size).next() else { return Ok(None) };
-    let Some(all) = asked(&found.fits[best])? else { return Ok(None) };
-    for smaller in 1..size {
-        let mut group: Vec<(usize, Shared, Vec<f64>)> = Vec::new();
-        for i in of_size(smaller) {
-            let Some(shared) = asked(&found.fits[i])? else { continue };
-            let share = found.choice.charge(&found.fits[i].names()) / shared.scores.len() as f64;
-            let scores: Vec<f64> = shared.scores.iter().map(|s| s - share).collect();
-            let worse = compared(&found.scores[best], &scores, &found.bootstrap);
-            if shared.explained >= MOST && all.explained - shared.explained <= LEAST && worse.is_tied() {
-                group.push((i, shared, scores));
+    let is_left = left.is_some_and(Shared::is_left);
+    // Where something is left, a name must explain more than may be left.
+    let most = left_of(found, best) + if is_left { 1.0 - MOST } else { LEAST };
+    let mut near = found.ranked(|f| is_something(f) && choices(f) < choices(&found.fits[best]));
+    near.retain(|i| left_of(found, *i) <= most);
+    let mut levels: Vec<usize> = near.iter().map(|i| choices(&found.fits[*i])).collect();
+    levels.sort_unstable();
+    levels.dedup();
+    for level in levels {
+        let group: Vec<usize> = near.iter().copied().filter(|i| choices(&found.fits[*i]) == level).collect();
+        for first in group.iter().copied() {
+            let Some(shared) = asked(&found.fits[first])? else { continue };
+            let share = found.choice.charge(&found.fits[first].names()) / shared.scores.len() as f64;
+            let beside: Vec<f64> = shared.scores.iter().map(|s| s - share).collect();
+            let as_well = || compared(&found.scores[best], &beside, &found.bootstrap).is_tied();
+            if shared.explained >= MOST && (is_left || as_well()) && suffices(&found.fits[first])? {
+                let tied = |i: &usize| {
+                    let own = [first, *i].map(|i| &found.scores[i]);
+                    compared(own[0], own[1], &found.bootstrap).is_tied()
+                };
+                return Ok(Some((simplest(found, group.into_iter().filter(tied).collect()), Some(shared))));
             }
         }
-        let total = |s: &[f64]| s.iter().sum::<f64>();
-        group.sort_by(|a, b| total(&b.2).total_cmp(&total(&a.2)));
-        let Some(first) = group.first().map(|f| f.2.clone()) else { continue };
-        group.retain(|g| compared(&first, &g.2, &found.bootstrap).is_tied());
-        let sets = simplest(found, group.iter().map(|g| g.0).collect());
-        let shared = group.into_iter().find(|g| g.0 == sets[0]).map(|g| g.1);
-        return Ok(Some((sets, shared)));
     }
     Ok(None)
+}
+
+/// Share of the base model's misfit above the noise that a model leaves of held-out launches.
+fn left_of(found: &Found, model: usize) -> f64 {
+    let model = &found.fits[model];
+    let noise: f64 = model.told.iter().map(|t| t.count).sum();
+    let left = |f: &Fitted| f.squares.iter().sum::<f64>() - noise;
+    left(model) / left(&found.base).max(1e-12)
+}
+
+/// How many choices were made for a model: its effects, and the shapes that they were given.
+fn choices(fit: &Fitted) -> usize {
+    let shapes = |e: &&Effect| e.parameters.iter().filter(|p| !p.is_amplitude()).count();
+    fit.set.len() + fit.set.iter().map(shapes).sum::<usize>()
 }
 
 /// A group, and the larger tied sets that predict better by more than what ties, though not for certain, and hold none of
