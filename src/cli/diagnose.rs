@@ -4,14 +4,16 @@ use std::path::{Path, PathBuf};
 
 use iplw::discover::report::{Calibrated, Diagnosis, FoundEffect, FoundParameter, HeldOut, Score};
 use iplw::discover::{Config, Finding, diagnose};
-use iplw::error::{Error, Result};
+use iplw::error::Result;
+
 use iplw::picture::report::{Block, Report, Section};
 use iplw::progress::Progress;
 use iplw::reality::Gathered;
 use iplw::task::Scene;
 
 use super::evidence::{Plot, plots};
-use super::{output, tracks};
+use super::layout::laid_out;
+use super::{along, launches, output, tracks};
 
 /// Compares measured trials with the scene's simulation and says what the simulation lacks: the effect by name with
 /// its parameters, several if the data cannot tell them apart, or that nothing in the library explains the misfit.
@@ -43,15 +45,41 @@ pub fn run(args: &Args) -> Result<()> {
 /// Writes report.json, report.html, extended_scene.json and the plots.
 pub fn write_report(out: &Path, scene: &Scene, found: &Finding) -> Result<()> {
     output::directory("--out", out)?;
-    let json = serde_json::to_string_pretty(&found.diagnosis).map_err(|e| Error::Failed(e.to_string()))?;
+    let json = laid_out(&found.diagnosis)?;
     output::write_whole(&out.join("report.json"), (json + "\n").as_bytes())?;
     output::write_whole(&out.join("extended_scene.json"), (found.extended.to_json() + "\n").as_bytes())?;
-    let plots = plots(&found.evidence);
-    for (name, _, svg) in &plots {
+    let pictures = Pictures {
+        residuals: plots(&found.evidence),
+        sizes: launches::sizes(&found.diagnosis),
+        predictive: found.diagnosis.predictive.iter().map(launches::predictive).collect(),
+        paths: along::paths(&found.diagnosis),
+        left: found.diagnosis.field.iter().filter_map(along::left).collect(),
+    };
+    for (name, _, svg) in pictures.all() {
         output::write_whole(&out.join(format!("{name}.svg")), svg.as_bytes())?;
     }
-    let page = page(scene, &found.diagnosis, &plots).to_html();
+    let page = page(scene, &found.diagnosis, &pictures).to_html();
     output::write_whole(&out.join("report.html"), page.as_bytes())
+}
+
+/// Plots by the sections that they stand in.
+struct Pictures {
+    residuals: Vec<Plot>,
+    sizes: Vec<Plot>,
+    predictive: Vec<Plot>,
+    paths: Vec<Plot>,
+    left: Vec<Plot>,
+}
+
+impl Pictures {
+    fn all(&self) -> impl Iterator<Item = &Plot> {
+        [&self.sizes, &self.predictive, &self.paths, &self.left, &self.residuals].into_iter().flatten()
+    }
+}
+
+fn drawn(plots: &[Plot]) -> Vec<Block> {
+    let block = |(_, caption, svg): &Plot| Block::Svg { svg: svg.clone(), caption: caption.clone() };
+    plots.iter().map(block).collect()
 }
 
 /// For a terminal.
@@ -119,11 +147,8 @@ fn gained(g: &HeldOut) -> String {
 }
 
 /// The report: what was found first, what else was tried last; sections without anything to say are left out.
-fn page(scene: &Scene, d: &Diagnosis, plots: &[Plot]) -> Report {
-    let pictures = plots
-        .iter()
-        .map(|(_, caption, svg)| Block::Svg { svg: svg.clone(), caption: caption.clone() })
-        .collect();
+fn page(scene: &Scene, d: &Diagnosis, pictures: &Pictures) -> Report {
+    let check = d.predictive.iter().map(|p| Block::Text(launches::checked(p)));
     let sections = [
         section("What was found", found(d)),
         section("Effects", table(effects(d), "p is corrected for the search over the library")),
@@ -134,7 +159,11 @@ fn page(scene: &Scene, d: &Diagnosis, plots: &[Plot]) -> Report {
             "Gain",
             table(gains(d), "Starts are fitted for every trial; everything else comes from other trials."),
         ),
-        section("Residuals before and after", pictures),
+        section("Sizes launch by launch", drawn(&pictures.sizes)),
+        section("Predictive check", check.chain(drawn(&pictures.predictive)).collect()),
+        section("Paths before and after", drawn(&pictures.paths)),
+        section("The field of what is left", left(d, pictures)),
+        section("Residuals before and after", drawn(&pictures.residuals)),
         section("Rivals", rivals(d)),
     ];
     let name = if scene.name.is_empty() { "a scene".to_string() } else { scene.name.clone() };
@@ -191,6 +220,15 @@ fn found(d: &Diagnosis) -> Vec<Block> {
         blocks.push(Block::Code(law.formula.clone()));
     }
     blocks
+}
+
+/// The field of what is left; that the data tell none, where it was asked.
+fn left(d: &Diagnosis, pictures: &Pictures) -> Vec<Block> {
+    let none = "Nowhere do the data tell a push that launches share beside the reported model.";
+    match d.field {
+        Some(_) if pictures.left.is_empty() => vec![Block::Text(none.into())],
+        _ => drawn(&pictures.left),
+    }
 }
 
 fn effects(d: &Diagnosis) -> Rows {
@@ -252,13 +290,28 @@ fn gains(d: &Diagnosis) -> Rows {
     (&["on", "trials", "base, m", "extended, m", "floor, m", "excess removed"], rows.collect())
 }
 
+/// Sizes of a set's effects, in short.
+fn sizes(s: &Score) -> String {
+    let one = |(e, p): (&FoundEffect, &FoundParameter)| {
+        let setting = p.setting.as_ref().map(|s| format!(" [{s}]")).unwrap_or_default();
+        let range = match p.ci95 {
+            [Some(low), Some(high)] => format!(" ({low:.4} to {high:.4})"),
+            _ => String::new(),
+        };
+        let name = if s.sizes.len() > 1 { format!("{} {}", e.name, p.name) } else { p.name.clone() };
+        format!("{name}{setting} = {:.4}{range} {}", p.value, p.unit).trim_end().to_string()
+    };
+    let all = s.sizes.iter().flat_map(|e| e.parameters.iter().map(move |p| (e, p)));
+    all.map(one).collect::<Vec<_>>().join("; ")
+}
+
 /// The best of the sets that were fitted.
 fn rivals(d: &Diagnosis) -> Vec<Block> {
     let row = |s: &Score| {
         let effects = if s.effects.is_empty() { "none".to_string() } else { s.effects.join(" + ") };
-        vec![effects, format!("{:.1}", s.score), format!("{:.3}", s.probability_worse)]
+        vec![effects, format!("{:.1}", s.score), format!("{:.3}", s.probability_worse), sizes(s)]
     };
-    let columns: &[&str] = &["set", "score, nats", "probability that it is worse"];
+    let columns: &[&str] = &["set", "score, nats", "probability that it is worse", "sizes, where it ties"];
     let note = "Log predictive density of launches told from the others, beside the best set's.";
     let best = table((columns, d.scores.iter().take(BEST).map(row).collect()), note);
     let rest = table((columns, d.scores.iter().skip(BEST).map(row).collect()), "");

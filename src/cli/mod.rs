@@ -1,10 +1,13 @@
 //! Commands, their shared options, and what they print.
 
+mod along;
 mod diagnose;
 mod effects;
 mod estimate;
 mod evidence;
 mod experiment;
+mod launches;
+mod layout;
 mod measure;
 mod output;
 mod parse;

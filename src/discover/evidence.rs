@@ -39,6 +39,8 @@ pub struct EvidencePoint {
     pub before: [f64; 2],
     /// Seen - simulated, m, by the extended model.
     pub after: [f64; 2],
+    /// Standard deviations that `before` and `after` should have by their models, m; not numbers where that is not told.
+    pub bands: [[f64; 2]; 2],
 }
 
 /// A piece of a flight and the acceleration that the base model lacks along it.
@@ -79,8 +81,20 @@ pub struct Met {
 const PIECE: usize = 7;
 const PIECES: usize = 4;
 
-/// What the windows show of a base model and an extended one.
-pub fn evidence(data: &Data, base: Shown, model: Shown, names: &[String]) -> Result<Evidence> {
+/// Standard deviations of a model's residuals, m: by window and point.
+pub type Bands = Vec<Vec<[f64; 2]>>;
+
+/// What the windows show of a base model and an extended one; `bands` of either.
+pub fn evidence(
+    data: &Data,
+    [base, model]: [Shown; 2],
+    bands: [Option<Bands>; 2],
+    names: &[String],
+) -> Result<Evidence> {
+    let band = |k: usize, w: usize, i: usize| match &bands[k] {
+        Some(bands) => bands[w][i],
+        None => [f64::NAN; 2],
+    };
     let paths = model::paths(data, model.layout, model.state)?;
     let mut out = Evidence { settings: names.to_vec(), ..Evidence::default() };
     for (w, window) in data.windows.iter().enumerate() {
@@ -100,6 +114,7 @@ pub fn evidence(data: &Data, base: Shown, model: Shown, names: &[String]) -> Res
                 velocity: [paths[w][i][2], paths[w][i][3]],
                 before: pair(&base.pass.residuals[w]),
                 after: pair(&model.pass.residuals[w]),
+                bands: [band(0, w, i), band(1, w, i)],
             };
             let known = point.before.iter().chain(&point.after).all(|v| v.is_finite());
             known.then_some((i, point))
@@ -194,6 +209,7 @@ mod tests {
                     velocity: [3.0, 4.0],
                     before: [0.7 + 0.2 * t + 1.5 * t * t, 0.1 - t - t * t],
                     after: [0.0; 2],
+                    bands: [[0.0; 2]; 2],
                 }
             })
             .collect();

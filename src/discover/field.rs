@@ -10,7 +10,7 @@ use super::decide::{Bootstrap, TIED, compared};
 use super::fit::{Fitted, Fitter, prior};
 use super::launch::Part;
 use super::model;
-use super::score::{self, Prior, spared};
+use super::score::{self, Components, Pooled, Prior, spared};
 use super::stats::median;
 use super::window::{Kind, Window};
 use crate::error::Result;
@@ -36,6 +36,8 @@ pub struct Shared {
     pub explained: f64,
     /// Log densities by launch of the model with the field, spoilt launches spared.
     pub scores: Vec<f64>,
+    /// Standard deviation of the field's coefficients by which it predicts best, m/s^2.
+    pub strength: f64,
 }
 
 impl Shared {
@@ -56,7 +58,7 @@ pub fn shared(
     if !windows.iter().any(|w| w.kind == Kind::Flight) {
         return Ok(None);
     }
-    let Some(parts) = with_field(fitter, model)? else { return Ok(None) };
+    let Some(With { parts, .. }) = with_field(fitter, model)? else { return Ok(None) };
     let own = spared(&model.score, &base.score);
     let mut best: Option<(Shared, Vec<f64>)> = None;
     for strength in STRENGTHS {
@@ -64,7 +66,8 @@ pub fn shared(
         let scores = spared(&scores, &base.score);
         let found = compared(&scores, &own, bootstrap);
         if best.as_ref().is_none_or(|(b, _)| found.worse > b.gain) {
-            let shared = Shared { gain: found.worse, probability: found.probability, explained: 1.0, scores };
+            let (gain, probability) = (found.worse, found.probability);
+            let shared = Shared { gain, probability, explained: 1.0, scores, strength };
             best = Some((shared, squares));
         }
     }
@@ -78,8 +81,14 @@ pub fn shared(
     Ok(Some(found))
 }
 
-/// The parts of a model with the field's columns.
-fn with_field(fitter: &Fitter, model: &Fitted) -> Result<Option<Vec<Part>>> {
+/// The parts of a model with the field's columns, and how those are made of its functions.
+struct With {
+    parts: Vec<Part>,
+    functions: Functions,
+    turn: DMatrix<f64>,
+}
+
+fn with_field(fitter: &Fitter, model: &Fitted) -> Result<Option<With>> {
     let (layout, state) = (&model.layout, &model.state);
     let paths = model::paths(fitter.data, layout, state)?;
     let functions = Functions::over(fitter.data.windows, &paths);
@@ -88,12 +97,15 @@ fn with_field(fitter: &Fitter, model: &Fitted) -> Result<Option<Vec<Part>>> {
         _ => None,
     };
     let parts = fitter.parts_with(layout, &model.set, state, functions.count(), &field)?;
-    Ok(parts.map(|parts| condensed(parts, layout.slots.len())))
+    Ok(parts.map(|parts| {
+        let (parts, turn) = condensed(parts, layout.slots.len());
+        With { parts, functions, turn }
+    }))
 }
 
 /// Parts whose columns after the first `slots` are turned to the directions that all of them together tell most of: a ridge
-/// prior is the same in every direction.
-fn condensed(mut parts: Vec<Part>, slots: usize) -> Vec<Part> {
+/// prior is the same in every direction. And that turn.
+fn condensed(mut parts: Vec<Part>, slots: usize) -> (Vec<Part>, DMatrix<f64>) {
     let count = parts.first().map_or(slots, |p| p.blocks[0].columns.ncols()) - slots;
     let mut gram = DMatrix::zeros(count, count);
     for block in parts.iter().flat_map(|p| &p.blocks) {
@@ -111,11 +123,17 @@ fn condensed(mut parts: Vec<Part>, slots: usize) -> Vec<Part> {
         columns.columns_mut(slots, turn.ncols()).copy_from(&(block.columns.columns(slots, count) * &turn));
         block.columns = columns;
     }
-    parts
+    (parts, turn)
 }
 
 /// Held-out log densities and squares (units of the noise) by launch, with a field of some strength.
 fn predicted(fitter: &Fitter, model: &Fitted, parts: &[Part], strength: f64) -> Option<(Vec<f64>, Vec<f64>)> {
+    let (prior, components) = believed(model, parts, strength)?;
+    score::held_out_with(parts, &prior, &components, &fitter.folds)
+}
+
+/// What is believed of a model's slots and of a field's coefficients of some strength; none of the latter differ by launch.
+fn believed(model: &Fitted, parts: &[Part], strength: f64) -> Option<(Prior, Components)> {
     let own = prior(&model.layout, &model.state);
     let q = own.off.len();
     let all = parts.first()?.blocks[0].columns.ncols();
@@ -126,7 +144,7 @@ fn predicted(fitter: &Fitter, model: &Fitted, parts: &[Part], strength: f64) -> 
     prior.plausible.resize(all, 0.0);
     let mut components = model.components.clone();
     components.spread.resize(all, 0.0);
-    score::held_out_with(parts, &prior, &components, &fitter.folds)
+    Some((prior, components))
 }
 
 /// What the field is made of.
@@ -213,6 +231,43 @@ fn radial(at: [f64; 2], ends: [[f64; 2]; 2], counts: [usize; 2]) -> Vec<f64> {
         }
     }
     out
+}
+
+/// A field fitted to what a model leaves of all launches.
+pub struct Left {
+    functions: Functions,
+    turn: DMatrix<f64>,
+    /// Coefficients, m/s^2, and their covariance.
+    told: Pooled,
+}
+
+/// The field of some strength beside a model; `None` where it cannot be fitted.
+pub fn left(fitter: &Fitter, model: &Fitted, strength: f64) -> Result<Option<Left>> {
+    let Some(With { parts, functions, turn }) = with_field(fitter, model)? else { return Ok(None) };
+    let told = || {
+        let (prior, components) = believed(model, &parts, strength)?;
+        let told = score::all_told(&parts, &components)?;
+        let Pooled { step, covariance } = score::pooled(told.iter(), &prior)?;
+        let (q, count) = (model.layout.slots.len(), turn.ncols());
+        let covariance = covariance.view((q, q), (count, count)).into_owned();
+        Some(Pooled { step: step.rows(q, count).into_owned(), covariance })
+    };
+    Ok(told().map(|told| Left { functions, turn, told }))
+}
+
+impl Left {
+    /// Mean acceleration over some states (clock time; x, y, vx, vy) along x and y, and its standard deviation, m/s^2.
+    pub fn mean(&self, states: &[(f64, [f64; 4])]) -> [[f64; 2]; 2] {
+        let mut rows = [0, 1].map(|_| DVector::zeros(self.functions.count()));
+        for (time, state) in states {
+            for (k, push) in self.functions.pushes(*time, *state).iter().enumerate() {
+                (0..2).for_each(|axis| rows[axis][k] += push[axis] / states.len() as f64);
+            }
+        }
+        let along = rows.map(|row| self.turn.tr_mul(&row));
+        let sd = |row: &DVector<f64>| row.dot(&(&self.told.covariance * row)).max(0.0).sqrt();
+        [[0, 1].map(|axis| along[axis].dot(&self.told.step)), [sd(&along[0]), sd(&along[1])]]
+    }
 }
 
 #[cfg(test)]

@@ -55,9 +55,9 @@ pub struct Shown<'a> {
 /// Fits and scores models of one recording.
 pub struct Fitter<'a, 'b> {
     pub data: &'b Data<'a>,
-    frames: Vec<Frame>,
+    pub frames: Vec<Frame>,
     /// What a window's residuals, in units of its own scale, are in units of the noise.
-    scales: Vec<f64>,
+    pub scales: Vec<f64>,
     pub folds: Vec<usize>,
 }
 

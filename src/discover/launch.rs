@@ -126,6 +126,18 @@ pub fn pushes_beside(set: &[&Effect]) -> Vec<(usize, Extra)> {
     pushes().into_iter().enumerate().filter(beside).collect()
 }
 
+impl Frame {
+    /// Covariance of the slow misfit of unit amplitude at the window's points; `None` where there is none.
+    pub fn slow_at_points(&self) -> Option<DMatrix<f64>> {
+        self.basis.as_ref().map(|basis| basis.tr_mul(&(&self.slow * basis)))
+    }
+
+    /// Whether a contact may have changed what its window flies with.
+    pub fn is_renewed(&self, window: &Window) -> bool {
+        self.after || window.kind == Kind::Contact
+    }
+}
+
 /// Frames of all windows.
 pub fn frames(windows: &[Window], noise: &Noise) -> Vec<Frame> {
     let flights = windows.iter().filter(|w| w.kind == Kind::Flight);
@@ -245,7 +257,7 @@ fn reduced(
         return None;
     }
     let flies = matches!(window.kind, Kind::Flight | Kind::Contact);
-    let after = frame.after || window.kind == Kind::Contact;
+    let after = frame.is_renewed(window);
     let mut own: Vec<(Own, DVector<f64>)> = Vec::new();
     let column = |c: usize| turned.column(c).into_owned();
     if flies {
@@ -277,7 +289,7 @@ fn reduced(
 }
 
 /// What a contact that errs along its normal (0) or its tangent (1) by its speed of approach does to row `i`.
-fn leap(window: &Window, look: &Look, impact: Option<Impact>, way: usize, i: usize) -> f64 {
+pub fn leap(window: &Window, look: &Look, impact: Option<Impact>, way: usize, i: usize) -> f64 {
     let (Some(met), Some(surface)) = (impact, &window.surface) else { return 0.0 };
     let Some(point) = window.points.get(i / 2) else { return 0.0 };
     let [nx, ny] = surface.normal;

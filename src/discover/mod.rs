@@ -10,9 +10,10 @@
 //!    known the whole range of values is searched, since collisions leave no way downhill. `field`: something nobody named.
 //! 5. `decide`: which of two models is better, the one place where it is decided; `reason`: what launches may differ by;
 //!    `verdict`: what that amounts to.
-//! 6. `advise`: what would separate those that tie; `law`: what no set explains, as terms that can be simulated; `conclude`:
-//!    the report, its gains by `expected` and `leave_out`; `extend`: the scene with what was found; `evidence`: what pictures
-//!    show.
+//! 6. `advise`: what would separate those that tie; `law` and `described`: what no set explains, as terms that can be
+//!    simulated; `conclude`: the report, of `sizes`, of `gain` by `expected` and `leave_out`, and in `words`; `by_launch`: what
+//!    each launch says; `check`: whether it is as predicted; `band` and `paths`: how far off its path it may be seen;
+//!    `picture`: the field of what is left; `extend`: the scene with what was found; `evidence`: what pictures show.
 //!
 //! Sources: multiple shooting (Bock 1983), variable projection (Golub and Pereyra 1973), model discrepancy as a Gaussian
 //! process (Kennedy and O'Hagan 2001), mixed-effects models (Pinheiro and Bates 2000), pseudo-BMA+ (Yao et al. 2018).
@@ -21,9 +22,13 @@
 //! discrepancy is drawn anew for every launch, and what launches share is a rival of its own (`field`).
 
 mod advise;
+mod band;
 mod base;
+mod by_launch;
+mod check;
 mod conclude;
 mod decide;
+mod described;
 mod evidence;
 mod expected;
 mod extend;
@@ -31,6 +36,7 @@ mod field;
 mod fit;
 #[cfg(test)]
 mod fixture;
+mod gain;
 mod launch;
 mod law;
 mod leave_out;
@@ -38,17 +44,23 @@ mod library;
 mod model;
 mod noise;
 mod path;
+mod paths;
 mod phase;
+mod picture;
 mod reason;
 pub mod report;
 mod score;
 mod search;
+mod sizes;
 mod stats;
 mod steps;
 mod survey;
+#[cfg(test)]
+mod thrown;
 mod trust;
 mod verdict;
 mod window;
+mod words;
 
 use crate::error::{Error, Result};
 use crate::progress::Progress;

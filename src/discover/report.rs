@@ -60,6 +60,14 @@ pub struct Diagnosis {
     pub scores: Vec<Score>,
     /// What the reported model leaves.
     pub remainder: Option<Remainder>,
+    /// What the reported model makes of every launch that was used.
+    pub launches: Vec<Launch>,
+    /// Whether launches are as far as they should be from what the others predict of them; `None` where that is not told.
+    pub predictive: Option<Predictive>,
+    /// What pushes launches beside the reported model, where they flew; `None` where that was not asked.
+    pub field: Option<FieldLeft>,
+    /// Residuals along launches by the base model and the extended one, and how wide they should be.
+    pub paths: Paths,
     /// Sets that could not be fitted: they have not lost.
     pub failed: Vec<Vec<String>>,
     pub seed: u64,
@@ -179,6 +187,8 @@ pub struct Score {
     pub score: f64,
     /// Probability that it predicts launches worse than the best.
     pub probability_worse: f64,
+    /// Its effects with their sizes, where it ties with the best; nothing of others.
+    pub sizes: Vec<FoundEffect>,
 }
 
 /// What the reported model leaves.
@@ -198,4 +208,99 @@ pub struct Remainder {
     pub field: Option<[f64; 2]>,
     /// The same in words.
     pub text: String,
+}
+
+/// A launch by the reported model.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Launch {
+    /// Index of the trial, from 0.
+    pub trial: usize,
+    pub name: String,
+    pub setting: Option<String>,
+    /// Every amplitude of the model.
+    pub sizes: Vec<LaunchSize>,
+}
+
+/// The size that an effect has in a launch.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct LaunchSize {
+    pub effect: String,
+    pub parameter: String,
+    /// Best linear prediction: what the launch says, and how sizes are spread among launches; in the parameter's unit.
+    pub value: f64,
+    /// Its standard deviation.
+    pub sd: f64,
+    /// Least squares of the launch alone, and its standard deviation; `None` where the launch does not tell it.
+    pub alone: Option<[f64; 2]>,
+}
+
+/// How launches stand to what the others predict of them.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Predictive {
+    pub launches: Vec<Predicted>,
+    /// Share of launches outside the 95 % range of predictions: 0.05 if they are right.
+    pub outside_share: f64,
+    /// Trials that are further off than 97.5 % of predictions, the furthest first.
+    pub further_off: Vec<usize>,
+    /// How far off the usual launch is over what was predicted, the launch's own scale aside: 1 if they are right.
+    pub usual_ratio: f64,
+    /// Probability of launches' p being so far from uniform (Kolmogorov), if predictions are right.
+    pub uniform_p: f64,
+    /// All p in order, each with the 95 % range of its place if they are uniform.
+    pub sorted: Vec<[f64; 3]>,
+}
+
+/// A launch and what the others predict of it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Predicted {
+    /// Index of the trial, from 0.
+    pub trial: usize,
+    /// Probability of a launch further off than this.
+    pub p: f64,
+    /// Square of how far off it is under the predictive covariance, the launch's own scale aside, and the number of
+    /// coordinates: what is expected of it.
+    pub squares: f64,
+    pub count: usize,
+}
+
+/// A force field without a name beside the reported model.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FieldLeft {
+    /// What the numbers of a row are: m, m/s^2.
+    pub columns: &'static [&'static str],
+    /// A cell of the plane each: its mean place, the mean acceleration there, and standard deviations.
+    pub rows: Vec<[f64; 6]>,
+}
+
+/// Residuals along launches, few enough to be drawn.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Paths {
+    /// What the numbers of a row are.
+    pub columns: &'static [&'static str],
+    pub launches: Vec<Path>,
+}
+
+/// A launch's rows; `None` where a number is not told.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Path {
+    /// Index of the trial, from 0.
+    pub trial: usize,
+    pub rows: Vec<Vec<Option<f64>>>,
+}
+
+/// A number to six significant digits: so that long lists stay short.
+pub fn rounded(v: f64) -> f64 {
+    format!("{v:.5e}").parse().unwrap_or(v)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::rounded;
+
+    #[test]
+    fn six_digits_are_kept() {
+        assert_eq!(rounded(1.0 / 3.0), 0.333333);
+        assert_eq!((rounded(-123456789.0), rounded(0.0), rounded(2e-300)), (-123457000.0, 0.0, 2e-300));
+        assert!(rounded(f64::NAN).is_nan() && rounded(f64::INFINITY) == f64::INFINITY);
+    }
 }

@@ -204,7 +204,7 @@ impl Told {
     }
 
     /// How much the part counts for, its scale being its own.
-    fn weight(&self, step: &DVector<f64>) -> f64 {
+    pub fn weight(&self, step: &DVector<f64>) -> f64 {
         (FREEDOM + self.count) / (FREEDOM + self.square_at(step).max(0.0))
     }
 
@@ -215,21 +215,27 @@ impl Told {
 
     /// Log density with the slots known as `others` say.
     pub fn predicted(&self, others: &Pooled) -> f64 {
+        let density = |(square, log_det)| student(square, log_det, self.count);
+        self.predictive(others).map_or(f64::NEG_INFINITY, density)
+    }
+
+    /// Square of how far the part is from what `others` predict, under its predictive covariance, and that covariance's log
+    /// determinant; `None` where it cannot be taken apart.
+    pub fn predictive(&self, others: &Pooled) -> Option<(f64, f64)> {
         let q = self.gram.nrows();
         if q == 0 {
-            return student(self.square, self.log_det, self.count);
+            return Some((self.square, self.log_det));
         }
         // I + S H, with S = L L': I + L'H L.
-        let Some(factor) = others.covariance.clone().cholesky() else { return f64::NEG_INFINITY };
-        let l = factor.l();
+        let l = others.covariance.clone().cholesky()?.l();
         let mut inner = l.tr_mul(&(&self.gram * &l));
         (0..q).for_each(|k| inner[(k, k)] += 1.0);
-        let Some(inner) = inner.cholesky() else { return f64::NEG_INFINITY };
+        let inner = inner.cholesky()?;
         let rest = &self.score - &self.gram * &others.step;
         let along = l.tr_mul(&rest);
         let taken = along.dot(&inner.solve(&along));
         let log_det = 2.0 * inner.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
-        student(self.square_at(&others.step) - taken, self.log_det + log_det, self.count)
+        Some((self.square_at(&others.step) - taken, self.log_det + log_det))
     }
 }
 
@@ -309,16 +315,26 @@ pub fn folds(settings: &[usize]) -> Vec<usize> {
 /// Log predictive density of every launch, its slots and components told from other folds.
 pub fn held_out(parts: &[Part], prior: &Prior, known: &Components, folds: &[usize]) -> Option<Vec<f64>> {
     let mut out = vec![0.0; folds.len()];
+    each_held_out(parts, prior, known, folds, |t, others| out[t.launch] += t.predicted(others))?;
+    Some(out)
+}
+
+/// Hands over what every part says, with what other folds say of the slots; components are those folds' own.
+pub fn each_held_out(
+    parts: &[Part],
+    prior: &Prior,
+    known: &Components,
+    folds: &[usize],
+    mut of: impl FnMut(&Told, &Pooled),
+) -> Option<()> {
     for fold in 0..folds.iter().max().map_or(0, |m| m + 1) {
         let others: Vec<&Part> = parts.iter().filter(|p| folds[p.launch] != fold).collect();
         let own = components(&others, known, prior, &NEAR);
         let all = all_told(parts, &own)?;
         let others = pooled(all.iter().filter(|t| folds[t.launch] != fold), prior)?;
-        for t in all.iter().filter(|t| folds[t.launch] == fold) {
-            out[t.launch] += t.predicted(&others);
-        }
+        all.iter().filter(|t| folds[t.launch] == fold).for_each(|t| of(t, &others));
     }
-    Some(out)
+    Some(())
 }
 
 /// The same with components that are given, and what is left of launches that are held out: squares, in units of the noise.

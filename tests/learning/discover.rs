@@ -72,6 +72,8 @@ fn what_no_library_holds_is_unknown() {
     let taught = extended(&found, &trials, &setup, Latents::default(), &Silent).unwrap();
     let d = found.diagnosis;
     assert_eq!(d.verdict, Verdict::Unknown, "{:?}: {}", d.rivals, d.reason);
+    let left = d.field.as_ref().expect("a field of what is left");
+    assert!(left.rows.iter().any(|r| r[2].hypot(r[3]) > 3.0 * r[4].hypot(r[5])), "{left:?}");
     let law = d.residual_law.expect("a law for what is left");
     assert!(law.formula.contains("ax =") || law.formula.contains("ay ="), "{}", law.formula);
     // Without a name, and all the same worth having: on other trials, and as a world that rolls out.
@@ -229,6 +231,34 @@ fn an_advised_launch_parts_the_laws_of_drag() {
     assert_eq!((d.verdict, d.rivals), (Verdict::Named, vec![vec!["quadratic_drag".to_string()]]));
 }
 
+/// Every launch has the sizes of the reported model, and stands somewhere in what the others predict of it.
+fn each_launch_is_told(json: &serde_json::Value) {
+    let list = |v: &serde_json::Value| v.as_array().unwrap().clone();
+    let (launches, predicted) = (list(&json["launches"]), list(&json["predictive"]["launches"]));
+    assert_eq!((launches.len(), predicted.len()), (10, 10));
+    let effect = &json["effects"][0];
+    for (i, launch) in launches.iter().enumerate() {
+        assert_eq!(
+            (launch["trial"].as_u64(), &launch["sizes"][0]["effect"]),
+            (Some(i as u64), &effect["name"])
+        );
+        let size = &launch["sizes"][0];
+        assert!(size["sd"].as_f64().unwrap() > 0.0 && size["value"].is_number(), "{size}");
+    }
+    assert!(predicted.iter().all(|p| (0.0..=1.0).contains(&p["p"].as_f64().unwrap())));
+    assert_eq!(list(&json["predictive"]["sorted"]).len(), 10);
+    let (paths, columns) = (list(&json["paths"]["launches"]), list(&json["paths"]["columns"]));
+    assert!(
+        paths.len() == 10
+            && paths.iter().flat_map(|p| list(&p["rows"])).all(|r| list(&r).len() == columns.len())
+    );
+    let tied = json["scores"].as_array().unwrap().iter().filter(|s| !list(&s["sizes"]).is_empty());
+    assert!(
+        tied.clone().count() >= 1
+            && tied.clone().all(|s| list(&s["effects"]).len() == list(&s["sizes"]).len())
+    );
+}
+
 #[test]
 fn a_report_keeps_its_form_and_the_extended_scene_rolls_out() {
     let hidden = worlds::single(1, 3);
@@ -244,11 +274,16 @@ fn a_report_keeps_its_form_and_the_extended_scene_rolls_out() {
         "gain",
         "unexplained_share",
         "next_experiment",
+        "launches",
+        "predictive",
+        "paths",
+        "field",
     ];
     for field in fields {
         assert!(json.get(field).is_some(), "{field} is missing");
     }
     assert_eq!(json["format"], "iplw.diagnosis/1");
+    each_launch_is_told(&json);
     let excess = found.diagnosis.gain.held_out.as_ref().unwrap().excess_removed.unwrap();
     assert!(excess > 0.9, "{excess}");
     found.extended.validate().unwrap();

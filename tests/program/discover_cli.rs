@@ -27,7 +27,9 @@ fn files_are_written_and_read_back() {
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
     let text = String::from_utf8(done.stdout).unwrap();
     assert!(text.starts_with("verdict: "), "{text}");
-    for name in ["report.json", "report.html", "extended_scene.json", "residual_x_over_time.svg"] {
+    for name in
+        ["report.json", "report.html", "extended_scene.json", "residual_x_over_time.svg", "predictive.svg"]
+    {
         assert!(at("out").join(name).is_file(), "{name} is missing");
     }
     let html = std::fs::read_to_string(at("out").join("report.html")).unwrap();

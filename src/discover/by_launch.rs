@@ -1,0 +1,186 @@
+//! The size of every effect in each launch: what the launch says by itself, and what is best said of it knowing the others.
+//!
+//! A launch's sizes are s = theta + b, b ~ N(0, T^2) drawn anew for every launch. What the other launches say of theta,
+//! N(m, S), makes s ~ N(m, S + T^2) before the launch is seen; with what it says itself, Gram matrix G and score g (about
+//! where the model stands, no size differing), (S + T^2)^-1 + G is the precision of s and its mean is the best linear
+//! unbiased prediction at these components. By itself the launch says G^-1 g, everything but sizes being as all launches have
+//! it.
+//!
+//! Sources: Henderson, Biometrics 31 (1975) 423; Pinheiro and Bates, Mixed-Effects Models in S and S-PLUS (2000), ch. 2.
+//!
+//! Differences from the sources: a launch has a scale of its own (`score`), by which both its noise and T are larger; it is
+//! taken where it is most plausible.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::fit::{Fitted, prior};
+use super::launch::Part;
+use super::model::What;
+use super::report::{LaunchSize, rounded};
+use super::score::{self, Components, Pooled, Told};
+
+/// Sizes by launch: of every amplitude that concerns it; empty where launches say nothing. `settings`: of each launch.
+pub fn sizes(model: &Fitted, parts: &[Part], settings: &[usize]) -> Vec<Vec<LaunchSize>> {
+    let amplitude =
+        |k: &usize| matches!(model.layout.slots[*k].what, What::Parameter(..)) && !model.layout.shapes(*k);
+    let amplitudes: Vec<usize> = (0..model.layout.slots.len()).filter(amplitude).collect();
+    let none = || vec![Vec::new(); settings.len()];
+    let alike = Components { spread: vec![0.0; model.components.spread.len()], ..model.components.clone() };
+    let prior = prior(&model.layout, &model.state);
+    let (Some(told), Some(all)) = (score::all_told(parts, &alike), score::pooled(model.told.iter(), &prior))
+    else {
+        return none();
+    };
+    if amplitudes.is_empty() {
+        return none();
+    }
+    let of = |launch: usize| {
+        let own = of_launch(launch, model, parts, &told, &all.step);
+        let others = score::pooled(model.told.iter().filter(|t| t.launch != launch), &prior)?;
+        let (mean, covariance) = own.among(&others)?;
+        let concerns = |k: &usize| model.layout.slots[*k].setting.is_none_or(|s| s == settings[launch]);
+        let chosen: Vec<usize> = amplitudes.iter().copied().filter(concerns).collect();
+        let alone = own.alone(&chosen, &all.step);
+        let size = |(i, k): (usize, &usize)| {
+            let What::Parameter(t, p) = model.layout.slots[*k].what else { return None };
+            let (effect, value) = (model.layout.terms[t].effect, model.state.values[*k]);
+            // What is known less well than before anything was seen is not told.
+            let told = alone.as_ref().map(|a| a[i]).filter(|a| a[1] < effect.parameters[p].plausible);
+            Some(LaunchSize {
+                effect: effect.name.into(),
+                parameter: effect.parameters[p].name.into(),
+                value: rounded(value + mean[*k]),
+                sd: rounded(covariance[(*k, *k)].max(0.0).sqrt()),
+                alone: told.map(|[off, sd]| [rounded(value + off), rounded(sd)]),
+            })
+        };
+        Some(chosen.iter().enumerate().filter_map(size).collect())
+    };
+    (0..settings.len()).map(|launch| of(launch).unwrap_or_default()).collect()
+}
+
+/// What a launch says of the slots, about where the model stands, if no size differs from launch to launch; and how far they
+/// do (variances).
+struct Says {
+    gram: DMatrix<f64>,
+    score: DVector<f64>,
+    spread: DVector<f64>,
+}
+
+/// All parts of a launch, each weighing as its scale lets it where all launches together put the slots.
+fn of_launch(launch: usize, model: &Fitted, parts: &[Part], told: &[Told], step: &DVector<f64>) -> Says {
+    let q = step.len();
+    let mut out = Says { gram: DMatrix::zeros(q, q), score: DVector::zeros(q), spread: DVector::zeros(q) };
+    for (p, part) in parts.iter().enumerate().filter(|(_, part)| part.launch == launch) {
+        let weight = model.told[p].weight(step);
+        out.gram += &told[p].gram * weight;
+        out.score.axpy(weight, &told[p].score, 1.0);
+        if part.differs {
+            out.spread = DVector::from_fn(q, |k, _| model.components.spread[k].powi(2) / weight);
+        }
+    }
+    out
+}
+
+impl Says {
+    /// Mean and covariance of the launch's own slots, the others being known.
+    fn among(&self, others: &Pooled) -> Option<(DVector<f64>, DMatrix<f64>)> {
+        let q = self.score.len();
+        let before = &others.covariance + DMatrix::from_diagonal(&self.spread);
+        let inner = DMatrix::identity(q, q) + &self.gram * &before;
+        let covariance = before * inner.try_inverse()?;
+        let mean = &others.step + &covariance * (&self.score - &self.gram * &others.step);
+        Some((mean, covariance))
+    }
+
+    /// By least squares, `chosen` slots of this launch alone, the rest at `step`: value and standard deviation of each.
+    fn alone(&self, chosen: &[usize], step: &DVector<f64>) -> Option<Vec<[f64; 2]>> {
+        let mut rest = step.clone();
+        chosen.iter().for_each(|k| rest[*k] = 0.0);
+        let left = &self.score - &self.gram * rest;
+        let n = chosen.len();
+        let gram = DMatrix::from_fn(n, n, |i, j| self.gram[(chosen[i], chosen[j])]);
+        let factor = gram.cholesky()?;
+        let (mean, covariance) =
+            (factor.solve(&DVector::from_fn(n, |i, _| left[chosen[i]])), factor.inverse());
+        let one = |i: usize| [mean[i], covariance[(i, i)].sqrt()];
+        let all: Vec<[f64; 2]> = (0..n).map(one).collect();
+        all.iter().flatten().all(|v| v.is_finite()).then_some(all)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::discover::thrown;
+
+    /// Three launches of five observations, two sizes of which the first differs by launch: what is said of a launch's own
+    /// sizes is the conditional of the Gaussian of everything, written down whole.
+    #[test]
+    fn a_launchs_sizes_are_the_conditional_of_the_whole_gaussian() {
+        let wave = |k: usize| libm::sin(1.7 * k as f64);
+        let columns: Vec<DMatrix<f64>> =
+            (0..3).map(|j| DMatrix::from_fn(5, 2, |i, k| wave(7 * i + 31 * j + k))).collect();
+        let seen: Vec<DVector<f64>> =
+            (0..3).map(|j| DVector::from_fn(5, |i, _| 2.0 * wave(100 + i + 9 * j))).collect();
+        let (believed, spread) = (DMatrix::from_row_slice(2, 2, &[2.0, 0.3, 0.3, 1.0]), 0.6);
+        // theta, b_1, b_2, b_3 stand behind fifteen observations.
+        let mut behind = DMatrix::zeros(5, 5);
+        behind.view_mut((0, 0), (2, 2)).copy_from(&believed);
+        (2..5).for_each(|k| behind[(k, k)] = spread * spread);
+        let design = DMatrix::from_fn(15, 5, |i, k| match k {
+            0 | 1 => columns[i / 5][(i % 5, k)],
+            _ if k - 2 == i / 5 => columns[i / 5][(i % 5, 0)],
+            _ => 0.0,
+        });
+        let all = DVector::from_fn(15, |i, _| seen[i / 5][i % 5]);
+        let covariance = &design * &behind * design.transpose() + DMatrix::identity(15, 15);
+        let gain = &behind * design.transpose() * covariance.try_inverse().unwrap();
+        let (mean, left) = (&gain * &all, &behind - &gain * &design * &behind);
+        let first = DMatrix::from_row_slice(2, 5, &[1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]);
+        let (mean, left) = (&first * mean, &first * left * first.transpose());
+        // The same by what the other two say and what the first does.
+        let mut precision = believed.try_inverse().unwrap();
+        let mut score = DVector::zeros(2);
+        for j in 1..3 {
+            let own = columns[j].column(0) * spread;
+            let apart = (DMatrix::identity(5, 5) + &own * own.transpose()).try_inverse().unwrap();
+            precision += columns[j].tr_mul(&(&apart * &columns[j]));
+            score += columns[j].tr_mul(&(&apart * &seen[j]));
+        }
+        let covariance = precision.try_inverse().unwrap();
+        let others = Pooled { step: &covariance * score, covariance };
+        let says = Says {
+            gram: columns[0].tr_mul(&columns[0]),
+            score: columns[0].tr_mul(&seen[0]),
+            spread: DVector::from_vec(vec![spread * spread, 0.0]),
+        };
+        let (own, covariance) = says.among(&others).unwrap();
+        assert!((own - mean).norm() < 1e-10 && (covariance - left).norm() < 1e-10);
+        // By itself: what least squares makes of its own five.
+        let alone = says.alone(&[0, 1], &DVector::zeros(2)).unwrap();
+        let inverse = columns[0].tr_mul(&columns[0]).try_inverse().unwrap();
+        let solved = &inverse * columns[0].tr_mul(&seen[0]);
+        assert!((0..2).all(|k| (alone[k][0] - solved[k]).abs() < 1e-10));
+        assert!((alone[0][1] - inverse[(0, 0)].sqrt()).abs() < 1e-10);
+    }
+
+    /// Drags that differ by launch are told apart, each within its own error, and those that do not are one.
+    #[test]
+    fn drags_that_differ_are_found_launch_by_launch() {
+        let drags = [0.2, 0.5, 0.3, 0.6, 0.35, 0.25, 0.45, 0.55];
+        thrown::fitted(&drags, &["linear_drag"], 5, |fitter, f| {
+            let (_, parts) = fitter.parts(&f.layout, &f.set, &f.state, &[]).unwrap().unwrap();
+            let found = sizes(f, &parts, &[0; 8]);
+            for (one, truth) in found.iter().zip(drags) {
+                let (one, [alone, sd]) = (&one[0], one[0].alone.unwrap());
+                assert!((one.value - truth).abs() < 4.0 * one.sd && one.sd < 0.05, "{truth}: {one:?}");
+                assert!((alone - truth).abs() < 4.0 * sd, "{truth}: {one:?}");
+            }
+        });
+        thrown::fitted(&[0.4; 8], &[], 5, |fitter, f| {
+            let (_, parts) = fitter.parts(&f.layout, &f.set, &f.state, &[]).unwrap().unwrap();
+            assert!(sizes(f, &parts, &[0; 8]).iter().all(Vec::is_empty), "no effect has no size");
+        });
+    }
+}

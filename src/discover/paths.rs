@@ -1,0 +1,76 @@
+//! Residuals along launches for a report: few rows of each, evenly taken.
+
+use super::evidence::{Evidence, EvidencePoint};
+use super::report::{Path, Paths, rounded};
+
+/// Most rows of a launch.
+const ROWS: usize = 24;
+/// What a row holds: place and residuals in m, of whose standard deviations those of the models are beside them.
+const COLUMNS: [&str; 13] = [
+    "t",
+    "body",
+    "stretch",
+    "x",
+    "y",
+    "before_x",
+    "before_y",
+    "after_x",
+    "after_y",
+    "sd_before_x",
+    "sd_before_y",
+    "sd_after_x",
+    "sd_after_y",
+];
+
+/// Rows of every launch; `kept`: the trial of each.
+pub fn paths(evidence: &Evidence, kept: &[usize]) -> Paths {
+    let launch = |(i, trial): (usize, &usize)| {
+        let own: Vec<&EvidencePoint> = evidence.points.iter().filter(|p| p.trial == i).collect();
+        let first = own.first().map_or(0, |p| p.window);
+        let rows = own.iter().step_by(own.len().div_ceil(ROWS).max(1)).map(|p| row(p, first)).collect();
+        Path { trial: *trial, rows }
+    };
+    Paths { columns: &COLUMNS, launches: kept.iter().enumerate().map(launch).collect() }
+}
+
+fn row(p: &EvidencePoint, first: usize) -> Vec<Option<f64>> {
+    let [before, after] = p.bands;
+    let start = [p.time, p.body as f64, (p.window - first) as f64];
+    let all = [p.position, p.before, p.after, before, after];
+    let numbers = start.into_iter().chain(all.into_iter().flatten());
+    numbers.map(|v| v.is_finite().then(|| rounded(v))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_are_few_and_have_their_columns() {
+        let point = |i: usize| EvidencePoint {
+            trial: 1,
+            window: 5 + i / 40,
+            body: 0,
+            setting: 0,
+            time: 0.01 * i as f64,
+            position: [1.0, 2.0],
+            velocity: [0.0; 2],
+            before: [0.3, 0.4],
+            after: [1.0 / 3.0, 0.0],
+            bands: [[f64::NAN; 2], [0.5, 0.6]],
+        };
+        let evidence = Evidence { points: (0..60).map(point).collect(), ..Evidence::default() };
+        let paths = paths(&evidence, &[3, 9]);
+        assert!(paths.launches[0].rows.is_empty() && paths.launches[1].trial == 9);
+        let rows = &paths.launches[1].rows;
+        assert_eq!((rows.len(), paths.columns.len()), (20, 13));
+        assert!(rows.iter().all(|r| r.len() == 13));
+        let at = |name: &str| paths.columns.iter().position(|c| *c == name).unwrap();
+        let last = rows.last().unwrap();
+        assert_eq!(
+            (last[at("stretch")], last[at("after_x")], last[at("sd_before_y")]),
+            (Some(1.0), Some(0.333333), None)
+        );
+        assert_eq!(last[at("sd_after_y")], Some(0.6));
+    }
+}

@@ -1,0 +1,108 @@
+//! Sizes of effects and latents with their intervals, and how sets compare.
+
+use super::decide::Compared;
+use super::fit::Fitted;
+use super::model;
+use super::report::{Calibrated, FoundEffect, FoundParameter, Score};
+use super::search::Found;
+use super::verdict::Judged;
+use crate::world::latent::FACTORS;
+
+/// The effects of a fit.
+pub fn effects(f: &Fitted, names: &[String]) -> Vec<FoundEffect> {
+    f.layout
+        .terms
+        .iter()
+        .enumerate()
+        .map(|(t, term)| {
+            let parameters = f
+                .layout
+                .of_term(t)
+                .into_iter()
+                .filter_map(|i| {
+                    let slot = &f.layout.slots[i];
+                    let model::What::Parameter(_, p) = slot.what else { return None };
+                    let half = f.half_width(i);
+                    let value = f.state.values[i];
+                    let end = |v: f64| half.is_finite().then(|| v.clamp(slot.bounds[0], slot.bounds[1]));
+                    Some(FoundParameter {
+                        name: term.effect.parameters[p].name.into(),
+                        value,
+                        ci95: [end(value - half), end(value + half)],
+                        unit: term.effect.parameters[p].unit.into(),
+                        setting: slot.setting.map(|s| names[s].clone()),
+                        spread: f.spread(i),
+                    })
+                })
+                .collect();
+            FoundEffect {
+                name: term.effect.name.into(),
+                acts_on: term.effect.acts_on().name().into(),
+                p_value: f.p_values[t],
+                parameters,
+            }
+        })
+        .collect()
+}
+
+/// The first `count` slots of a fit: its latents.
+pub fn calibrated(f: &Fitted, count: usize) -> Vec<Calibrated> {
+    let of = |i: usize| {
+        let slot = &f.layout.slots[i];
+        let latent = slot.latent().expect("latents come first in a layout");
+        let half = f.half_width(i);
+        let told: f64 = f.pass.trials.iter().map(|t| t.gram[(i, i)]).sum();
+        let width = slot.bounds[1] - slot.bounds[0];
+        let identifiable = half.is_finite() && half < 0.25 * width.min(4.0) && told > 10.0 * slot.ridge();
+        let value = f.state.values[i];
+        let end = |v: f64| identifiable.then(|| v.clamp(slot.bounds[0], slot.bounds[1]));
+        let ci95 = [end(value - half), end(value + half)];
+        Calibrated { name: FACTORS[latent].name.into(), value, ci95, identifiable }
+    };
+    (0..count).map(of).collect()
+}
+
+/// Every model that was fitted beside the best; `names` of the settings.
+pub fn scores(found: &Found, judged: &Judged, names: &[String]) -> Vec<Score> {
+    let of = |effects: Vec<String>, c: &Compared, sizes: Vec<FoundEffect>| Score {
+        effects,
+        score: -c.worse,
+        probability_worse: c.probability,
+        sizes,
+    };
+    let fit = |(i, (f, c)): (usize, (&Fitted, &Compared))| {
+        let ties = c.is_tied() || judged.rivals.contains(&i);
+        of(strings(&f.names()), c, if ties { effects(f, names) } else { Vec::new() })
+    };
+    let fits = found.fits.iter().zip(&judged.compared).enumerate().map(fit);
+    let mut out: Vec<Score> = fits.chain([of(Vec::new(), &judged.base, Vec::new())]).collect();
+    out.sort_by(|a, b| b.score.total_cmp(&a.score));
+    out
+}
+
+/// Names as a report has them.
+pub fn strings(names: &[&str]) -> Vec<String> {
+    names.iter().map(|n| n.to_string()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::discover::thrown;
+
+    #[test]
+    fn an_effect_is_told_with_its_interval_and_unit() {
+        thrown::fitted(&[0.4; 8], &["linear_drag"], 3, |_, f| {
+            let found = effects(f, &[String::new()]);
+            assert_eq!(
+                (found.len(), found[0].name.as_str(), found[0].acts_on.as_str()),
+                (1, "linear_drag", "motion")
+            );
+            let c = &found[0].parameters[0];
+            let [Some(low), Some(high)] = c.ci95 else { panic!("{c:?}") };
+            assert!(low < 0.4 && 0.4 < high && low < c.value && c.value < high, "{c:?}");
+            assert_eq!((c.unit.as_str(), &c.setting), ("1/s", &None));
+            assert!(calibrated(f, 0).is_empty());
+        });
+    }
+}

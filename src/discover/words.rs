@@ -1,0 +1,131 @@
+//! The verdict and what is left, in words.
+
+use super::conclude::Given;
+use super::fit::{Fitted, held};
+use super::gain::Scale;
+use super::noise::Noise;
+use super::report::{Gain, Remainder, Verdict};
+use super::search::Found;
+use super::verdict::Judged;
+
+/// Error over the noise floor's up to which a model is said to reach it.
+const FLOOR: f64 = 1.1;
+
+/// What is left, in figures and words.
+pub fn remainder(
+    base: &Fitted,
+    model: &Fitted,
+    judged: &Judged,
+    noise: &Noise,
+    gain: &Gain,
+    scale: &Scale,
+) -> Remainder {
+    let [before, after] = [base, model].map(|f| f.slow() * noise.sd);
+    let error = gain.held_out.as_ref().map_or(scale.rmse(held(base)), |g| g.extended_rmse);
+    let floor = scale.rmse(scale.floor);
+    let shared = judged.shared.as_ref();
+    let mut text = left([before, after, noise.sd], error, floor);
+    if let Some(s) = shared.filter(|s| s.is_left()) {
+        text += &format!(
+            "; launches share something more, of whose predictable part {:.0} % is explained",
+            100.0 * s.explained
+        );
+    }
+    Remainder {
+        slow_before_m: before,
+        slow_after_m: after,
+        noise_m: noise.sd,
+        explained_share: shared.map(|s| s.explained),
+        field: shared.map(|s| [s.gain, s.probability]),
+        text,
+    }
+}
+
+/// What is left, by the slow misfit before and after beside the noise, and by the error on held-out trials beside the noise
+/// floor; all m.
+fn left([before, after, noise]: [f64; 3], error: f64, floor: f64) -> String {
+    let slow = format!(
+        "misfit that changes slowly along paths: {:.2} mm before, {:.2} mm after; noise {:.2} mm",
+        1e3 * before,
+        1e3 * after,
+        1e3 * noise
+    );
+    let held_out = match error <= FLOOR * floor {
+        true => "on held-out trials nothing is left above the noise".to_string(),
+        false => {
+            format!("on held-out trials the error is {:.1} times what noise leaves", error / floor.max(1e-12))
+        }
+    };
+    format!("{slow}; {held_out}")
+}
+
+/// The verdict in a sentence or two.
+pub fn reason(found: &Found, judged: &Judged, remainder: &Remainder, given: &Given) -> String {
+    let names = |i: usize| found.fits[i].names().join(" + ");
+    let left = &remainder.text;
+    let nats = |i: usize| judged.base.worse - judged.compared[i].worse;
+    match (judged.verdict, judged.champion) {
+        (Verdict::Named, Some(c)) => format!(
+            "{} predicts launches that it was not fitted to better than the base model by {:.0} nats, and no other set ties \
+             with it; {left}",
+            names(c),
+            nats(c)
+        ),
+        (Verdict::Ambiguous, Some(c)) => {
+            let drags = |i: &usize| found.fits[*i].set.iter().any(|e| e.opposes_motion);
+            let against = match judged.rivals.iter().all(drags) {
+                true => "a force against the velocity, its law not identified: ",
+                false => "",
+            };
+            let count = judged.rivals.len();
+            format!(
+                "{against}{count} sets predict the data equally well; {} is the simplest; {left}",
+                names(c)
+            )
+        }
+        (Verdict::Unknown, Some(c)) => {
+            format!(
+                "no set in the library explains what launches share; the best, {}, leaves much of it; {left}",
+                names(c)
+            )
+        }
+        (Verdict::Unknown, None) => {
+            format!("launches share something that no set in the library explains; {left}")
+        }
+        _ => format!(
+            "no set of effects predicts launches better than the base model ({} trials, {} sets tried)",
+            given.kept.len(),
+            found.fits.len()
+        ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::discover::thrown;
+
+    /// "To the noise floor" is said only where it is.
+    #[test]
+    fn what_is_left_is_said_beside_the_noise() {
+        let at = |error: f64| left([0.0089, 0.0032, 0.0016], error, 0.002);
+        let slow = "misfit that changes slowly along paths: 8.90 mm before, 3.20 mm after; noise 1.60 mm; ";
+        assert_eq!(at(0.0021), format!("{slow}on held-out trials nothing is left above the noise"));
+        assert_eq!(at(0.0026), format!("{slow}on held-out trials the error is 1.3 times what noise leaves"));
+    }
+
+    #[test]
+    fn a_remainder_is_in_metres() {
+        thrown::fitted(&[0.4; 6], &[], 2, |_, base| {
+            let scale = Scale { noise: thrown::NOISE, coordinates: 360.0, floor: 300.0, trials: 6 };
+            let noise = Noise { sd: thrown::NOISE, rho: 0.0, freedom: 1e3 };
+            let judged = thrown::judged(Verdict::None);
+            let left = remainder(base, base, &judged, &noise, &Gain::default(), &scale);
+            assert!(
+                left.slow_before_m > 5.0 * thrown::NOISE && left.slow_before_m == left.slow_after_m,
+                "{left:?}"
+            );
+            assert_eq!((left.noise_m, left.explained_share, left.field), (thrown::NOISE, None, None));
+        });
+    }
+}
