@@ -3,8 +3,8 @@
 //! A launch's sizes are s = theta + b, b ~ N(0, T^2) drawn anew for every launch. What the other launches say of theta,
 //! N(m, S), makes s ~ N(m, S + T^2) before the launch is seen; with what it says itself, Gram matrix G and score g (about
 //! where the model stands, no size differing), (S + T^2)^-1 + G is the precision of s and its mean is the best linear
-//! unbiased prediction at these components. By itself the launch says G^-1 g, everything but sizes being as all launches have
-//! it.
+//! unbiased prediction at these components. By itself the launch says G^-1 g. Everything but sizes (latents, shapes) is as all
+//! launches have it.
 //!
 //! Sources: Henderson, Biometrics 31 (1975) 423; Pinheiro and Bates, Mixed-Effects Models in S and S-PLUS (2000), ch. 2.
 //!
@@ -27,20 +27,16 @@ pub fn sizes(model: &Fitted, parts: &[Part], settings: &[usize]) -> Vec<Vec<Laun
     let none = || vec![Vec::new(); settings.len()];
     let alike = Components { spread: vec![0.0; model.components.spread.len()], ..model.components.clone() };
     let prior = prior(&model.layout, &model.state);
-    let (Some(told), Some(all)) = (score::all_told(parts, &alike), score::pooled(model.told.iter(), &prior))
-    else {
-        return none();
-    };
-    if amplitudes.is_empty() {
-        return none();
-    }
+    let Some(told) = score::all_told(parts, &alike).filter(|_| !amplitudes.is_empty()) else { return none() };
+    // Latents and shapes are what the report says of them.
+    let here = DVector::zeros(model.layout.slots.len());
     let of = |launch: usize| {
-        let own = of_launch(launch, model, parts, &told, &all.step);
+        let own = of_launch(launch, model, parts, &told, &here);
         let others = score::pooled(model.told.iter().filter(|t| t.launch != launch), &prior)?;
-        let (mean, covariance) = own.among(&others)?;
         let concerns = |k: &usize| model.layout.slots[*k].setting.is_none_or(|s| s == settings[launch]);
         let chosen: Vec<usize> = amplitudes.iter().copied().filter(concerns).collect();
-        let alone = own.alone(&chosen, &all.step);
+        let among = own.among(&chosen, &here, &others)?;
+        let alone = own.alone(&chosen, &here);
         let size = |(i, k): (usize, &usize)| {
             let What::Parameter(t, p) = model.layout.slots[*k].what else { return None };
             let (effect, value) = (model.layout.terms[t].effect, model.state.values[*k]);
@@ -49,8 +45,8 @@ pub fn sizes(model: &Fitted, parts: &[Part], settings: &[usize]) -> Vec<Vec<Laun
             Some(LaunchSize {
                 effect: effect.name.into(),
                 parameter: effect.parameters[p].name.into(),
-                value: rounded(value + mean[*k]),
-                sd: rounded(covariance[(*k, *k)].max(0.0).sqrt()),
+                value: rounded(value + among[i][0]),
+                sd: rounded(among[i][1]),
                 alone: told.map(|[off, sd]| [rounded(value + off), rounded(sd)]),
             })
         };
@@ -67,7 +63,7 @@ struct Says {
     spread: DVector<f64>,
 }
 
-/// All parts of a launch, each weighing as its scale lets it where all launches together put the slots.
+/// All parts of a launch, each weighing as its scale lets it with the slots `step` away.
 fn of_launch(launch: usize, model: &Fitted, parts: &[Part], told: &[Told], step: &DVector<f64>) -> Says {
     let q = step.len();
     let mut out = Says { gram: DMatrix::zeros(q, q), score: DVector::zeros(q), spread: DVector::zeros(q) };
@@ -83,30 +79,48 @@ fn of_launch(launch: usize, model: &Fitted, parts: &[Part], told: &[Told], step:
 }
 
 impl Says {
-    /// Mean and covariance of the launch's own slots, the others being known.
-    fn among(&self, others: &Pooled) -> Option<(DVector<f64>, DMatrix<f64>)> {
-        let q = self.score.len();
-        let before = &others.covariance + DMatrix::from_diagonal(&self.spread);
-        let inner = DMatrix::identity(q, q) + &self.gram * &before;
+    /// `chosen` slots of the launch, the others being known, by best linear prediction: off where the model stands, and standard
+    /// deviation of each. The rest of the slots are at `step`.
+    fn among(&self, chosen: &[usize], step: &DVector<f64>, others: &Pooled) -> Option<Vec<[f64; 2]>> {
+        let n = chosen.len();
+        let (gram, score) = self.of(chosen, step);
+        // What the others say of the chosen, the rest being known.
+        let precision = others.covariance.clone().cholesky()?.inverse();
+        let mut off = step - &others.step;
+        chosen.iter().for_each(|k| off[*k] = 0.0);
+        let moved = &precision * off;
+        let within = DMatrix::from_fn(n, n, |i, j| precision[(chosen[i], chosen[j])]).cholesky()?;
+        let believed = DVector::from_fn(n, |i, _| others.step[chosen[i]])
+            - within.solve(&DVector::from_fn(n, |i, _| moved[chosen[i]]));
+        let spread = DMatrix::from_fn(n, n, |i, j| if i == j { self.spread[chosen[i]] } else { 0.0 });
+        let before = within.inverse() + spread;
+        let inner = DMatrix::identity(n, n) + &gram * &before;
         let covariance = before * inner.try_inverse()?;
-        let mean = &others.step + &covariance * (&self.score - &self.gram * &others.step);
-        Some((mean, covariance))
+        Some(told(&(&believed + &covariance * (score - gram * &believed)), &covariance))
     }
 
-    /// By least squares, `chosen` slots of this launch alone, the rest at `step`: value and standard deviation of each.
+    /// By least squares of this launch alone, the same.
     fn alone(&self, chosen: &[usize], step: &DVector<f64>) -> Option<Vec<[f64; 2]>> {
+        let (gram, score) = self.of(chosen, step);
+        let factor = gram.cholesky()?;
+        let all = told(&factor.solve(&score), &factor.inverse());
+        all.iter().flatten().all(|v| v.is_finite()).then_some(all)
+    }
+
+    /// What the launch says of some slots, the rest being at `step`.
+    fn of(&self, chosen: &[usize], step: &DVector<f64>) -> (DMatrix<f64>, DVector<f64>) {
         let mut rest = step.clone();
         chosen.iter().for_each(|k| rest[*k] = 0.0);
         let left = &self.score - &self.gram * rest;
         let n = chosen.len();
         let gram = DMatrix::from_fn(n, n, |i, j| self.gram[(chosen[i], chosen[j])]);
-        let factor = gram.cholesky()?;
-        let (mean, covariance) =
-            (factor.solve(&DVector::from_fn(n, |i, _| left[chosen[i]])), factor.inverse());
-        let one = |i: usize| [mean[i], covariance[(i, i)].sqrt()];
-        let all: Vec<[f64; 2]> = (0..n).map(one).collect();
-        all.iter().flatten().all(|v| v.is_finite()).then_some(all)
+        (gram, DVector::from_fn(n, |i, _| left[chosen[i]]))
     }
+}
+
+/// Means with their standard deviations.
+fn told(mean: &DVector<f64>, covariance: &DMatrix<f64>) -> Vec<[f64; 2]> {
+    (0..mean.len()).map(|i| [mean[i], covariance[(i, i)].max(0.0).sqrt()]).collect()
 }
 
 #[cfg(test)]
@@ -155,10 +169,21 @@ mod tests {
             score: columns[0].tr_mul(&seen[0]),
             spread: DVector::from_vec(vec![spread * spread, 0.0]),
         };
-        let (own, covariance) = says.among(&others).unwrap();
-        assert!((own - mean).norm() < 1e-10 && (covariance - left).norm() < 1e-10);
+        let close = |found: [f64; 2], mean: f64, variance: f64| {
+            assert!(
+                (found[0] - mean).abs() < 1e-10 && (found[1] - variance.sqrt()).abs() < 1e-10,
+                "{found:?}"
+            );
+        };
+        let none = DVector::zeros(2);
+        let own = says.among(&[0, 1], &none, &others).unwrap();
+        (0..2).for_each(|k| close(own[k], mean[k], left[(k, k)]));
+        // The second known to be at some value: the conditional of the conditional.
+        let known = says.among(&[0], &DVector::from_vec(vec![9.0, 0.3]), &others).unwrap();
+        let share = left[(0, 1)] / left[(1, 1)];
+        close(known[0], mean[0] + share * (0.3 - mean[1]), left[(0, 0)] - share * left[(0, 1)]);
         // By itself: what least squares makes of its own five.
-        let alone = says.alone(&[0, 1], &DVector::zeros(2)).unwrap();
+        let alone = says.alone(&[0, 1], &none).unwrap();
         let inverse = columns[0].tr_mul(&columns[0]).try_inverse().unwrap();
         let solved = &inverse * columns[0].tr_mul(&seen[0]);
         assert!((0..2).all(|k| (alone[k][0] - solved[k]).abs() < 1e-10));

@@ -10,7 +10,7 @@ use super::decide::{Bootstrap, TIED, compared};
 use super::fit::{Fitted, Fitter, prior};
 use super::launch::Part;
 use super::model;
-use super::score::{self, Components, Pooled, Prior, spared};
+use super::score::{self, Components, Pooled, Prior, Told, spared};
 use super::stats::median;
 use super::window::{Kind, Window};
 use crate::error::Result;
@@ -241,16 +241,22 @@ pub struct Left {
     told: Pooled,
 }
 
-/// The field of some strength beside a model; `None` where it cannot be fitted.
+/// The field of some strength beside a model as it stands; `None` where it cannot be fitted.
 pub fn left(fitter: &Fitter, model: &Fitted, strength: f64) -> Result<Option<Left>> {
     let Some(With { parts, functions, turn }) = with_field(fitter, model)? else { return Ok(None) };
     let told = || {
         let (prior, components) = believed(model, &parts, strength)?;
-        let told = score::all_told(&parts, &components)?;
-        let Pooled { step, covariance } = score::pooled(told.iter(), &prior)?;
         let (q, count) = (model.layout.slots.len(), turn.ncols());
-        let covariance = covariance.view((q, q), (count, count)).into_owned();
-        Some(Pooled { step: step.rows(q, count).into_owned(), covariance })
+        // What the model's sizes could take up is left as long as they stand where they do.
+        let only = |t: Told| Told {
+            gram: t.gram.view((q, q), (count, count)).into_owned(),
+            score: t.score.rows(q, count).into_owned(),
+            ..t
+        };
+        let all: Vec<Told> = score::all_told(&parts, &components)?.into_iter().map(only).collect();
+        let precision = prior.precision.view((q, q), (count, count)).into_owned();
+        let prior = Prior { precision, off: DVector::zeros(count), plausible: vec![0.0; count] };
+        score::pooled(all.iter(), &prior)
     };
     Ok(told().map(|told| Left { functions, turn, told }))
 }
