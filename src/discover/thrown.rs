@@ -1,7 +1,8 @@
 //! For tests: balls thrown through air that drags by c v, each launch by a c of its own, and a model fitted to them.
 
 use super::fit::{Fitted, Fitter};
-use super::model::{Data, Layout, State, Term};
+use super::fixture::term;
+use super::model::{Data, Layout, State};
 use super::noise::Noise;
 use super::report::Verdict;
 use super::verdict::Judged;
@@ -10,7 +11,6 @@ use crate::reality::trials_from_csv;
 use crate::rng;
 use crate::task::ball::Ball;
 use crate::world::Engine;
-use crate::world::effect::find;
 use rand_distr::{Distribution, StandardNormal};
 
 /// Gravity, m/s^2; observations of a launch and what lies between two, s; their noise, m.
@@ -52,13 +52,7 @@ pub fn fitted<T>(drags: &[f64], set: &[&str], seed: u64, of: impl FnOnce(&Fitter
         engine: Engine::Auto,
     };
     let fitter = Fitter::new(&data, &Noise { sd: NOISE, rho: 0.0, freedom: 1e3 });
-    let term = |name: &&str| {
-        let effect = find(name).unwrap();
-        let start = effect.parameters.iter().map(|p| p.neutral).collect();
-        let free = vec![true; effect.parameters.len()];
-        Term { effect, per_setting: false, start, free, difference: None }
-    };
-    let layout = Layout::new(&[], set.iter().map(term).collect(), 1);
+    let layout = Layout::new(&[], set.iter().map(|name| term(name)).collect(), 1);
     let values = layout.start(&[0.0; 3]);
     let state = State { values, nuisances: windows.iter().map(|w| w.nuisances.clone()).collect() };
     of(&fitter, &fitter.fit(layout, state, 12).unwrap().unwrap())
