@@ -14,6 +14,16 @@ use crate::world::latent::FACTORS;
 /// Square of a shot's residual, over what noise leaves, beyond which its collisions went another way than simulated.
 const ASTRAY: f64 = 30.0;
 
+/// Where the base model starts: the scene's own latents, as its first body that carries them has them, and guesses of starts.
+pub fn start(scene: &Scene, layout: &Layout, windows: &[Window]) -> State {
+    let carrier = scene.bodies.iter().find(|b| scene.carries_latents(&b.name)).unwrap_or(&scene.bodies[0]);
+    // A body that gives its mass has the density that this mass stands for.
+    let given = carrier.mass.map(|mass| mass / carrier.shape.moments().area);
+    let density = carrier.density.or(given).unwrap_or(1.0);
+    let values = layout.start(&[density, carrier.friction, carrier.restitution]);
+    State { values, nuisances: windows.iter().map(|w| w.nuisances.clone()).collect() }
+}
+
 /// Fits the base model from `start`. Contacts are given as much noise as the usual one shows; shots that go another way
 /// than simulated are left out of `data`. `observed`: what was seen, by trial.
 pub fn fit(
@@ -49,49 +59,59 @@ fn begin(
     mut state: State,
     seed: u64,
 ) -> Result<(State, Pass)> {
-    if window::shooting(data.windows) {
-        let mut best: Vec<f64> = vec![f64::INFINITY; data.windows.len()];
-        let mut chosen = state.clone();
-        for way in 0..3 {
-            let mut tried = state.clone();
-            for (w, window) in data.windows.iter().enumerate().filter(|(_, w)| w.kind == Kind::Shot) {
-                let observed = observed[window.trial];
-                let Some(at) = window.first(observed) else { continue };
-                let of = |b| window::launch(b, &observed.times, at, window.scene.gravity, way);
-                tried.nuisances[w] = observed.bodies.iter().flat_map(of).collect();
-            }
-            // One step shows how near each guess comes.
-            let (tried, pass) = model::fit(data, layout, tried, 1)?;
-            for (w, square) in pass.squares.iter().enumerate() {
-                if *square < best[w] {
-                    best[w] = *square;
-                    chosen.nuisances[w].clone_from(&tried.nuisances[w]);
-                }
-            }
-        }
-        state.nuisances = chosen.nuisances;
+    let shooting = window::shooting(data.windows);
+    if shooting {
+        state.nuisances = guessed(data, observed, layout, &state)?;
     }
     if survey::possible(data, layout) {
         state = survey::survey(data, layout, &state, seed)?;
     }
     let (state, pass) = model::fit(data, layout, state, 8)?;
-    if window::shooting(data.windows) {
-        for (w, window) in data.windows.iter().enumerate().filter(|(_, w)| w.kind == Kind::Shot) {
-            let left = (2.0 * window.points.len() as f64 - window.nuisances.len() as f64).max(1.0);
-            if pass.squares[w] > ASTRAY * left {
-                data.sd[w] = f64::INFINITY;
+    if !shooting {
+        return Ok((state, pass));
+    }
+    for (w, window) in shots(data.windows) {
+        let left = (2.0 * window.points.len() as f64 - window.nuisances.len() as f64).max(1.0);
+        if pass.squares[w] > ASTRAY * left {
+            data.sd[w] = f64::INFINITY;
+        }
+    }
+    model::freeze(data, layout, &state)?;
+    model::fit(data, layout, state, 4)
+}
+
+fn shots(windows: &[Window]) -> impl Iterator<Item = (usize, &Window)> {
+    windows.iter().enumerate().filter(|(_, w)| w.kind == Kind::Shot)
+}
+
+/// Nuisances with those guesses of shots' starts that come nearest.
+fn guessed(data: &Data, observed: &[&Trajectory], layout: &Layout, state: &State) -> Result<Vec<Vec<f64>>> {
+    let mut best: Vec<f64> = vec![f64::INFINITY; data.windows.len()];
+    let mut chosen = state.nuisances.clone();
+    for way in 0..3 {
+        let mut tried = state.clone();
+        for (w, window) in shots(data.windows) {
+            let observed = observed[window.trial];
+            let Some(at) = window.first(observed) else { continue };
+            let of = |b| window::launch(b, &observed.times, at, window.scene.gravity, way);
+            tried.nuisances[w] = observed.bodies.iter().flat_map(of).collect();
+        }
+        // One step shows how near each guess comes.
+        let (tried, pass) = model::fit(data, layout, tried, 1)?;
+        for (w, square) in pass.squares.iter().enumerate() {
+            if *square < best[w] {
+                best[w] = *square;
+                chosen[w].clone_from(&tried.nuisances[w]);
             }
         }
-        model::freeze(data, layout, &state)?;
-        return model::fit(data, layout, state, 4);
     }
-    Ok((state, pass))
+    Ok(chosen)
 }
 
 /// The same state at other frictions, where friction is to be found from contacts of one disc.
 fn rougher(layout: &Layout, state: &State, windows: &[Window]) -> Vec<State> {
-    let wanted = |l: usize| FACTORS[l].name == "friction";
-    let slot = layout.slots.iter().position(|s| matches!(s.what, model::What::Latent(l) if wanted(l)));
+    let friction = |s: &Slot| s.latent().is_some_and(|l| FACTORS[l].name == "friction");
+    let slot = layout.slots.iter().position(friction);
     let Some(slot) = slot.filter(|_| windows.iter().any(|w| w.kind == Kind::Contact)) else {
         return Vec::new();
     };
@@ -126,4 +146,39 @@ fn blur(scene: &Scene, data: &Data, layout: &Layout, state: &State, base: &Pass)
         median(&contacts.map(|w| pass.squares[w] / left(w)).collect::<Vec<_>>())
     };
     Ok(usual(&helped).min(usual(base)).max(1.0).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::discover::fixture::{ball, bounces};
+    use crate::world::Engine;
+    use crate::world::latent::factor_index;
+
+    /// A body that gave its mass was started at a density of 1, from where a survey never came to that of a heavy ball.
+    #[test]
+    fn at_the_start_every_carrier_weighs_what_its_scene_says() {
+        let layout = Layout::new(&[factor_index("density").unwrap()], Vec::new(), 1);
+        let weighed =
+            |scene: &Scene| scene.bodies[0].mass_properties(Some(start(scene, &layout, &[]).values[0]));
+        let by_mass = ball();
+        assert!((weighed(&by_mass).0 - 0.1).abs() < 1e-12, "{:?}", by_mass.bodies[0].mass);
+        let mut by_density = ball();
+        (by_density.bodies[0].mass, by_density.bodies[0].density) = (None, Some(7.0));
+        assert_eq!(weighed(&by_density), by_density.bodies[0].mass_properties(None));
+    }
+
+    /// Bounces of 0.83 are found from where the scene has 0.5, and repeat as well as they were seen.
+    #[test]
+    fn restitution_is_found_from_bounces() {
+        let (windows, settings) = bounces(0.83, 5);
+        let scene = Scene { calibrate: vec!["restitution".into()], ..windows[0].scene.clone() };
+        let layout = Layout::new(&[factor_index("restitution").unwrap()], Vec::new(), 1);
+        let mut data = Data::new(&windows, &settings, vec![1e-3; windows.len()], Engine::Auto);
+        let start = start(&scene, &layout, &windows);
+        let (state, pass) = fit(&scene, &mut data, &[], &layout, start, 0).unwrap();
+        assert!((state.values[0] - 0.83).abs() < 1e-4, "{:?}", state.values);
+        assert!(pass.residuals.iter().flatten().all(|r| r.abs() < 1e-4));
+        assert!(data.sd.iter().all(|sd| *sd == 1e-3), "nothing blurs them");
+    }
 }

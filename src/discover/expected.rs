@@ -79,3 +79,35 @@ pub fn expected(windows: &[Window], sd: &[f64], trials: usize, noise: &Noise) ->
     }
     out
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::discover::fixture::{flights, shots};
+
+    fn noise() -> Noise {
+        Noise { sd: 1e-3, rho: 0.0, freedom: 1e3 }
+    }
+
+    /// 20 observations of two coordinates less a start; 4 observations of two bodies less a position, velocity and spin each.
+    #[test]
+    fn what_a_start_takes_up_is_not_expected() {
+        let (windows, _) = flights([0.0, 0.0], 2);
+        let flown = expected(&windows, &[1e-3, f64::INFINITY], 2, &noise());
+        assert!((flown.mean[0] - 36.0).abs() < 1e-9 && flown.coordinates == [40.0, 0.0], "{:?}", flown.mean);
+        assert_eq!(flown.mean[1], 0.0, "what is left out leaves nothing");
+        let (windows, _) = shots();
+        assert_eq!(expected(&windows, &[1e-3], 1, &noise()).total(), 16.0 - 10.0);
+    }
+
+    /// What noise alone leaves is no misfit; twice as much in every trial is one of a whole floor, and sure.
+    #[test]
+    fn misfit_is_what_is_above_the_floor() {
+        let (windows, _) = flights([0.0, 0.0], 8);
+        let expected = expected(&windows, &[1e-3; 8], 8, &noise());
+        let (share, p) = expected.misfit(&expected.mean);
+        assert!(share.abs() < 1e-12 && (p - 0.5).abs() < 1e-9);
+        let (share, p) = expected.misfit(&[72.0; 8]);
+        assert!((share - 1.0).abs() < 1e-9 && p < 1e-3, "{share} {p}");
+    }
+}

@@ -20,12 +20,8 @@ pub fn extend(scene: &Scene, trials: &[Trial], windows: &[Window], kept: &[usize
     let window = &windows[first];
     let fitted = (window.kind == Kind::Flight)
         .then(|| (window.scene.bodies[0].name.as_str(), model.state.nuisances[first].as_slice()));
-    if out.action.is_none() || window.kind == Kind::Flight {
-        place(&mut out, &trial.scene, fitted);
-    } else {
-        // A task's scene rolls out once an action has placed what it places: here, the first trial's.
-        place(&mut out, &trial.scene, None);
-    }
+    // A task's scene rolls out once an action has placed what it places: here, the first trial's.
+    place(&mut out, &trial.scene, fitted);
     out
 }
 

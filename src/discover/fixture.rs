@@ -1,6 +1,8 @@
 //! Recordings for unit tests, of which everything is known.
 
-use super::model::Term;
+use super::fit::{Fitted, Fitter};
+use super::model::{Data, Layout, State, Term};
+use super::noise::Noise;
 use super::window::{Kind, Window, cut};
 use crate::reality::{Trial, trials_from_csv};
 use crate::task::Scene;
@@ -47,6 +49,27 @@ pub fn flights(wind: [f64; 2], count: usize) -> (Vec<Window>, Vec<usize>) {
     (windows, settings)
 }
 
+/// Throws that fall on the floor without friction and rise with a share `restitution` of their speed, seen every 0.02 s
+/// without error; their scene's friction is 0 and the floor's restitution 1.
+pub fn bounces(restitution: f64, count: usize) -> (Vec<Window>, Vec<usize>) {
+    let mut base = ball();
+    base.bodies[0].friction = 0.0;
+    base.statics[0].restitution = 1.0;
+    let trial = |k: usize| {
+        let height = 0.8 + 0.1 * k as f64;
+        let fallen = (2.0 * height / 9.81f64).sqrt();
+        let at = |i: u32| {
+            let (t, up) = (0.02 * f64::from(i), restitution * 9.81 * fallen);
+            let since = t - fallen;
+            let y = if since < 0.0 { height - 4.905 * t * t } else { up * since - 4.905 * since * since };
+            [t, t, 0.05 + y]
+        };
+        (0..40).map(at).collect()
+    };
+    let trials = seen(&(0..count).map(trial).collect::<Vec<_>>());
+    pieces(&base, &trials.into_iter().map(|t| Trial { scene: base.clone(), ..t }).collect::<Vec<_>>())
+}
+
 /// Two balls thrown where a scene says in a wind along x, m/s^2, seen whole 9 times in 0.8 s as an engine has it.
 fn thrown(wind: f64) -> (Scene, Trial) {
     let scene = Scene::from_json(
@@ -86,4 +109,20 @@ pub fn term(name: &str) -> Term {
     let start = effect.parameters.iter().map(|p| p.neutral).collect();
     let free = vec![true; effect.parameters.len()];
     Term { effect, per_setting: false, start, free, difference: None }
+}
+
+/// Flights under a weaker gravity, as models of some effects have them, and the noise.
+pub fn fitted(sets: &[&[&str]]) -> (Vec<Window>, Vec<Fitted>, Noise) {
+    let (windows, settings) = flights([0.0, 0.4], 6);
+    let noise = Noise { sd: 1e-3, rho: 0.0, freedom: 1e3 };
+    let data = Data::new(&windows, &settings, vec![1e-3; 6], Engine::Auto);
+    let fitter = Fitter::new(&data, &noise);
+    let fit = |names: &&[&str]| {
+        let layout = Layout::new(&[], names.iter().map(|n| term(n)).collect(), 1);
+        let nuisances = windows.iter().map(|w| w.nuisances.clone()).collect();
+        let start = State { values: layout.start(&[0.0; 3]), nuisances };
+        fitter.fit(layout, start, 8).unwrap().expect("it can be fitted")
+    };
+    let fits = sets.iter().map(fit).collect();
+    (windows, fits, noise)
 }

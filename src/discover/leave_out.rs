@@ -7,7 +7,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::model::{Layout, Sums};
-use super::stats::solve;
+use super::stats::{hold, solve};
 
 /// Held-out losses by trial and parameter changes by group left out; `groups[i]` is the group of trial i, `frozen`
 /// slots stay where they are.
@@ -22,71 +22,100 @@ pub fn leave_out(
     let q = layout.slots.len();
     let mut held = vec![0.0; trials.len()];
     let mut moved = Vec::new();
-    let count = groups.iter().max().map_or(0, |m| m + 1);
     let (mut gram, mut score) = (DMatrix::zeros(q, q), DVector::zeros(q));
     for t in trials {
         gram += &t.gram;
         score += &t.score;
     }
-    for group in 0..count {
+    for group in 0..groups.iter().max().map_or(0, |m| m + 1) {
         let members: Vec<usize> = (0..trials.len()).filter(|i| groups[*i] == group).collect();
+        let own_setting = |s: usize| (0..trials.len()).all(|i| settings[i] != s || groups[i] == group);
+        // Slots that no other trial tells.
+        let own: Vec<usize> = (0..q).filter(|k| layout.slots[*k].setting.is_some_and(own_setting)).collect();
         let (mut a, mut b) = (gram.clone(), score.clone());
         for i in &members {
             a -= &trials[*i].gram;
             b -= &trials[*i].score;
         }
-        // Slots that no other trial tells.
-        let own: Vec<usize> = (0..q)
-            .filter(|k| {
-                layout.slots[*k]
-                    .setting
-                    .is_some_and(|s| (0..trials.len()).all(|i| settings[i] != s || groups[i] == group))
-            })
-            .collect();
-        for k in &own {
-            a.row_mut(*k).fill(0.0);
-            a.column_mut(*k).fill(0.0);
-            b[*k] = 0.0;
-        }
-        // Values at a bound that are pushed outwards stay.
-        for k in 0..q {
-            let [low, high] = layout.slots[k].bounds;
-            if frozen.contains(&k) || (values[k] <= low && b[k] < 0.0) || (values[k] >= high && b[k] > 0.0) {
-                a.row_mut(k).fill(0.0);
-                a.column_mut(k).fill(0.0);
-                b[k] = 0.0;
+        for (k, slot) in layout.slots.iter().enumerate() {
+            if own.contains(&k) || frozen.contains(&k) || slot.is_stuck(values[k], b[k]) {
+                hold(&mut a, &mut b, k);
             }
-        }
-        for k in 0..q {
-            a[(k, k)] += layout.slots[k].ridge();
+            a[(k, k)] += slot.ridge();
         }
         let mut step = solve(&a, &b);
-        let mut own_cost = 0.0;
-        if !own.is_empty() {
-            let (mut a_own, mut b_own) = (DMatrix::zeros(own.len(), own.len()), DVector::zeros(own.len()));
-            for i in &members {
-                let pushed = &trials[*i].score - &trials[*i].gram * &step;
-                for (r, k) in own.iter().enumerate() {
-                    b_own[r] += pushed[*k];
-                    for (c, l) in own.iter().enumerate() {
-                        a_own[(r, c)] += trials[*i].gram[(*k, *l)];
-                    }
-                }
-            }
-            let own_step = solve(&a_own, &b_own);
-            own.iter().zip(own_step.iter()).for_each(|(k, s)| step[*k] = *s);
-            own_cost = 2.0 * own.len() as f64;
+        let left: Vec<&Sums> = members.iter().map(|i| &trials[*i]).collect();
+        fit_own(&left, &own, &mut step);
+        for (k, slot) in layout.slots.iter().enumerate() {
+            step[k] = (values[k] + step[k]).clamp(slot.bounds[0], slot.bounds[1]) - values[k];
         }
-        for k in 0..q {
-            let [low, high] = layout.slots[k].bounds;
-            step[k] = (values[k] + step[k]).clamp(low, high) - values[k];
-        }
+        let cost = 2.0 * own.len() as f64 / members.len() as f64;
         for i in &members {
-            let t = &trials[*i];
-            let loss = t.square - 2.0 * t.score.dot(&step) + (step.transpose() * &t.gram * &step)[(0, 0)];
-            held[*i] = loss.max(0.0) + own_cost / members.len() as f64;
+            held[*i] = trials[*i].after(&step).max(0.0) + cost;
         }
         moved.push(step);
     }
     (held, moved)
+}
+
+/// Fits slots to the trials left out, the others having stepped already.
+fn fit_own(trials: &[&Sums], own: &[usize], step: &mut DVector<f64>) {
+    let (mut a, mut b) = (DMatrix::zeros(own.len(), own.len()), DVector::zeros(own.len()));
+    for t in trials {
+        let pushed = &t.score - &t.gram * &*step;
+        for (r, k) in own.iter().enumerate() {
+            b[r] += pushed[*k];
+            for (c, l) in own.iter().enumerate() {
+                a[(r, c)] += t.gram[(*k, *l)];
+            }
+        }
+    }
+    own.iter().zip(solve(&a, &b).iter()).for_each(|(k, s)| step[*k] = *s);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::discover::fixture::term;
+    use crate::discover::model::Term;
+
+    /// Trials that each see one number with unit noise, as the fit's residuals from nothing.
+    fn seen(numbers: &[f64], slots: &[usize], q: usize) -> Vec<Sums> {
+        let of = |(y, k): (&f64, &usize)| {
+            let column = DVector::from_fn(q, |i, _| f64::from(i == *k));
+            Sums { gram: &column * column.transpose(), score: &column * *y, square: y * y }
+        };
+        numbers.iter().zip(slots).map(of).collect()
+    }
+
+    fn drag(per_setting: bool, settings: usize) -> Layout {
+        let mut layout = Layout::new(&[], vec![Term { per_setting, ..term("gravity_error") }], settings);
+        // So wide that the weak prior says next to nothing.
+        layout.slots.iter_mut().for_each(|s| s.bounds = [-1e3, 1e3]);
+        layout
+    }
+
+    /// A mean told from n - 1 others: each residual grows by n / (n - 1).
+    #[test]
+    fn a_mean_is_told_from_the_others() {
+        let numbers = [1.0, 2.0, 4.0, 9.0];
+        let layout = drag(false, 1);
+        let trials = seen(&numbers, &[0; 4], 1);
+        let (held, _) = leave_out(&layout, &[0.0], &trials, &[0; 4], &[0, 1, 2, 3], &[]);
+        for (held, y) in held.iter().zip(numbers) {
+            assert!((held - ((y - 4.0) * 4.0 / 3.0f64).powi(2)).abs() < 1e-4, "{held} of {y}");
+        }
+    }
+
+    /// What only the trial left out tells is fitted to it, and pays for that; what is frozen stays.
+    #[test]
+    fn what_nobody_else_tells_is_paid_for() {
+        let layout = drag(true, 2);
+        let trials = seen(&[1.0, 3.0, 7.0], &[0, 0, 1], 2);
+        let of = |frozen: &[usize]| leave_out(&layout, &[0.0; 2], &trials, &[0, 0, 1], &[0, 1, 2], frozen).0;
+        let held = of(&[]);
+        assert!((held[0] - 4.0).abs() < 1e-4 && (held[1] - 4.0).abs() < 1e-4, "{held:?}");
+        assert!((held[2] - 2.0).abs() < 1e-9, "two for one number: {held:?}");
+        assert!((of(&[0])[0] - 1.0).abs() < 1e-9);
+    }
 }

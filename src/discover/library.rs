@@ -79,3 +79,37 @@ pub fn span(windows: &[Window]) -> Span {
         interval: time / count.max(1) as f64,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::discover::fixture::{ball, bounces, flights, leaps};
+
+    fn names(windows: &[Window]) -> Vec<&'static str> {
+        candidates(&ball(), &ground(windows)).iter().map(|(e, _)| e.name).collect()
+    }
+
+    /// What acts at contacts is a candidate where something touches; what is off in placing, where a start is the scene's.
+    #[test]
+    fn candidates_are_what_can_show_at_all() {
+        let of = |acts: ActsOn, names: &[&str]| {
+            REGISTRY.iter().filter(|e| e.acts_on() == acts && names.contains(&e.name)).count()
+        };
+        let flown = names(&flights([0.0, 0.0], 1).0);
+        assert!(flown.contains(&"wind") && flown.contains(&"camera_tilt"));
+        assert_eq!((of(ActsOn::Contact, &flown), of(ActsOn::Action, &flown)), (0, 0));
+        assert!(of(ActsOn::Contact, &names(&bounces(0.8, 1).0)) > 0);
+        assert!(of(ActsOn::Contact, &names(&leaps(0.0).0)) > 0, "a leap may hit anything");
+    }
+
+    #[test]
+    fn a_span_is_what_was_seen_that_counts() {
+        let (mut windows, _) = flights([0.0, 0.0], 1);
+        windows[0].points[19].weight = 0.0;
+        let span = span(&windows);
+        assert!((span.area[2] - 3.0 * 0.72).abs() < 1e-9, "{:?}", span.area);
+        assert!((span.duration - 0.76).abs() < 1e-9 && (span.interval - 0.04).abs() < 1e-9);
+        // Along a parabola at 3 m/s sideways and 4 to -3.5 m/s upwards.
+        assert!((3.0..5.0).contains(&span.speed));
+    }
+}

@@ -1,33 +1,21 @@
 //! The noise floor: what no smooth motion explains.
 //!
-//! A flight's observed positions are fitted by a polynomial of ample degree for each coordinate, robustly: points
-//! beyond 4.5 scales are outliers and leave the data for good. What remains is noise, white or first-order
-//! autoregressive; its variance and correlation are estimated from all flights together, each corrected for what the
-//! polynomial swallowed (the expected value of the residuals' products under projection).
+//! What [`smooth`](super::smooth) leaves of flights is noise, white or first-order autoregressive; its variance and correlation
+//! are estimated from all flights together, each corrected for what the polynomial swallowed (the expected value of the
+//! residuals' products under projection).
 //!
 //! Differences from the usual estimate (residual variance over degrees of freedom): correlated noise has much of its
 //! power at low frequencies, where the polynomial swallows it; without the correction every correlated recording would
 //! look like misfit.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 
+pub use super::smooth::slow_basis;
+use super::smooth::{Smooth, orthonormal};
 use super::stats::median;
 
-/// s on the trial's clock, and a position seen then, m.
-pub type Row = (f64, [f64; 2]);
-
-/// A flight's polynomial fit.
-#[derive(Clone, Debug)]
-pub struct Smooth {
-    /// Residuals of x and y, m; 0 at outliers.
-    pub residual: [Vec<f64>; 2],
-    /// Which rows are not outliers.
-    pub kept: Vec<bool>,
-    /// Number of coordinates that vary at all: a recording of heights alone has one.
-    pub axes: f64,
-    /// Residual projector.
-    projector: DMatrix<f64>,
-}
+/// How much less well the correlation is known than from as many free neighbours: polynomials swallow what tells most.
+const RHO_ERROR: f64 = 2.6;
 
 /// Noise of a recording.
 #[derive(Clone, Copy, Debug)]
@@ -55,72 +43,6 @@ impl Noise {
         let rho = self.rho.max(0.0);
         (1.0 + rho) / (1.0 - rho)
     }
-}
-
-/// How much less well the correlation is known than from as many free neighbours: polynomials swallow what tells most.
-const RHO_ERROR: f64 = 2.6;
-
-/// Scales of the median absolute deviation beyond which a point is an outlier: 7 in a million for normal noise.
-const OUTLIER: f64 = 4.5;
-
-/// Fits a flight's rows.
-pub fn smooth(rows: &[Row]) -> Smooth {
-    let n = rows.len();
-    let degree = degree(n);
-    let (first, last) = (rows[0].0, rows[n - 1].0);
-    let full = DMatrix::from_fn(n, degree + 1, |i, k| {
-        let u = 2.0 * (rows[i].0 - first) / (last - first).max(1e-12) - 1.0;
-        libm::cos(k as f64 * libm::acos(u.clamp(-1.0, 1.0)))
-    });
-    let mut kept = vec![true; n];
-    let mut projector = DMatrix::identity(n, n);
-    let mut residual = [vec![0.0; n], vec![0.0; n]];
-    for pass in 0..12 {
-        let basis = DMatrix::from_fn(n, degree + 1, |i, k| if kept[i] { full[(i, k)] } else { 0.0 });
-        let Some(q) = orthonormal(&basis) else { break };
-        projector = DMatrix::from_fn(n, n, |i, j| f64::from(i == j && kept[i])) - &q * q.transpose();
-        let mut scaled = vec![0.0f64; n];
-        for (axis, residual) in residual.iter_mut().enumerate() {
-            let y = DVector::from_fn(n, |i, _| rows[i].1[axis]);
-            let mean = y.mean();
-            let centred = y.map(|v| v - mean);
-            // Rows that were left out are judged by the fit to the others.
-            let beta = (&basis.transpose() * &basis).pseudo_inverse(1e-12).ok();
-            let fit = beta.map(|inv| &full * (inv * basis.transpose() * &centred)).unwrap_or(centred.clone());
-            let off: Vec<f64> = (0..n).map(|i| centred[i] - fit[i]).collect();
-            let sizes: Vec<f64> = (0..n).filter(|i| kept[*i]).map(|i| off[i].abs()).collect();
-            let share = (1.0 - (degree + 1) as f64 / n as f64).max(0.2);
-            // Quantised positions can leave half of the residuals at nothing: the mean size guards against that.
-            let usual = sizes.iter().sum::<f64>() / sizes.len().max(1) as f64;
-            let scale = ((1.4826 * median(&sizes)).max(0.6 * usual) / share.sqrt()).max(1e-9);
-            for i in 0..n {
-                let leverage = projector[(i, i)].max(0.05).sqrt();
-                let leverage = if kept[i] { leverage } else { 1.0 };
-                scaled[i] = scaled[i].max(off[i].abs() / scale / leverage);
-                residual[i] = if kept[i] { off[i] } else { 0.0 };
-            }
-        }
-        // The worst first: one large outlier bends the fit and makes its neighbours look bad.
-        let worst = (0..n).filter(|i| kept[*i]).map(|i| scaled[i]).fold(0.0, f64::max);
-        let limit = OUTLIER.max(0.5 * worst);
-        let left = kept.iter().filter(|k| **k).count();
-        let out: Vec<usize> = (0..n).filter(|i| kept[*i] && scaled[*i] > limit).collect();
-        if out.is_empty() || pass == 11 || left - out.len() < degree + 4 {
-            break;
-        }
-        out.iter().for_each(|i| kept[*i] = false);
-    }
-    let varies = |axis: usize| rows.iter().any(|r| r.1[axis] != rows[0].1[axis]);
-    let axes = (0..2).filter(|a| varies(*a)).count() as f64;
-    Smooth { residual, kept, axes, projector }
-}
-
-/// Noise of series of evenly seen values from their third differences, which smooth motion and rest leave at nothing; `None`
-/// of fewer than four values each.
-pub fn by_thirds(series: &[Vec<f64>]) -> Option<f64> {
-    let third = |k: &[f64]| (k[3] - 3.0 * k[2] + 3.0 * k[1] - k[0]).abs();
-    let thirds: Vec<f64> = series.iter().flat_map(|s| s.windows(4).map(third)).collect();
-    (!thirds.is_empty()).then(|| 1.4826 * median(&thirds) / 20f64.sqrt())
 }
 
 /// Variance and correlation of the noise of some flights; `None` without enough to estimate them from.
@@ -169,6 +91,14 @@ pub fn noise(flights: &[&Smooth]) -> Option<Noise> {
     Some(Noise { sd: (squares / e0).sqrt().max(1e-9), rho, freedom })
 }
 
+/// Noise of series of evenly seen values from their third differences, which smooth motion and rest leave at nothing; `None`
+/// of fewer than four values each.
+pub fn by_thirds(series: &[Vec<f64>]) -> Option<f64> {
+    let third = |k: &[f64]| (k[3] - 3.0 * k[2] + 3.0 * k[1] - k[0]).abs();
+    let thirds: Vec<f64> = series.iter().flat_map(|s| s.windows(4).map(third)).collect();
+    (!thirds.is_empty()).then(|| 1.4826 * median(&thirds) / 20f64.sqrt())
+}
+
 /// Mean and variance of the residual sum of squares (unit variance) that AR(1) noise leaves in both coordinates of a
 /// flight of which a straight start (position and velocity) is fitted freely.
 pub fn expected_squares(times: &[f64], weights: &[f64], axes: f64, rho: f64) -> (f64, f64) {
@@ -183,113 +113,70 @@ pub fn expected_squares(times: &[f64], weights: &[f64], axes: f64, rho: f64) -> 
     (axes * m.trace(), 2.0 * axes * (&m * &m).trace())
 }
 
-/// Rows of a flight that are outliers against their own neighbourhood: [`smooth`]'s polynomial bends to those at its
-/// ends. `residual` is what a model leaves (two numbers a point, NaN where nothing counts), which a straight line fits
-/// well over a few observations even if the model is wrong.
-pub fn spikes(times: &[f64], residual: &[f64], sd: f64) -> Vec<usize> {
-    let n = times.len();
-    let mut kept: Vec<bool> = (0..n).map(|i| residual[2 * i].is_finite()).collect();
-    let mut out = Vec::new();
-    while kept.iter().filter(|k| **k).count() > 2 * NEAR {
-        let worst = (0..n).filter(|i| kept[*i]).map(|i| {
-            let mut near: Vec<usize> = (0..n).filter(|j| *j != i && kept[*j]).collect();
-            near.sort_by(|a, b| (times[*a] - times[i]).abs().total_cmp(&(times[*b] - times[i]).abs()));
-            near.truncate(NEAR);
-            let m = near.len() as f64;
-            let mean = near.iter().map(|j| times[*j]).sum::<f64>() / m;
-            let spread: f64 = near.iter().map(|j| (times[*j] - mean).powi(2)).sum();
-            let error = (1.0 + 1.0 / m + (times[i] - mean).powi(2) / spread.max(1e-12)).sqrt();
-            let off = |axis: usize| {
-                let of = |j: usize| residual[2 * j + axis];
-                let level = near.iter().map(|j| of(*j)).sum::<f64>() / m;
-                let slope = near.iter().map(|j| (times[*j] - mean) * of(*j)).sum::<f64>() / spread.max(1e-12);
-                (of(i) - level - slope * (times[i] - mean)).abs() / (sd * error)
-            };
-            (off(0).max(off(1)), i)
-        });
-        match worst.max_by(|a, b| a.0.total_cmp(&b.0)) {
-            Some((size, i)) if size > OUTLIER => {
-                kept[i] = false;
-                out.push(i);
-            }
-            _ => break,
-        }
-    }
-    out
-}
-
-/// Neighbours that an observation is compared with.
-const NEAR: usize = 6;
-
-fn degree(n: usize) -> usize {
-    (n / 4).clamp(3, 12).min(n.saturating_sub(3))
-}
-
-/// Orthonormal columns of the polynomials that [`smooth`] takes for motion, over the points that count; `None` of too few.
-pub fn slow_basis(times: &[f64], weights: &[f64]) -> Option<DMatrix<f64>> {
-    let n = times.len();
-    let degree = degree(n);
-    if weights.iter().filter(|w| **w > 0.0).count() < degree + 3 {
-        return None;
-    }
-    let span = (times[n - 1] - times[0]).max(1e-12);
-    orthonormal(&DMatrix::from_fn(n, degree + 1, |i, k| {
-        let u: f64 = 2.0 * (times[i] - times[0]) / span - 1.0;
-        weights[i] * libm::cos(k as f64 * libm::acos(u.clamp(-1.0, 1.0)))
-    }))
-}
-
 /// Correlation of first-order autoregressive noise by distance in the record.
 pub fn correlation(n: usize, rho: f64) -> DMatrix<f64> {
     DMatrix::from_fn(n, n, |i, j| if rho == 0.0 { f64::from(i == j) } else { rho.powi(i.abs_diff(j) as i32) })
 }
 
-/// Orthonormal columns that span those of `basis`.
-fn orthonormal(basis: &DMatrix<f64>) -> Option<DMatrix<f64>> {
-    if basis.nrows() < basis.ncols() {
-        return None;
-    }
-    let qr = basis.clone().qr();
-    Some(qr.q())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::discover::smooth::{Row, smooth};
+    use crate::rng;
+    use rand_distr::{Distribution, StandardNormal};
 
-    /// Two numbers a point: a bend that a wrong law leaves, and a fixed pattern as small noise.
-    fn residual(n: usize, bend: f64) -> (Vec<f64>, Vec<f64>) {
-        let times: Vec<f64> = (0..n).map(|i| 0.025 * i as f64).collect();
-        let both = |i: usize| {
-            let jitter = f64::from((i as u32 * 7919) % 13) / 6.0 - 1.0;
-            let u = i as f64 / (n - 1) as f64 - 0.5;
-            [bend * (u * u - 1.0 / 12.0) + jitter, jitter]
-        };
-        (times, (0..n).flat_map(both).collect())
+    /// Noise of 2 mm, each row 0.5 of the one before, is told of flights whose motion is none of it.
+    #[test]
+    fn noise_and_its_correlation_are_told_beside_motion() {
+        let mut stream = rng::stream(3, "test");
+        for rho in [0.0, 0.5] {
+            let flights: Vec<Smooth> = (0..40)
+                .map(|_| {
+                    let mut off = [0.0; 2];
+                    let mut row = |i: usize| {
+                        let t = 0.02 * i as f64;
+                        off.iter_mut().for_each(|o| {
+                            let draw: f64 = StandardNormal.sample(&mut stream);
+                            *o = if i == 0 {
+                                2e-3 * draw
+                            } else {
+                                rho * *o + 2e-3 * (1.0 - rho * rho).sqrt() * draw
+                            };
+                        });
+                        (t, [3.0 * t + off[0], 2.0 + 4.0 * t - 4.905 * t * t + off[1]])
+                    };
+                    smooth(&(0..40).map(&mut row).collect::<Vec<Row>>())
+                })
+                .collect();
+            let found = noise(&flights.iter().collect::<Vec<_>>()).unwrap();
+            assert!(
+                (found.sd / 2e-3 - 1.0).abs() < 0.1 && (found.rho - rho).abs() < 0.1,
+                "{found:?} for {rho}"
+            );
+        }
+    }
+
+    /// White noise beside a straight start: two of n numbers an axis are taken up. What does not count is none.
+    #[test]
+    fn a_straight_start_takes_two_numbers_an_axis() {
+        let times: Vec<f64> = (0..20).map(|i| 0.1 * f64::from(i)).collect();
+        let mut weights = [1.0; 20];
+        let (mean, variance) = expected_squares(&times, &weights, 2.0, 0.0);
+        assert!((mean - 36.0).abs() < 1e-9 && (variance - 72.0).abs() < 1e-9);
+        weights[7] = 0.0;
+        assert!((expected_squares(&times, &weights, 1.0, 0.0).0 - 17.0).abs() < 1e-9);
     }
 
     #[test]
-    fn an_outlier_at_the_end_is_a_spike_and_a_bend_is_none() {
-        let (times, mut r) = residual(40, 20.0);
-        assert!(spikes(&times, &r, 1.0).is_empty());
-        r[78] += 12.0;
-        assert_eq!(spikes(&times, &r, 1.0), [39]);
-    }
-
-    /// Of a bend nearly all lies in slow coordinates, and of noise their share.
-    #[test]
-    fn slow_coordinates_hold_a_bend_and_little_noise() {
-        let slow = |bend: f64| {
-            let (times, r) = residual(40, bend);
-            let basis = slow_basis(&times, &[1.0; 40]).unwrap();
-            let along =
-                |axis: usize| basis.tr_mul(&DVector::from_fn(40, |i, _| r[2 * i + axis])).norm_squared();
-            (along(0) + along(1), basis.ncols(), r.iter().map(|v| v * v).sum::<f64>())
+    fn third_differences_leave_smooth_motion_at_nothing() {
+        let mut stream = rng::stream(4, "test");
+        let mut series = |sd: f64| -> Vec<f64> {
+            let at = |i: u32| 4.0 * f64::from(i) - 0.3 * f64::from(i * i);
+            let mut draw = || -> f64 { StandardNormal.sample(&mut stream) };
+            (0..2000).map(|i| at(i) + sd * draw()).collect()
         };
-        let (square, count, all) = slow(0.0);
-        assert_eq!(count, 11);
-        assert!(square < 0.6 * all, "{square} of {all}");
-        let (bent, _, all) = slow(20.0);
-        assert!(bent > 0.7 * all, "{bent} of {all}");
+        assert!(by_thirds(&[series(0.0)]).unwrap() < 1e-8);
+        assert!((by_thirds(&[series(0.02)]).unwrap() / 0.02 - 1.0).abs() < 0.1);
+        assert_eq!(by_thirds(&[vec![1.0; 3], Vec::new()]), None);
     }
 }

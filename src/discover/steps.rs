@@ -5,7 +5,6 @@
 //! is known: by how much the own engine's result changes with its time step (Richardson's argument), and by how far
 //! things go within a step when they meet.
 
-use super::COLD;
 use super::model::{Data, Layout, State};
 use super::phase::{Lag, Stepping};
 use super::window::{Kind, Window};
@@ -14,6 +13,8 @@ use crate::task::Scene;
 use crate::trajectory::{Track, Trajectory};
 use crate::world::{Rollout, simulate};
 
+/// What a contact that restarts cold errs by, m.
+pub const COLD: f64 = 1e-3;
 /// Steps are halved so many times.
 const HALVINGS: i32 = 2;
 /// What two engines differ by, in what one changes by when its steps are halved: the rest of its own error is as large

@@ -50,6 +50,13 @@ pub struct Sums {
     pub square: f64,
 }
 
+impl Sums {
+    /// The square with the slots `step` away.
+    pub fn after(&self, step: &DVector<f64>) -> f64 {
+        self.square - 2.0 * self.score.dot(step) + (step.transpose() * &self.gram * step)[(0, 0)]
+    }
+}
+
 /// Fits a layout from a state in so many steps at most, and some more where effects have shapes.
 pub fn fit(data: &Data, layout: &Layout, start: State, most: usize) -> Result<(State, Pass)> {
     let mut state = start;

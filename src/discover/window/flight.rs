@@ -2,7 +2,7 @@
 
 use super::kind::{FLIGHT, Kind, Point, Surface, Window, seen};
 use super::touch::{Touch, rolls, touches};
-use crate::discover::noise::{Row, smooth};
+use crate::discover::smooth::{Row, smooth};
 use crate::discover::stats::{median, slope};
 use crate::reality::Trial;
 use crate::task::Scene;

@@ -1,6 +1,6 @@
 //! What a window is.
 
-use crate::discover::noise::Smooth;
+use crate::discover::smooth::Smooth;
 use crate::task::Scene;
 use crate::trajectory::{Track, Trajectory};
 use crate::world::effect::{self, Active};

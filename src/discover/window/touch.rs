@@ -3,7 +3,8 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::kind::{FLIGHT, seen};
-use crate::discover::noise::{Row, by_thirds};
+use crate::discover::noise::by_thirds;
+use crate::discover::smooth::Row;
 use crate::discover::stats::slope;
 use crate::reality::Trial;
 

@@ -9,11 +9,14 @@
 //! bounce takes no time: normal speed turns by the restitution, slip goes to what the laws of contact ask for as far
 //! as friction reaches. Rolling is without slip.
 
+mod roll;
+
 use super::window::{Kind, Surface, Window};
 use crate::world::Latents;
 use crate::world::effect::{
     Act, ActsOn, Answer, Constants, Effect, Meeting, Motion, Moving, Sensor, Shown, Surroundings, Touch,
 };
+use roll::{Body, Rolling};
 
 /// s; accelerations are speeds gained in it. Small against every motion, large against rounding.
 pub const INSTANT: f64 = 1e-6;
@@ -47,9 +50,6 @@ pub struct Impact {
     /// The same along (-ny, nx).
     pub tangent: f64,
 }
-
-/// x, y, vx, vy, omega
-type Body = [f64; 5];
 
 impl<'a> Physics<'a> {
     /// The scene's own effects and `terms`, with the registry's order of values.
@@ -106,7 +106,8 @@ impl<'a> Physics<'a> {
         let mut out = Vec::with_capacity(2 * points.len());
         let Some(first) = points.first() else { return (out, impact) };
         let mut time = self.stamp(first.time);
-        let mut rolling = self.rolling(nuisances);
+        let rolls = self.window.surface.as_ref().filter(|_| self.window.kind == Kind::Roll);
+        let mut rolling = rolls.and_then(|s| Rolling::new(s, first.seen, nuisances));
         let mut body: Body = match (&rolling, nuisances) {
             (Some(r), _) => r.body(),
             (None, [x, y, vx, vy, rest @ ..]) => [*x, *y, *vx, *vy, rest.first().copied().unwrap_or(0.0)],
@@ -122,7 +123,12 @@ impl<'a> Physics<'a> {
                 for k in 0..count as usize {
                     let now = time + h * k as f64;
                     if let Some(r) = &mut rolling {
-                        self.roll(now, r, h);
+                        let resists = |load: f64| {
+                            self.touches.iter().map(|(law, c)| law.roll(c, load * INSTANT)).sum::<f64>()
+                                / INSTANT
+                        };
+                        let resists = (!self.touches.is_empty()).then_some(resists);
+                        r.advance(h, |body| self.acceleration(now, body), resists);
                         body = r.body();
                         continue;
                     }
@@ -226,75 +232,6 @@ impl<'a> Physics<'a> {
             Impact { time: self.seen_at(time + low), approach: meeting.approach, slip, normal, tangent };
         (self.advance(time + low, &at, h - low), impact)
     }
-
-    fn rolling(&self, nuisances: &[f64]) -> Option<Rolling> {
-        let surface = self.window.surface.as_ref().filter(|_| self.window.kind == Kind::Roll)?;
-        let [way, speed, height, slope] = *nuisances else { return None };
-        let first = self.window.points.first()?.seen;
-        let n = surface.normal;
-        Some(Rolling {
-            first,
-            normal: n,
-            radius: surface.radius,
-            inertia: surface.inertia,
-            way,
-            speed,
-            height,
-            slope,
-        })
-    }
-
-    fn roll(&self, time: f64, r: &mut Rolling, h: f64) {
-        let slope = |way: f64, speed: f64| {
-            let at = Rolling { way, speed, ..*r };
-            let body = at.body();
-            let a = self.acceleration(time, &body);
-            let along = a[0] * at.normal[1] - a[1] * at.normal[0];
-            // A rolling disc turns against the tangent: centre and spin share one speed.
-            let spin = -a[2] * at.radius;
-            let free = (along + at.inertia * spin) / (1.0 + at.inertia);
-            let load = -(a[0] * at.normal[0] + a[1] * at.normal[1]);
-            let off: f64 = self.touches.iter().map(|(law, c)| law.roll(c, load.max(0.0) * INSTANT)).sum();
-            free - speed.signum() * off / INSTANT
-        };
-        let a = slope(r.way, r.speed);
-        let middle = slope(r.way + 0.5 * h * r.speed, r.speed + 0.5 * h * a);
-        let next = r.speed + h * middle;
-        // What comes to rest stays.
-        let stopped = next * r.speed < 0.0 && !self.touches.is_empty();
-        r.way += h * (r.speed + 0.5 * h * middle);
-        r.speed = if stopped { 0.0 } else { next };
-    }
-}
-
-/// A disc that rolls along a straight surface.
-#[derive(Clone, Copy)]
-struct Rolling {
-    /// Where ways are counted from, m.
-    first: [f64; 2],
-    normal: [f64; 2],
-    radius: f64,
-    inertia: f64,
-    /// Along (ny, -nx), m and m/s.
-    way: f64,
-    speed: f64,
-    /// How far the surface is from where it is thought, m, and how that grows along it.
-    height: f64,
-    slope: f64,
-}
-
-impl Rolling {
-    fn body(&self) -> Body {
-        let n = self.normal;
-        let up = self.height + self.slope * self.way;
-        [
-            self.first[0] + self.way * n[1] + up * n[0],
-            self.first[1] - self.way * n[0] + up * n[1],
-            self.speed * n[1],
-            -self.speed * n[0],
-            -self.speed / self.radius,
-        ]
-    }
 }
 
 impl Surface {
@@ -314,28 +251,61 @@ impl Surface {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::discover::window::cut;
-    use crate::reality::trials_from_csv;
-    use crate::task::Scene;
+    use crate::discover::fixture::{bounces, flights};
+    use crate::world::effect::find;
+
+    fn with<'a>(window: &'a Window, name: &str, values: &[f64]) -> Physics<'a> {
+        Physics::new(window, &[(find(name).unwrap(), values)], &Latents::default())
+    }
+
+    /// Along a straight line without gravity: v = v0 / (1 + k v0 t), x = ln(1 + k v0 t) / k.
+    #[test]
+    fn quadratic_drag_is_met() {
+        let (mut windows, _) = flights([0.0, 9.81], 1);
+        windows[0].scene.gravity = [0.0, 0.0];
+        let (k, v) = (0.15, 8.0);
+        let mut speeds = Vec::new();
+        let seen =
+            with(&windows[0], "quadratic_drag", &[k]).seen(&[1.0, 2.0, v, 0.0], |_, s| speeds.push(s[2]));
+        for (i, t) in windows[0].points.iter().map(|p| p.time).enumerate() {
+            let wanted = 1.0 + libm::log(1.0 + k * v * t) / k;
+            let off = [seen[2 * i] - wanted, seen[2 * i + 1] - 2.0, speeds[i] - v / (1.0 + k * v * t)];
+            assert!(off.iter().all(|o| o.abs() < 2e-5), "{off:?} at {t}");
+        }
+    }
+
+    /// A clock that runs fast shows the path of a longer time; a scale shows it larger.
+    #[test]
+    fn sensors_show_the_path_at_their_time_and_scale() {
+        let (windows, _) = flights([0.0, 0.0], 1);
+        let (start, last) = ([0.0, 1.0, 3.0, 4.0], windows[0].points[19].time);
+        let show = |name, values: &[f64]| with(&windows[0], name, values).seen(&start, |_, _| ())[38];
+        assert!((show("position_scale", &[1.1]) - 3.3 * last).abs() < 1e-9);
+        assert!((show("time_scale", &[1.1]) - 3.0 * last / 1.1).abs() < 1e-9);
+    }
+
+    /// Normal speed turns by the restitution; slip goes as far as friction reaches, and to nothing at most, which leaves a disc
+    /// two thirds of its speed.
+    #[test]
+    fn a_bounce_turns_speed_and_takes_slip() {
+        let (mut windows, _) = bounces(0.8, 1);
+        let window = windows.iter_mut().find(|w| w.kind == Kind::Contact).expect("one bounce");
+        for (friction, kept) in [(0.02, 1.0 - 0.02 * 1.8 * 5.0), (9.0, 2.0 / 3.0)] {
+            let surface = window.surface.as_mut().unwrap();
+            (surface.friction, surface.restitution) = ([friction, 1.0], [0.8, 1.0]);
+            let surface = surface.clone();
+            let physics = Physics::new(window, &[], &Latents::default());
+            // At the surface, 5 m/s down and 1 m/s along, in a step so short that nothing falls.
+            let (after, met) = physics.bounce(0.0, &[0.0, 0.05, 1.0, -5.0, 0.0], 1e-9, &surface, 0.0);
+            assert!((after[2] - kept).abs() < 1e-6 && (after[3] - 4.0).abs() < 1e-6, "{after:?}");
+            assert!((met.approach - 5.0).abs() < 1e-6 && (met.normal - 9.0).abs() < 1e-6);
+        }
+    }
 
     /// What leaves a surface at the very moment of meeting it is not held, and nothing breaks.
     #[test]
     fn a_surface_met_while_leaving_holds_nothing() {
-        let scene = Scene::from_json(
-            r#"{"format": "iplw.scene/1", "gravity": [0, -9.81], "time_step": 0.005,
-                "bodies": [{"name": "ball", "shape": {"type": "disc", "radius": 0.05}, "mass": 0.1}],
-                "statics": [{"name": "floor", "shape": {"type": "halfspace", "normal": [0, 1], "offset": 0}}]}"#,
-        )
-        .unwrap();
-        let height = |t: f64| {
-            let fallen = (2.0 * 1.0 / 9.81f64).sqrt();
-            let since = t - fallen;
-            0.05 + if since < 0.0 { 1.0 - 4.905 * t * t } else { 3.5 * since - 4.905 * since * since }
-        };
-        let rows: Vec<String> =
-            (0..60).map(|i| 0.015 * f64::from(i)).map(|t| format!("a,{t},ball,{t},{}", height(t))).collect();
-        let csv = format!("trial,t,body,x,y\n{}\n", rows.join("\n"));
-        let windows = cut(&scene, &trials_from_csv(&csv, &scene).unwrap(), &[0]);
+        let (windows, _) = bounces(0.8, 1);
         let window = windows.iter().find(|w| w.kind == Kind::Contact).expect("one bounce");
         let surface = window.surface.as_ref().expect("what it bounces off");
         let physics = Physics::new(window, &[], &Latents::default());

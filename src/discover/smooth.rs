@@ -1,0 +1,182 @@
+//! Motion as any law could have it: a polynomial of ample degree for each coordinate of a flight, fitted robustly. What it
+//! leaves is noise or an outlier.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::stats::median;
+
+/// Scales of the median absolute deviation beyond which a point is an outlier: 7 in a million for normal noise.
+const OUTLIER: f64 = 4.5;
+/// Neighbours that an observation is compared with.
+const NEAR: usize = 6;
+
+/// s on the trial's clock, and a position seen then, m.
+pub type Row = (f64, [f64; 2]);
+
+/// A flight's polynomial fit.
+#[derive(Clone, Debug)]
+pub struct Smooth {
+    /// Residuals of x and y, m; 0 at outliers.
+    pub residual: [Vec<f64>; 2],
+    /// Which rows are not outliers.
+    pub kept: Vec<bool>,
+    /// Number of coordinates that vary at all: a recording of heights alone has one.
+    pub axes: f64,
+    /// Residual projector.
+    pub projector: DMatrix<f64>,
+}
+
+/// Fits a flight's rows.
+pub fn smooth(rows: &[Row]) -> Smooth {
+    let n = rows.len();
+    let degree = degree(n);
+    let (first, last) = (rows[0].0, rows[n - 1].0);
+    let full = DMatrix::from_fn(n, degree + 1, |i, k| {
+        let u = 2.0 * (rows[i].0 - first) / (last - first).max(1e-12) - 1.0;
+        libm::cos(k as f64 * libm::acos(u.clamp(-1.0, 1.0)))
+    });
+    let mut kept = vec![true; n];
+    let mut projector = DMatrix::identity(n, n);
+    let mut residual = [vec![0.0; n], vec![0.0; n]];
+    for pass in 0..12 {
+        let basis = DMatrix::from_fn(n, degree + 1, |i, k| if kept[i] { full[(i, k)] } else { 0.0 });
+        let Some(q) = orthonormal(&basis) else { break };
+        projector = DMatrix::from_fn(n, n, |i, j| f64::from(i == j && kept[i])) - &q * q.transpose();
+        let mut scaled = vec![0.0f64; n];
+        for (axis, residual) in residual.iter_mut().enumerate() {
+            let y = DVector::from_fn(n, |i, _| rows[i].1[axis]);
+            let mean = y.mean();
+            let centred = y.map(|v| v - mean);
+            // Rows that were left out are judged by the fit to the others.
+            let beta = (&basis.transpose() * &basis).pseudo_inverse(1e-12).ok();
+            let fit = beta.map(|inv| &full * (inv * basis.transpose() * &centred)).unwrap_or(centred.clone());
+            let off: Vec<f64> = (0..n).map(|i| centred[i] - fit[i]).collect();
+            let sizes: Vec<f64> = (0..n).filter(|i| kept[*i]).map(|i| off[i].abs()).collect();
+            let share = (1.0 - (degree + 1) as f64 / n as f64).max(0.2);
+            // Quantised positions can leave half of the residuals at nothing: the mean size guards against that.
+            let usual = sizes.iter().sum::<f64>() / sizes.len().max(1) as f64;
+            let scale = ((1.4826 * median(&sizes)).max(0.6 * usual) / share.sqrt()).max(1e-9);
+            for i in 0..n {
+                let leverage = projector[(i, i)].max(0.05).sqrt();
+                let leverage = if kept[i] { leverage } else { 1.0 };
+                scaled[i] = scaled[i].max(off[i].abs() / scale / leverage);
+                residual[i] = if kept[i] { off[i] } else { 0.0 };
+            }
+        }
+        // The worst first: one large outlier bends the fit and makes its neighbours look bad.
+        let worst = (0..n).filter(|i| kept[*i]).map(|i| scaled[i]).fold(0.0, f64::max);
+        let limit = OUTLIER.max(0.5 * worst);
+        let left = kept.iter().filter(|k| **k).count();
+        let out: Vec<usize> = (0..n).filter(|i| kept[*i] && scaled[*i] > limit).collect();
+        if out.is_empty() || pass == 11 || left - out.len() < degree + 4 {
+            break;
+        }
+        out.iter().for_each(|i| kept[*i] = false);
+    }
+    let varies = |axis: usize| rows.iter().any(|r| r.1[axis] != rows[0].1[axis]);
+    let axes = (0..2).filter(|a| varies(*a)).count() as f64;
+    Smooth { residual, kept, axes, projector }
+}
+
+/// Rows of a flight that are outliers against their own neighbourhood: [`smooth`]'s polynomial bends to those at its
+/// ends. `residual` is what a model leaves (two numbers a point, NaN where nothing counts), which a straight line fits
+/// well over a few observations even if the model is wrong.
+pub fn spikes(times: &[f64], residual: &[f64], sd: f64) -> Vec<usize> {
+    let n = times.len();
+    let mut kept: Vec<bool> = (0..n).map(|i| residual[2 * i].is_finite()).collect();
+    let mut out = Vec::new();
+    while kept.iter().filter(|k| **k).count() > 2 * NEAR {
+        let worst = (0..n).filter(|i| kept[*i]).map(|i| {
+            let mut near: Vec<usize> = (0..n).filter(|j| *j != i && kept[*j]).collect();
+            near.sort_by(|a, b| (times[*a] - times[i]).abs().total_cmp(&(times[*b] - times[i]).abs()));
+            near.truncate(NEAR);
+            let m = near.len() as f64;
+            let mean = near.iter().map(|j| times[*j]).sum::<f64>() / m;
+            let spread: f64 = near.iter().map(|j| (times[*j] - mean).powi(2)).sum();
+            let error = (1.0 + 1.0 / m + (times[i] - mean).powi(2) / spread.max(1e-12)).sqrt();
+            let off = |axis: usize| {
+                let of = |j: usize| residual[2 * j + axis];
+                let level = near.iter().map(|j| of(*j)).sum::<f64>() / m;
+                let slope = near.iter().map(|j| (times[*j] - mean) * of(*j)).sum::<f64>() / spread.max(1e-12);
+                (of(i) - level - slope * (times[i] - mean)).abs() / (sd * error)
+            };
+            (off(0).max(off(1)), i)
+        });
+        match worst.max_by(|a, b| a.0.total_cmp(&b.0)) {
+            Some((size, i)) if size > OUTLIER => {
+                kept[i] = false;
+                out.push(i);
+            }
+            _ => break,
+        }
+    }
+    out
+}
+
+/// Orthonormal columns of the polynomials that [`smooth`] takes for motion, over the points that count; `None` of too few.
+pub fn slow_basis(times: &[f64], weights: &[f64]) -> Option<DMatrix<f64>> {
+    let n = times.len();
+    let degree = degree(n);
+    if weights.iter().filter(|w| **w > 0.0).count() < degree + 3 {
+        return None;
+    }
+    let span = (times[n - 1] - times[0]).max(1e-12);
+    orthonormal(&DMatrix::from_fn(n, degree + 1, |i, k| {
+        let u: f64 = 2.0 * (times[i] - times[0]) / span - 1.0;
+        weights[i] * libm::cos(k as f64 * libm::acos(u.clamp(-1.0, 1.0)))
+    }))
+}
+
+fn degree(n: usize) -> usize {
+    (n / 4).clamp(3, 12).min(n.saturating_sub(3))
+}
+
+/// Orthonormal columns that span those of `basis`.
+pub fn orthonormal(basis: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    if basis.nrows() < basis.ncols() {
+        return None;
+    }
+    let qr = basis.clone().qr();
+    Some(qr.q())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two numbers a point: a bend that a wrong law leaves, and a fixed pattern as small noise.
+    fn residual(n: usize, bend: f64) -> (Vec<f64>, Vec<f64>) {
+        let times: Vec<f64> = (0..n).map(|i| 0.025 * i as f64).collect();
+        let both = |i: usize| {
+            let jitter = f64::from((i as u32 * 7919) % 13) / 6.0 - 1.0;
+            let u = i as f64 / (n - 1) as f64 - 0.5;
+            [bend * (u * u - 1.0 / 12.0) + jitter, jitter]
+        };
+        (times, (0..n).flat_map(both).collect())
+    }
+
+    #[test]
+    fn an_outlier_at_the_end_is_a_spike_and_a_bend_is_none() {
+        let (times, mut r) = residual(40, 20.0);
+        assert!(spikes(&times, &r, 1.0).is_empty());
+        r[78] += 12.0;
+        assert_eq!(spikes(&times, &r, 1.0), [39]);
+    }
+
+    /// Of a bend nearly all lies in slow coordinates, and of noise their share.
+    #[test]
+    fn slow_coordinates_hold_a_bend_and_little_noise() {
+        let slow = |bend: f64| {
+            let (times, r) = residual(40, bend);
+            let basis = slow_basis(&times, &[1.0; 40]).unwrap();
+            let along =
+                |axis: usize| basis.tr_mul(&DVector::from_fn(40, |i, _| r[2 * i + axis])).norm_squared();
+            (along(0) + along(1), basis.ncols(), r.iter().map(|v| v * v).sum::<f64>())
+        };
+        let (square, count, all) = slow(0.0);
+        assert_eq!(count, 11);
+        assert!(square < 0.6 * all, "{square} of {all}");
+        let (bent, _, all) = slow(20.0);
+        assert!(bent > 0.7 * all, "{bent} of {all}");
+    }
+}
