@@ -50,20 +50,29 @@ impl Rolling {
         acceleration: impl Fn(&Body) -> [f64; 3],
         resistance: Option<impl Fn(f64) -> f64>,
     ) {
-        let slope = |way: f64, speed: f64| {
+        // What drives it along the surface, and what can hold it, m/s^2.
+        let forces = |way: f64, speed: f64| {
             let at = Rolling { way, speed, ..*self };
             let a = acceleration(&at.body());
             let along = a[0] * at.normal[1] - a[1] * at.normal[0];
             // A rolling disc turns against the tangent: centre and spin share one speed.
             let spin = -a[2] * at.radius;
-            let free = (along + at.inertia * spin) / (1.0 + at.inertia);
             let load = -(a[0] * at.normal[0] + a[1] * at.normal[1]);
-            free - speed.signum() * resistance.as_ref().map_or(0.0, |r| r(load.max(0.0)))
+            let held = resistance.as_ref().map_or(0.0, |r| r(load.max(0.0)));
+            ((along + at.inertia * spin) / (1.0 + at.inertia), held)
         };
-        let a = slope(self.way, self.speed);
+        let slope = |way: f64, speed: f64| {
+            let (free, held) = forces(way, speed);
+            free - speed.signum() * held
+        };
+        let (free, held) = forces(self.way, self.speed);
+        if resistance.is_some() && self.speed == 0.0 && free.abs() <= held {
+            return;
+        }
+        let a = free - self.speed.signum() * held;
         let middle = slope(self.way + 0.5 * h * self.speed, self.speed + 0.5 * h * a);
         let next = self.speed + h * middle;
-        // What comes to rest stays.
+        // What comes to rest is held there if it can be.
         let stopped = next * self.speed < 0.0 && resistance.is_some();
         self.way += h * (self.speed + 0.5 * h * middle);
         self.speed = if stopped { 0.0 } else { next };
@@ -110,5 +119,13 @@ mod tests {
             omega + 10.0 * a * t,
         ];
         assert!(off.iter().all(|o| o.abs() < 1e-9), "{off:?}");
+    }
+
+    /// Upwards both slow it down; where it stops, what resists holds it if it can. It crept on once, a step to and a step fro.
+    #[test]
+    fn what_resists_holds_what_has_come_to_rest() {
+        let up = rolled(disc(-0.01), 0.5, 2.0);
+        assert_eq!((up[2], up[3], up[4]), (0.0, 0.0, 0.0));
+        assert!(rolled(disc(-0.01), 0.5, 0.0)[2] > 0.0, "nothing holds it: it rolls back");
     }
 }
