@@ -59,18 +59,14 @@ pub fn judge(fitter: &Fitter, found: &Found) -> Result<Judged> {
         let group =
             simplest(found, tied.iter().copied().filter(|i| found.fits[*i].set.len() == size).collect());
         let shared = asked(&found.fits[group[0]])?;
-        let explained = match suffices(&found.fits[group[0]])? {
-            true => explained(shared.as_ref()),
-            // What launches have no reason to differ by depends on something that they share and the set has not.
-            false => 0.0,
-        };
-        if explained >= MOST {
-            let plainer = plainer(found, group[0], shared.as_ref(), &asked, &suffices)?;
-            let (group, shared) = match plainer {
-                Some(plainer) => plainer,
-                // Something without a name may do as well as one of the names.
-                None => (with_better(found, &tied, group), shared),
-            };
+        let enough = suffices(&found.fits[group[0]])?;
+        // What launches have no reason to differ by depends on something that they share and the set has not.
+        let explained = if enough { explained(shared.as_ref()) } else { 0.0 };
+        let is_left = !enough || shared.as_ref().is_some_and(Shared::is_left);
+        let plainer = plainer(found, group[0], is_left, &asked, &suffices)?;
+        if plainer.is_some() || explained >= MOST {
+            // Something without a name may do as well as one of the names.
+            let (group, shared) = plainer.unwrap_or_else(|| (with_better(found, &tied, group), shared));
             let verdict = if group.len() == 1 { Verdict::Named } else { Verdict::Ambiguous };
             return Ok(judged(verdict, group, shared));
         }
@@ -107,11 +103,10 @@ const LEAST: f64 = 0.02;
 fn plainer(
     found: &Found,
     best: usize,
-    left: Option<&Shared>,
+    is_left: bool,
     asked: &dyn Fn(&Fitted) -> Result<Option<Shared>>,
     suffices: &dyn Fn(&Fitted) -> Result<bool>,
 ) -> Result<Option<(Vec<usize>, Option<Shared>)>> {
-    let is_left = left.is_some_and(Shared::is_left);
     // Where something is left, a name must explain more than may be left.
     let most = left_of(found, best) + if is_left { 1.0 - MOST } else { LEAST };
     let mut near = found.ranked(|f| is_something(f) && choices(f) < choices(&found.fits[best]));
