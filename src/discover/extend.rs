@@ -63,6 +63,8 @@ pub fn place(scene: &mut Scene, from: &Scene, fitted: Option<(&str, &[f64])>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::discover::fixture::ball;
+    use crate::task::scene::Body;
 
     /// A body that gives its mass once kept it, and rolled out otherwise than it had been fitted.
     #[test]
@@ -79,5 +81,24 @@ mod tests {
         assert_eq!((scene.bodies[0].mass, scene.bodies[0].density), (None, Some(7.0)));
         assert_eq!((scene.bodies[1].mass, scene.bodies[1].restitution), (Some(3.0), 0.5), "no carrier");
         assert_eq!((scene.statics[0].friction, scene.statics[0].restitution), (1.0, 0.6));
+    }
+
+    /// What the scene says of a start stays; what it leaves open is the trial's, and of the body that was fitted the fit's.
+    #[test]
+    fn what_a_scene_leaves_open_is_placed() {
+        let scene = |position: Option<[f64; 2]>, velocity: [f64; 2]| {
+            let body =
+                |name: &str| Body { name: name.into(), position, velocity, ..ball().bodies[0].clone() };
+            Scene { bodies: ["a", "b"].map(body).to_vec(), ..Scene::empty() }
+        };
+        let from = scene(Some([1.0, 2.0]), [3.0, 4.0]);
+        let starts = |mut own: Scene, fitted: Option<(&str, &[f64])>| {
+            place(&mut own, &from, fitted);
+            own.bodies.iter().map(|b| (b.position.unwrap(), b.velocity)).collect::<Vec<_>>()
+        };
+        let (seen, fitted) = (([1.0, 2.0], [3.0, 4.0]), ([5.0, 6.0], [7.0, 8.0]));
+        assert_eq!(starts(scene(None, [0.0; 2]), Some(("b", &[5.0, 6.0, 7.0, 8.0]))), [seen, fitted]);
+        let own = scene(Some([9.0, 9.0]), [0.0, 1.0]);
+        assert_eq!(starts(own, None), [([9.0, 9.0], [0.0, 1.0]); 2]);
     }
 }

@@ -6,8 +6,8 @@ use crate::sources::{arrows, circles, files, library, long_functions, text};
 
 /// A page: the most lines of a function.
 const MOST_LINES: usize = 70;
-/// Where loops and long functions are still let be.
-const EXEMPT: &str = "src/discover";
+/// Files in which a loop or a long function is still let be.
+const EXEMPT: [&str; 3] = ["src/discover/conclude.rs", "src/discover/launch.rs", "src/discover/words.rs"];
 
 /// Rooms in order: each may use itself and those before it.
 const ROOMS: [&str; 19] = [
@@ -100,19 +100,23 @@ fn hidden_physics_is_read_only_in_reality() {
 #[test]
 fn no_files_name_each_other_in_a_loop() {
     let found = circles(&arrows(&library()));
-    let elsewhere: Vec<_> = found.iter().filter(|c| !c.iter().all(|f| f.starts_with(EXEMPT))).collect();
+    let elsewhere: Vec<_> = found.iter().filter(|c| !c.iter().all(|f| exempt(f))).collect();
     assert!(elsewhere.is_empty(), "{elsewhere:#?}");
 }
 
 #[test]
 fn no_function_is_longer_than_a_page() {
     let mut offences = Vec::new();
-    for file in files().into_iter().filter(|f| !f.starts_with(EXEMPT)) {
+    for file in files().into_iter().filter(|f| !exempt(f)) {
         for (name, lines) in long_functions(&text(&file), MOST_LINES) {
             offences.push(format!("{}: {name} has {lines} lines", file.display()));
         }
     }
     assert!(offences.is_empty(), "{}", offences.join("\n"));
+}
+
+fn exempt(file: &Path) -> bool {
+    EXEMPT.iter().any(|e| file == Path::new(e))
 }
 
 /// Both checks can fail: through `super`, aliases, `pub use`, whole modules and macros, but not for what tests name.

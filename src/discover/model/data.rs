@@ -40,3 +40,23 @@ pub struct Frozen {
     /// Of the first slots, which are the latents.
     pub latents: Vec<Vec<f64>>,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::discover::fixture::{leaps, shots, term};
+    use crate::discover::model::{Layout, State, freeze};
+
+    /// Of a shot it is kept how its start moves it; a leap has no start to move, and is simulated with every model.
+    #[test]
+    fn what_is_kept_is_of_windows_with_nuisances() {
+        for ((windows, settings), kept) in [(shots(), true), (leaps(0.0), false)] {
+            let mut data = Data::new(&windows, &settings, vec![1e-3; windows.len()], Engine::Lanes);
+            assert!(data.frozen(0).is_none(), "nothing yet");
+            let nuisances = windows.iter().map(|w| w.nuisances.clone()).collect();
+            let layout = Layout::new(&[], vec![term("wind")], 1);
+            freeze(&mut data, &layout, &State { values: vec![0.0; 2], nuisances }).unwrap();
+            assert_eq!(data.frozen(0).is_some(), kept);
+        }
+    }
+}
