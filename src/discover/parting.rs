@@ -181,4 +181,16 @@ mod tests {
             assert!(apart(0, 2) > CLEAR, "{}", launch.words);
         }
     }
+
+    /// What a rival has free of the trials so far it takes up; what they hold it has to leave.
+    #[test]
+    fn a_rival_takes_up_what_nothing_holds() {
+        let (windows, mut fits, noise) = fitted(&[&["gravity_error"], &["wind"]]);
+        let launch = launches(&windows, &fits[0]).remove(3);
+        fits[1].state.values.fill(0.0);
+        let apart = |fits: &[Fitted]| parted(&launch, &fits[0], &fits[1], &noise);
+        assert!(apart(&fits) > CLEAR, "{}", apart(&fits));
+        fits[1].pass.trials.clear();
+        assert!(apart(&fits) < 1.0, "{}", apart(&fits));
+    }
 }

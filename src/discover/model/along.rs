@@ -82,4 +82,18 @@ mod tests {
             );
         }
     }
+
+    /// A gust pushes by the clock: that of the trial, not of the window.
+    #[test]
+    fn what_changes_with_time_pushes_by_the_clock() {
+        let (mut windows, _) = flights([0.0, 0.0], 1);
+        windows[0].start = 0.3;
+        let layout = Layout::new(&[], vec![term("gust")], 1);
+        let states = vec![[0.0; 4]; windows[0].points.len()];
+        let pushes = pushes(&windows[0], &layout, &[1.5, 0.0, 2.0, 0.4], &states);
+        for (point, [x, _]) in windows[0].points.iter().zip(pushes) {
+            let wanted = 1.5 * libm::sin(std::f64::consts::PI * (0.3 + point.time) + 0.4);
+            assert!((x - wanted).abs() < 1e-5, "{x} for {wanted}");
+        }
+    }
 }
