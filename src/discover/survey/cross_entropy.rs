@@ -40,7 +40,7 @@ impl Over<'_> {
             let factor = root(&covariance);
             let value = |k: usize| {
                 let mut draw: DVector<f64> = DVector::from_fn(q, |_, _| StandardNormal.sample(&mut stream));
-                if round == 0 && k % 2 == 0 {
+                if round == 0 && k.is_multiple_of(2) {
                     // The latents may be right already, and it is only the effect that is missing.
                     (0..layout.latents()).for_each(|i| draw[i] *= NARROW);
                 }
