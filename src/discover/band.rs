@@ -83,7 +83,7 @@ fn shared(
         renewed.for_each(|(c, plausible)| add(*c, *plausible));
     }
     let told = look.columns.columns(0, known.nrows());
-    let within = &told * known;
+    let within = told * known;
     for i in 0..variance.len() {
         variance[i] += within.row(i).dot(&told.row(i));
     }

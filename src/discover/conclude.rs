@@ -64,7 +64,7 @@ pub fn conclude(given: &Given, found: Found, judged: &Judged, config: &Config) -
     let diagnosis = Diagnosis {
         format: report::FORMAT,
         verdict,
-        reason: reason(&found, judged, &remainder, given),
+        reason: reason(&found, judged, &remainder, kept.len()),
         effects: effects(model, names),
         rivals: judged.rivals.iter().map(rival_names).collect(),
         calibrated: calibrated(model, base.layout.latents()),

@@ -1,6 +1,5 @@
 //! The verdict and what is left, in words.
 
-use super::conclude::Given;
 use super::fit::{Fitted, held};
 use super::gain::Scale;
 use super::noise::Noise;
@@ -59,8 +58,8 @@ fn left([before, after, noise]: [f64; 3], error: f64, floor: f64) -> String {
     format!("{slow}; {held_out}")
 }
 
-/// The verdict in a sentence or two.
-pub fn reason(found: &Found, judged: &Judged, remainder: &Remainder, given: &Given) -> String {
+/// The verdict on so many launches in a sentence or two.
+pub fn reason(found: &Found, judged: &Judged, remainder: &Remainder, launches: usize) -> String {
     let names = |i: usize| found.fits[i].names().join(" + ");
     let left = &remainder.text;
     let nats = |i: usize| judged.base.worse - judged.compared[i].worse;
@@ -94,7 +93,7 @@ pub fn reason(found: &Found, judged: &Judged, remainder: &Remainder, given: &Giv
         }
         _ => format!(
             "no set of effects predicts launches better than the base model ({} trials, {} sets tried)",
-            given.kept.len(),
+            launches,
             found.fits.len()
         ),
     }

@@ -32,6 +32,15 @@ fn files_are_written_and_read_back() {
     {
         assert!(at("out").join(name).is_file(), "{name} is missing");
     }
+    let report = std::fs::read_to_string(at("out").join("report.json")).unwrap();
+    let json: serde_json::Value = serde_json::from_str(&report).unwrap();
+    for (part, list) in
+        [("launches", ""), ("predictive", "/launches"), ("paths", "/launches"), ("scores", "")]
+    {
+        let known = json[part].pointer(list).and_then(|v| v.as_array());
+        assert!(known.is_some_and(|v| v.len() >= 8), "{part}: {known:?}");
+    }
+    assert!(report.len() < 100_000, "{} bytes for 8 launches", report.len());
     let html = std::fs::read_to_string(at("out").join("report.html")).unwrap();
     assert!(!html.contains("src=\"http") && html.contains("data:image/svg+xml"));
     let rolled = Command::new(env!("CARGO_BIN_EXE_iplw"))
