@@ -8,10 +8,10 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::fit::{Fitter, Shown};
+use super::gaussian::Components;
 use super::launch::{Columns, Frame, leap};
 use super::model::{self, Look};
 use super::noise::{self, Noise};
-use super::score::Components;
 use super::stats::inverse;
 use super::window::{Kind, Window};
 

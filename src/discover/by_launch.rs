@@ -14,10 +14,10 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::fit::{Fitted, prior};
+use super::gaussian::{self, Components, Pooled, Told};
 use super::launch::Part;
 use super::model::What;
 use super::report::{LaunchSize, rounded};
-use super::score::{self, Components, Pooled, Told};
 
 /// Sizes by launch: of every amplitude that concerns it; empty where launches say nothing. `settings`: of each launch.
 pub fn sizes(model: &Fitted, parts: &[Part], settings: &[usize]) -> Vec<Vec<LaunchSize>> {
@@ -27,12 +27,14 @@ pub fn sizes(model: &Fitted, parts: &[Part], settings: &[usize]) -> Vec<Vec<Laun
     let none = || vec![Vec::new(); settings.len()];
     let alike = Components { spread: vec![0.0; model.components.spread.len()], ..model.components.clone() };
     let prior = prior(&model.layout, &model.state);
-    let Some(told) = score::all_told(parts, &alike).filter(|_| !amplitudes.is_empty()) else { return none() };
+    let Some(told) = gaussian::all_told(parts, &alike).filter(|_| !amplitudes.is_empty()) else {
+        return none();
+    };
     // Latents and shapes are what the report says of them.
     let here = DVector::zeros(model.layout.slots.len());
     let of = |launch: usize| {
         let own = of_launch(launch, model, parts, &told, &here);
-        let others = score::pooled(model.told.iter().filter(|t| t.launch != launch), &prior)?;
+        let others = gaussian::pooled(model.told.iter().filter(|t| t.launch != launch), &prior)?;
         let concerns = |k: &usize| model.layout.slots[*k].setting.is_none_or(|s| s == settings[launch]);
         let chosen: Vec<usize> = amplitudes.iter().copied().filter(concerns).collect();
         let among = own.among(&chosen, &here, &others)?;

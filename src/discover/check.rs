@@ -13,9 +13,10 @@
 //! drawn.
 
 use super::fit::{Fitted, Fitter, prior};
+use super::gaussian::FREEDOM;
 use super::launch::Part;
 use super::report::{Predicted, Predictive, rounded};
-use super::score::{self, FREEDOM};
+use super::score;
 use super::stats::median;
 use crate::distribution::f_above;
 
@@ -121,8 +122,8 @@ fn range_of_place(place: usize, n: usize) -> [f64; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::discover::gaussian::{self, Components, Pooled};
     use crate::discover::launch::Block;
-    use crate::discover::score::{Components, Pooled};
     use crate::discover::thrown;
     use crate::rng;
     use nalgebra::{DMatrix, DVector};
@@ -158,7 +159,7 @@ mod tests {
                         log_white: 0.0,
                     };
                     let part = Part { launch: 0, blocks: vec![block], differs: true };
-                    let told = score::all_told(&[part], &components).unwrap().remove(0);
+                    let told = gaussian::all_told(&[part], &components).unwrap().remove(0);
                     f_above(told.predictive(&others).unwrap().0 / told.count, told.count, FREEDOM)
                 })
                 .collect();

@@ -8,9 +8,10 @@ use nalgebra::{DMatrix, DVector};
 
 use super::decide::{Bootstrap, TIED, compared};
 use super::fit::{Fitted, Fitter, prior};
+use super::gaussian::{self, Components, Pooled, Prior, Told};
 use super::launch::Part;
 use super::model;
-use super::score::{self, Components, Pooled, Prior, Told, spared};
+use super::score::{self, spared};
 use super::stats::median;
 use super::window::{Kind, Window};
 use crate::error::Result;
@@ -253,10 +254,10 @@ pub fn left(fitter: &Fitter, model: &Fitted, strength: f64) -> Result<Option<Lef
             score: t.score.rows(q, count).into_owned(),
             ..t
         };
-        let all: Vec<Told> = score::all_told(&parts, &components)?.into_iter().map(only).collect();
+        let all: Vec<Told> = gaussian::all_told(&parts, &components)?.into_iter().map(only).collect();
         let precision = prior.precision.view((q, q), (count, count)).into_owned();
         let prior = Prior { precision, off: DVector::zeros(count), plausible: vec![0.0; count] };
-        score::pooled(all.iter(), &prior)
+        gaussian::pooled(all.iter(), &prior)
     };
     Ok(told().map(|told| Left { functions, turn, told }))
 }

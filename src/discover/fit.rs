@@ -5,12 +5,14 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::components::{Likelihood, NEAR, WIDE};
+use super::gaussian::{self, Components, Pooled, Prior, Told};
 use super::launch::{self, Columns, Frame, Part};
 use super::leave_out::leave_out;
 use super::library;
 use super::model::{self, Data, Extra, Layout, Look, Pass, Slot, State, Term, What};
 use super::noise::Noise;
-use super::score::{self, Components, Pooled, Prior, Told};
+use super::score;
 use super::stats::inverse;
 use super::window::Kind;
 use crate::distribution::f_above;
@@ -93,14 +95,13 @@ impl<'a, 'b> Fitter<'a, 'b> {
         for round in 0..=ROUNDS {
             let Some((looks, parts)) = self.parts(&layout, &set, &state, &[])? else { break };
             let prior = prior(&layout, &state);
-            let all: Vec<&Part> = parts.iter().collect();
             let here = DVector::zeros(layout.slots.len());
-            let widths: &[f64] = if round == 0 { &score::WIDE } else { &score::NEAR };
-            components = score::components(&all, &components, &prior, widths);
-            let Some(told) = score::all_told(&parts, &components) else { break };
+            let widths: &[f64] = if round == 0 { &WIDE } else { &NEAR };
+            components = Likelihood::new(&parts, &components).most(&prior, widths, |_| true);
+            let Some(told) = gaussian::all_told(&parts, &components) else { break };
             let quality = told.iter().map(|t| t.density(&here)).sum::<f64>()
                 - 0.5 * prior.off.dot(&(&prior.precision * &prior.off));
-            let Some(Pooled { step, .. }) = score::pooled(told.iter(), &prior) else { break };
+            let Some(Pooled { step, .. }) = gaussian::pooled(told.iter(), &prior) else { break };
             let gained = best.as_ref().is_none_or(|b| quality > b.0);
             let before = best.as_ref().map_or(f64::NEG_INFINITY, |b| b.0);
             if gained {
@@ -123,12 +124,13 @@ impl<'a, 'b> Fitter<'a, 'b> {
         components: Components,
     ) -> Result<Option<Fitted>> {
         let prior = prior(&layout, &state);
-        let (Some(score), Some(told)) =
-            (score::held_out(&parts, &prior, &components, &self.folds), score::all_told(&parts, &components))
-        else {
+        let (Some(score), Some(told)) = (
+            score::held_out(&parts, &prior, &components, &self.folds),
+            gaussian::all_told(&parts, &components),
+        ) else {
             return Ok(None);
         };
-        let Some(pooled) = score::pooled(told.iter(), &prior) else { return Ok(None) };
+        let Some(pooled) = gaussian::pooled(told.iter(), &prior) else { return Ok(None) };
         if score.iter().any(|s| !s.is_finite()) {
             return Ok(None);
         }

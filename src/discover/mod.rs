@@ -27,6 +27,7 @@ mod band;
 mod base;
 mod by_launch;
 mod check;
+mod components;
 mod conclude;
 mod config;
 mod decide;
@@ -39,6 +40,7 @@ mod fit;
 #[cfg(test)]
 mod fixture;
 mod gain;
+mod gaussian;
 mod launch;
 mod law;
 mod leave_out;

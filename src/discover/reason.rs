@@ -5,8 +5,9 @@
 
 use super::decide::{Bootstrap, TIED, compared};
 use super::fit::{Fitted, Fitter, differs, prior};
+use super::gaussian::Components;
 use super::model::What;
-use super::score::{self, Components};
+use super::score;
 use crate::error::Result;
 
 /// Share of its size by which anything may differ from launch to launch.

@@ -11,9 +11,9 @@ use rayon::prelude::*;
 
 use super::decide::{Bootstrap, Choice, TIED};
 use super::fit::{Fitted, Fitter, prior, sized};
+use super::gaussian::{self, FREEDOM};
 use super::library;
 use super::model::{Extra, Layout, State, Term};
-use super::score;
 use super::survey;
 use super::window;
 use crate::error::Result;
@@ -265,7 +265,7 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
         components.slow = components.slow.min(SCREENED);
         components.push.iter_mut().for_each(|p| *p = p.min(SCREENED));
         components.spread.resize(q + extras.len(), 0.0);
-        let Some(told) = score::all_told(&parts, &components) else { return Ok(None) };
+        let Some(told) = gaussian::all_told(&parts, &components) else { return Ok(None) };
         let (own, here) = (prior(&fit.layout, &fit.state), DVector::zeros(q + extras.len()));
         let before: f64 = told.iter().map(|t| t.density(&here)).sum();
         let settings = self.fitter.data.settings;
@@ -285,7 +285,7 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
                 let (mut gram, mut score) = (DMatrix::zeros(n, n), DVector::zeros(n));
                 for t in told.iter().filter(|t| setting.is_none_or(|s| settings[t.launch] == s)) {
                     // Each launch has a scale of its own.
-                    let weight = (score::FREEDOM + t.count) / (score::FREEDOM + t.square.max(0.0));
+                    let weight = (FREEDOM + t.count) / (FREEDOM + t.square.max(0.0));
                     for (i, a) in chosen.iter().enumerate() {
                         score[i] += weight * t.score[*a];
                         for (j, b) in chosen.iter().enumerate() {

@@ -3,7 +3,8 @@
 //!
 //! Effects enter as the registry has them: a law of motion's kick over [`INSTANT`] is its acceleration, a law of contact
 //! is asked once at the bounce, a sensor shows each state at the time its clock stands for. Between observations the
-//! classical Runge-Kutta method of fourth order.
+//! classical Runge-Kutta method of fourth order; in free flight its steps go by themselves, and what lies between their ends is
+//! the polynomial of fifth degree with their places, velocities and accelerations.
 //!
 //! Differences from the engines: these are the continuous equations, which engines approach as their step shrinks. A
 //! bounce takes no time: normal speed turns by the restitution, slip goes to what the laws of contact ask for as far
@@ -105,6 +106,13 @@ impl<'a> Physics<'a> {
         let points = &self.window.points;
         let mut out = Vec::with_capacity(2 * points.len());
         let Some(first) = points.first() else { return (out, impact) };
+        if self.flies_freely() {
+            self.fly(nuisances, |i, body| {
+                visit(i, [body[0], body[1], body[2], body[3]]);
+                out.extend(self.shown(&body));
+            });
+            return (out, impact);
+        }
         let mut time = self.stamp(first.time);
         let rolls = self.window.surface.as_ref().filter(|_| self.window.kind == Kind::Roll);
         let mut rolling = rolls.and_then(|s| Rolling::new(s, first.seen, nuisances));
@@ -146,13 +154,51 @@ impl<'a> Physics<'a> {
             }
             time = until;
             visit(i, [body[0], body[1], body[2], body[3]]);
-            let state =
-                Shown { x: body[0], y: body[1], angle: 0.0, vx: body[2], vy: body[3], omega: body[4] };
-            let shown = self.sensors.iter().fold(state, |s, (sensor, c)| sensor.show(c, s));
-            let fine = shown.x.abs() < 1e7 && shown.y.abs() < 1e7;
-            out.extend(if fine { [shown.x, shown.y] } else { [f64::NAN; 2] });
+            out.extend(self.shown(&body));
         }
         (out, impact)
+    }
+
+    /// Where sensors see a body; NaN where its path has left all bounds.
+    fn shown(&self, body: &Body) -> [f64; 2] {
+        let state = Shown { x: body[0], y: body[1], angle: 0.0, vx: body[2], vy: body[3], omega: body[4] };
+        let shown = self.sensors.iter().fold(state, |s, (sensor, c)| sensor.show(c, s));
+        let fine = shown.x.abs() < 1e7 && shown.y.abs() < 1e7;
+        if fine { [shown.x, shown.y] } else { [f64::NAN; 2] }
+    }
+
+    /// Whether nothing is met and no push has an edge: then steps need not end where observations are.
+    fn flies_freely(&self) -> bool {
+        self.window.kind == Kind::Flight && !self.motions.is_empty() && self.step == STEP[0]
+    }
+
+    /// Hands over the body at every point of a free flight.
+    fn fly(&self, nuisances: &[f64], mut visit: impl FnMut(usize, Body)) {
+        let points = &self.window.points;
+        let (Some(first), Some(last), [x, y, vx, vy, rest @ ..]) = (points.first(), points.last(), nuisances)
+        else {
+            return;
+        };
+        let mut body: Body = [*x, *y, *vx, *vy, rest.first().copied().unwrap_or(0.0)];
+        let (from, until) = (self.stamp(first.time), self.stamp(last.time));
+        let count = ((until - from) / self.step).ceil().max(1.0);
+        let h = (until - from) / count;
+        let mut slope = self.slope(from, &body);
+        let mut i = 0;
+        for k in 0..count as usize {
+            let now = from + h * k as f64;
+            let next = self.onwards(now, &body, &slope, h);
+            let beyond = self.slope(now + h, &next);
+            while let Some(point) = points.get(i) {
+                let s = if h > 0.0 { (self.stamp(point.time) - now) / h } else { 0.0 };
+                if s > 1.0 && k + 1 < count as usize {
+                    break;
+                }
+                visit(i, between([&body, &next], [&slope, &beyond], h, s));
+                i += 1;
+            }
+            (body, slope) = (next, beyond);
+        }
     }
 
     /// Acceleration at a time since the window's start and a true state (x, y, vx, vy) without spin, m/s^2.
@@ -192,15 +238,20 @@ impl<'a> Physics<'a> {
                 s[4],
             ];
         }
-        let slope = |t: f64, s: &Body| {
-            let a = self.acceleration(t, s);
-            [s[2], s[3], a[0], a[1], a[2]]
-        };
+        self.onwards(time, s, &self.slope(time, s), h)
+    }
+
+    fn slope(&self, time: f64, s: &Body) -> Body {
+        let a = self.acceleration(time, s);
+        [s[2], s[3], a[0], a[1], a[2]]
+    }
+
+    /// A step from where the slope is known.
+    fn onwards(&self, time: f64, s: &Body, k1: &Body, h: f64) -> Body {
         let add = |k: &Body, h: f64| -> Body { std::array::from_fn(|i| s[i] + h * k[i]) };
-        let k1 = slope(time, s);
-        let k2 = slope(time + h / 2.0, &add(&k1, h / 2.0));
-        let k3 = slope(time + h / 2.0, &add(&k2, h / 2.0));
-        let k4 = slope(time + h, &add(&k3, h));
+        let k2 = self.slope(time + h / 2.0, &add(k1, h / 2.0));
+        let k3 = self.slope(time + h / 2.0, &add(&k2, h / 2.0));
+        let k4 = self.slope(time + h, &add(&k3, h));
         std::array::from_fn(|i| s[i] + h / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]))
     }
 
@@ -232,6 +283,26 @@ impl<'a> Physics<'a> {
             Impact { time: self.seen_at(time + low), approach: meeting.approach, slip, normal, tangent };
         (self.advance(time + low, &at, h - low), impact)
     }
+}
+
+/// The body a share `s` of the way through a step of `h` seconds, from both ends and their slopes: quintic Hermite
+/// interpolation of its place, cubic of its spin.
+fn between([a, b]: [&Body; 2], [from, to]: [&Body; 2], h: f64, s: f64) -> Body {
+    if s == 0.0 {
+        return *a;
+    }
+    let mut out = *a;
+    for k in 0..2 {
+        let (v, w, f, g) = (h * a[k + 2], h * b[k + 2], h * h * from[k + 2], h * h * to[k + 2]);
+        // What the parabola of the start leaves at the end: place, velocity, acceleration.
+        let (p, q, r) = (b[k] - a[k] - v - 0.5 * f, w - v - f, g - f);
+        let c = [10.0 * p - 4.0 * q + 0.5 * r, -15.0 * p + 7.0 * q - r, 6.0 * p - 3.0 * q + 0.5 * r];
+        out[k] = a[k] + s * (v + s * (0.5 * f + s * (c[0] + s * (c[1] + s * c[2]))));
+        out[k + 2] = (v + s * (f + s * (3.0 * c[0] + s * (4.0 * c[1] + s * 5.0 * c[2])))) / h;
+    }
+    let (p, q) = (b[4] - a[4] - h * from[4], h * (to[4] - from[4]));
+    out[4] = a[4] + s * (h * from[4] + s * (3.0 * p - q + s * (q - 2.0 * p)));
+    out
 }
 
 impl Surface {
@@ -271,6 +342,26 @@ mod tests {
             let wanted = 1.0 + libm::log(1.0 + k * v * t) / k;
             let off = [seen[2 * i] - wanted, seen[2 * i + 1] - 2.0, speeds[i] - v / (1.0 + k * v * t)];
             assert!(off.iter().all(|o| o.abs() < 2e-5), "{off:?} at {t}");
+        }
+    }
+
+    /// Between the ends of a step a path is where a step to that very time would have led.
+    #[test]
+    fn within_a_step_a_path_is_where_a_shorter_step_leads() {
+        let (windows, _) = flights([0.0, 0.0], 1);
+        for (name, values) in
+            [("gust", &[2.0, 1.0, 3.0, 0.4][..]), ("lift", &[0.8]), ("quadratic_drag", &[0.2])]
+        {
+            let physics = with(&windows[0], name, values);
+            let (from, h) = ([0.0, 1.0, 6.0, 4.0, 3.0], STEP[0]);
+            let to = physics.advance(0.2, &from, h);
+            let slopes = [physics.slope(0.2, &from), physics.slope(0.2 + h, &to)];
+            for s in [0.1, 0.5, 0.8, 1.0] {
+                let at = between([&from, &to], [&slopes[0], &slopes[1]], h, s);
+                let wanted = physics.advance(0.2, &from, s * h);
+                let off = (0..4).map(|k| (at[k] - wanted[k]).abs()).fold(0.0, f64::max);
+                assert!(off < 2e-6, "{name}: {off} at {s}");
+            }
         }
     }
 

@@ -1,0 +1,319 @@
+//! A part of a launch as the Gaussian that it is: what it says of the slots under some variance components.
+//!
+//! Products of everything that a part has are taken once for a size of the slow misfit; what else has a variance is of low rank
+//! beside that (Woodbury's identity). The scale of a part integrated out, its density is a multivariate Student t.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::launch::{Block, Own, Part};
+
+/// Degrees of freedom of a launch's scale: one launch in a hundred is three times as wide as the usual one.
+pub const FREEDOM: f64 = 4.0;
+
+/// Variance components: standard deviations.
+#[derive(Clone, Debug)]
+pub struct Components {
+    /// Of the slow misfit, in units of the noise.
+    pub slow: f64,
+    /// Of pushes by launch, in what effects declare.
+    pub push: Vec<f64>,
+    /// Of a contact's leaps, in the speed of approach.
+    pub leap: f64,
+    /// Of each slot's value from launch to launch; 0 for those that do not differ.
+    pub spread: Vec<f64>,
+}
+
+/// What is believed of the slots before anything is seen.
+#[derive(Clone, Debug)]
+pub struct Prior {
+    /// Precision of the slots, and how far their centres are from where the model stands.
+    pub precision: DMatrix<f64>,
+    pub off: DVector<f64>,
+    /// What is plausible of each slot that may differ from launch to launch; 0 of others.
+    pub plausible: Vec<f64>,
+}
+
+/// A part under some components: everything that densities need.
+#[derive(Clone, Debug)]
+pub struct Told {
+    pub launch: usize,
+    /// Z'C^-1 Z, Z'C^-1 z, z'C^-1 z.
+    pub gram: DMatrix<f64>,
+    pub score: DVector<f64>,
+    pub square: f64,
+    /// Logarithm of the covariance's determinant, and the number of coordinates.
+    pub log_det: f64,
+    pub count: f64,
+}
+
+/// What all launches say of the slots: the step from where the model stands, and its covariance.
+pub struct Pooled {
+    pub step: DVector<f64>,
+    pub covariance: DMatrix<f64>,
+}
+
+impl Components {
+    fn of(&self, kind: Own) -> f64 {
+        match kind {
+            Own::Push(place) => self.push[place],
+            Own::Leap => self.leap,
+            Own::Renewed => 1.0,
+        }
+    }
+}
+
+/// A part's products under white noise and slow misfit of some size, by block: of its columns, its launch's pushes, what is
+/// left of it, and what has variances of its own; the logarithm of the covariance's determinant.
+pub struct Weighed {
+    blocks: Vec<(DMatrix<f64>, f64)>,
+    count: f64,
+}
+
+impl Weighed {
+    /// With the slow misfit `slow` in units of the noise, and some of the part's columns.
+    pub fn of(part: &Part, columns: &[usize], slow: f64) -> Weighed {
+        Weighed {
+            blocks: part.blocks.iter().map(|b| weighed(b, columns, slow)).collect(),
+            count: part.blocks.iter().map(|b| b.left.len() as f64).sum(),
+        }
+    }
+
+    /// What the part says of the columns under components whose slow misfit this is; `None` where its covariance cannot be taken
+    /// apart.
+    pub fn told(&self, part: &Part, columns: &[usize], components: &Components) -> Option<Told> {
+        let slots = columns.len();
+        let q = slots + part.blocks.first().map_or(0, |b| b.alike.ncols());
+        let mut all = DMatrix::zeros(q + 1, q + 1);
+        let mut log_det = 0.0;
+        for (block, (products, own)) in part.blocks.iter().zip(&self.blocks) {
+            let scales: Vec<f64> = block.kinds.iter().map(|k| components.of(*k)).collect();
+            let places: Vec<usize> = (q + 1..q + 1 + scales.len()).collect();
+            all += products.view((0, 0), (q + 1, q + 1));
+            log_det += own + widen(&mut all, products, &places, &scales)?;
+        }
+        // Sizes that differ by launch: C + Z T^2 Z' with what Z'C^-1 Z is already.
+        let spread = |k: usize| match columns.get(k) {
+            Some(column) => components.spread.get(*column).copied().unwrap_or(0.0),
+            None => components.push[part.blocks[0].alike_of[k - slots]],
+        };
+        let wide: Vec<usize> = (0..q).filter(|k| part.differs && spread(*k) > 0.0).collect();
+        let scales: Vec<f64> = wide.iter().map(|k| spread(*k)).collect();
+        let products = all.clone();
+        log_det += widen(&mut all, &products, &wide, &scales)?;
+        Some(Told {
+            launch: part.launch,
+            gram: all.view((0, 0), (slots, slots)).into_owned(),
+            score: DVector::from_fn(slots, |k, _| all[(k, q)]),
+            square: all[(q, q)],
+            log_det,
+            count: self.count,
+        })
+    }
+}
+
+fn weighed(block: &Block, columns: &[usize], slow: f64) -> (DMatrix<f64>, f64) {
+    let (slots, q) = (columns.len(), columns.len() + block.alike.ncols());
+    let mut log_det = block.log_white;
+    let root = block.slow.map(|s| {
+        let all = 1.0 + slow.powi(2) * s;
+        log_det += all.ln();
+        all.sqrt().recip()
+    });
+    let all = DMatrix::from_fn(block.left.len(), q + 1 + block.own.ncols(), |i, k| {
+        root[i]
+            * match k {
+                _ if k < slots => block.columns[(i, columns[k])],
+                _ if k < q => block.alike[(i, k - slots)],
+                _ if k == q => block.left[i],
+                _ => block.own[(i, k - q - 1)],
+            }
+    });
+    (all.tr_mul(&all), log_det)
+}
+
+/// Takes from `all` what columns at some places of `products`, with variances of their own (standard deviations `scales`), make
+/// of it; gives by how much the logarithm of the determinant grows.
+fn widen(all: &mut DMatrix<f64>, products: &DMatrix<f64>, places: &[usize], scales: &[f64]) -> Option<f64> {
+    let (n, count) = (all.nrows(), places.len());
+    if count == 0 {
+        return Some(0.0);
+    }
+    let inner = DMatrix::from_fn(count, count, |i, j| {
+        f64::from(i == j) + scales[i] * products[(places[i], places[j])] * scales[j]
+    });
+    let within = inner.cholesky()?;
+    let mut along = DMatrix::from_fn(count, n, |i, j| scales[i] * products[(places[i], j)]);
+    within.l_dirty().solve_lower_triangular_mut(&mut along).then_some(())?;
+    all.gemm_tr(-1.0, &along, &along, 1.0);
+    Some(2.0 * within.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>())
+}
+
+/// All parts under components.
+pub fn all_told(parts: &[Part], components: &Components) -> Option<Vec<Told>> {
+    let columns: Vec<usize> = (0..parts.first().map_or(0, |p| p.blocks[0].columns.ncols())).collect();
+    parts.iter().map(|p| Weighed::of(p, &columns, components.slow).told(p, &columns, components)).collect()
+}
+
+/// Logarithm of the Student density of a square among `count` coordinates.
+fn student(square: f64, log_det: f64, count: f64) -> f64 {
+    let half = 0.5 * (FREEDOM + count);
+    libm::lgamma(half)
+        - libm::lgamma(0.5 * FREEDOM)
+        - 0.5 * count * (FREEDOM * std::f64::consts::PI).ln()
+        - 0.5 * log_det
+        - half * (square.max(0.0) / FREEDOM).ln_1p()
+}
+
+impl Told {
+    fn square_at(&self, step: &DVector<f64>) -> f64 {
+        self.square - 2.0 * self.score.dot(step) + step.dot(&(&self.gram * step))
+    }
+
+    /// How much the part counts for, its scale being its own.
+    pub fn weight(&self, step: &DVector<f64>) -> f64 {
+        (FREEDOM + self.count) / (FREEDOM + self.square_at(step).max(0.0))
+    }
+
+    /// Log density with the slots `step` away.
+    pub fn density(&self, step: &DVector<f64>) -> f64 {
+        student(self.square_at(step), self.log_det, self.count)
+    }
+
+    /// Log density where the model stands.
+    pub fn likelihood(&self) -> f64 {
+        student(self.square, self.log_det, self.count)
+    }
+
+    /// Log density with the slots known as `others` say.
+    pub fn predicted(&self, others: &Pooled) -> f64 {
+        let density = |(square, log_det)| student(square, log_det, self.count);
+        self.predictive(others).map_or(f64::NEG_INFINITY, density)
+    }
+
+    /// Square of how far the part is from what `others` predict, under its predictive covariance, and that covariance's log
+    /// determinant; `None` where it cannot be taken apart.
+    pub fn predictive(&self, others: &Pooled) -> Option<(f64, f64)> {
+        let q = self.gram.nrows();
+        if q == 0 {
+            return Some((self.square, self.log_det));
+        }
+        // I + S H, with S = L L': I + L'H L.
+        let l = others.covariance.clone().cholesky()?.l();
+        let mut inner = l.tr_mul(&(&self.gram * &l));
+        (0..q).for_each(|k| inner[(k, k)] += 1.0);
+        let inner = inner.cholesky()?;
+        let rest = &self.score - &self.gram * &others.step;
+        let along = l.tr_mul(&rest);
+        let taken = along.dot(&inner.solve(&along));
+        let log_det = 2.0 * inner.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
+        Some((self.square_at(&others.step) - taken, self.log_det + log_det))
+    }
+}
+
+/// What some parts say of the slots together: generalised least squares, each part weighing as its scale lets it.
+pub fn pooled<'a>(told: impl Iterator<Item = &'a Told> + Clone, prior: &Prior) -> Option<Pooled> {
+    let q = prior.off.len();
+    let mut step = DVector::zeros(q);
+    let mut covariance = DMatrix::zeros(q, q);
+    for _ in 0..4 {
+        let mut gram = prior.precision.clone();
+        let mut score = &prior.precision * &prior.off;
+        for t in told.clone() {
+            let weight = t.weight(&step);
+            gram += &t.gram * weight;
+            score.axpy(weight, &t.score, 1.0);
+        }
+        let factor = gram.cholesky()?;
+        step = factor.solve(&score);
+        covariance = factor.inverse();
+    }
+    Some(Pooled { step, covariance })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two windows of a launch: six coordinates each, two slots, a push alike in both and one of its own.
+    fn part() -> Part {
+        let block = |seed: usize| {
+            let wave = |k: usize| libm::sin(1.7 * (k + 13 * seed) as f64);
+            Block {
+                left: DVector::from_fn(6, |i, _| 2.0 * wave(i)),
+                slow: DVector::from_fn(6, |i, _| 1.0 / (1 + i) as f64),
+                columns: DMatrix::from_fn(6, 2, |i, k| wave(31 + 7 * i + k)),
+                alike: DMatrix::from_fn(6, 1, |i, _| wave(90 + i)),
+                alike_of: vec![1],
+                own: DMatrix::from_fn(6, 1, |i, _| wave(120 + i)),
+                kinds: vec![Own::Push(0)],
+                log_white: 0.3,
+            }
+        };
+        Part { launch: 0, blocks: vec![block(1), block(2)], differs: true }
+    }
+
+    fn components_of_it() -> Components {
+        Components { slow: 1.3, leap: 0.01, push: vec![0.7, 0.4], spread: vec![0.5, 0.0] }
+    }
+
+    /// The same Gaussian written down whole: (covariance, columns, what is left).
+    fn whole(part: &Part, c: &Components) -> (DMatrix<f64>, DMatrix<f64>, DVector<f64>) {
+        let [a, b] = &part.blocks[..] else { unreachable!("two windows") };
+        let rows = |f: &dyn Fn(&Block) -> DMatrix<f64>| {
+            let (x, y) = (f(a), f(b));
+            DMatrix::from_fn(12, x.ncols(), |i, k| if i < 6 { x[(i, k)] } else { y[(i - 6, k)] })
+        };
+        let columns = rows(&|p| p.columns.clone());
+        let left = rows(&|p| DMatrix::from_column_slice(6, 1, p.left.as_slice())).column(0).into_owned();
+        let alike = rows(&|p| p.alike.clone()) * c.push[1];
+        let spread = columns.column(0) * c.spread[0];
+        let mut all = &alike * alike.transpose() + &spread * spread.transpose();
+        for (b, block) in part.blocks.iter().enumerate() {
+            let own = &block.own * c.push[0];
+            let diagonal = DMatrix::from_diagonal(&block.slow.map(|s| 1.0 + c.slow * c.slow * s));
+            let mut view = all.view_mut((6 * b, 6 * b), (6, 6));
+            view += diagonal + &own * own.transpose();
+        }
+        (all, columns, left)
+    }
+
+    #[test]
+    fn a_part_taken_apart_is_the_gaussian_written_down_whole() {
+        let (part, c) = (part(), components_of_it());
+        let told = all_told(std::slice::from_ref(&part), &c).unwrap().remove(0);
+        let (covariance, columns, left) = whole(&part, &c);
+        let inverse = covariance.clone().try_inverse().unwrap();
+        let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-9 * (1.0 + b.abs()), "{a} for {b}");
+        close(told.square, left.dot(&(&inverse * &left)));
+        close(told.log_det, covariance.determinant().ln() + 0.6);
+        for k in 0..2 {
+            close(told.score[k], columns.column(k).dot(&(&inverse * &left)));
+            for l in 0..2 {
+                close(told.gram[(k, l)], columns.column(k).dot(&(&inverse * columns.column(l))));
+            }
+        }
+        // What others say of the slots is one more source of spread.
+        let others = Pooled {
+            step: DVector::from_vec(vec![0.2, -0.4]),
+            covariance: DMatrix::from_row_slice(2, 2, &[0.3, 0.1, 0.1, 0.2]),
+        };
+        let wide = &covariance + &columns * &others.covariance * columns.transpose();
+        let off = &left - &columns * &others.step;
+        let square = off.dot(&(wide.clone().try_inverse().unwrap() * &off));
+        close(told.predicted(&others), student(square, wide.determinant().ln() + 0.6, 12.0));
+    }
+
+    /// A launch a thousand times as far off as the others costs its logarithm, and moves what is told of the slots little.
+    #[test]
+    fn a_spoilt_launch_has_bounded_say() {
+        let mut spoilt = part();
+        spoilt.blocks.iter_mut().for_each(|b| b.left *= 1000.0);
+        let c = Components { spread: vec![0.0; 2], ..components_of_it() };
+        let prior =
+            Prior { precision: DMatrix::identity(2, 2), off: DVector::zeros(2), plausible: vec![0.0; 2] };
+        let of = |parts: &[Part]| pooled(all_told(parts, &c).unwrap().iter(), &prior).unwrap().step;
+        let usual: Vec<Part> = vec![part(); 10];
+        let all: Vec<Part> = usual.iter().cloned().chain([spoilt]).collect();
+        assert!((of(&usual) - of(&all)).norm() < 0.2, "{} {}", of(&usual), of(&all));
+    }
+}
