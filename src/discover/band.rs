@@ -7,9 +7,10 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::columns::Columns;
 use super::fit::{Fitter, Shown};
 use super::gaussian::Components;
-use super::launch::{Columns, Frame, leap};
+use super::launch::{Frame, leap};
 use super::model::{self, Look};
 use super::noise::{self, Noise};
 use super::stats::inverse;
@@ -25,7 +26,7 @@ pub fn bands(
     known: &DMatrix<f64>,
     noise: &Noise,
 ) -> Vec<Vec<[f64; 2]>> {
-    let columns = Columns::of(model.layout);
+    let columns = Columns::of(model.layout, &model.state.values);
     let windows = fitter.data.windows;
     let of = |(w, window): (usize, &Window)| {
         let scale = fitter.scales[w];
@@ -65,22 +66,22 @@ fn shared(
     known: &DMatrix<f64>,
 ) {
     let flies = matches!(window.kind, Kind::Flight | Kind::Contact);
-    let mut add = |column: usize, sd: f64| {
-        let own = look.columns.column(column) * sd;
+    let mut add = |of: &[(usize, f64)], sd: f64| {
+        let own = of.iter().fold(DVector::zeros(look.columns.nrows()), |all, (c, size)| {
+            all + look.columns.column(*c) * (*size * sd)
+        });
         *variance += own.component_mul(&own);
     };
     if !window.kind.simulated() {
         let spread = components.spread.iter().enumerate().take(columns.slots);
-        spread.filter(|(_, sd)| **sd > 0.0).for_each(|(k, sd)| add(k, *sd));
+        spread.filter(|(_, sd)| **sd > 0.0).for_each(|(k, sd)| add(&[(k, 1.0)], *sd));
+        columns.strengths.iter().for_each(|sizes| add(sizes, components.strength));
     }
     if flies {
-        columns
-            .of
-            .iter()
-            .enumerate()
-            .for_each(|(k, (place, _))| add(columns.slots + k, components.push[*place]));
+        let pushes = columns.of.iter().enumerate();
+        pushes.for_each(|(k, (place, _))| add(&[(columns.slots + k, 1.0)], components.push[*place]));
         let renewed = columns.renewed.iter().filter(|_| frame.is_renewed(window));
-        renewed.for_each(|(c, plausible)| add(*c, *plausible));
+        renewed.for_each(|(c, plausible)| add(&[(*c, 1.0)], *plausible));
     }
     let told = look.columns.columns(0, known.nrows());
     let within = told * known;
@@ -157,7 +158,8 @@ mod tests {
     #[test]
     fn a_start_takes_up_four_coordinates() {
         thrown::fitted(&[1e-6; 6], &[], 8, |fitter, f| {
-            let none = Components { slow: 0.0, leap: 0.0, push: vec![0.0; 3], spread: Vec::new() };
+            let none =
+                Components { slow: 0.0, leap: 0.0, strength: 0.0, push: vec![0.0; 3], spread: Vec::new() };
             for (window, band) in fitter.data.windows.iter().zip(of(fitter, f, &none)) {
                 let all: f64 = band.iter().flatten().map(|sd| (sd / NOISE).powi(2)).sum();
                 assert!((all - (2.0 * window.points.len() as f64 - 4.0)).abs() < 1e-3, "{all}");

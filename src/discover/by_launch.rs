@@ -25,7 +25,8 @@ pub fn sizes(model: &Fitted, parts: &[Part], settings: &[usize]) -> Vec<Vec<Laun
         |k: &usize| matches!(model.layout.slots[*k].what, What::Parameter(..)) && !model.layout.shapes(*k);
     let amplitudes: Vec<usize> = (0..model.layout.slots.len()).filter(amplitude).collect();
     let none = || vec![Vec::new(); settings.len()];
-    let alike = Components { spread: vec![0.0; model.components.spread.len()], ..model.components.clone() };
+    let none_differ = vec![0.0; model.components.spread.len()];
+    let alike = Components { spread: none_differ, strength: 0.0, ..model.components.clone() };
     let prior = prior(&model.layout, &model.state);
     let Some(told) = gaussian::all_told(parts, &alike).filter(|_| !amplitudes.is_empty()) else {
         return none();
@@ -58,23 +59,39 @@ pub fn sizes(model: &Fitted, parts: &[Part], settings: &[usize]) -> Vec<Vec<Laun
 }
 
 /// What a launch says of the slots, about where the model stands, if no size differs from launch to launch; and how far they
-/// do (variances).
+/// do (their covariance).
 struct Says {
     gram: DMatrix<f64>,
     score: DVector<f64>,
-    spread: DVector<f64>,
+    spread: DMatrix<f64>,
 }
 
 /// All parts of a launch, each weighing as its scale lets it with the slots `step` away.
 fn of_launch(launch: usize, model: &Fitted, parts: &[Part], told: &[Told], step: &DVector<f64>) -> Says {
     let q = step.len();
-    let mut out = Says { gram: DMatrix::zeros(q, q), score: DVector::zeros(q), spread: DVector::zeros(q) };
+    let mut out = Says { gram: DMatrix::zeros(q, q), score: DVector::zeros(q), spread: DMatrix::zeros(q, q) };
     for (p, part) in parts.iter().enumerate().filter(|(_, part)| part.launch == launch) {
         let weight = model.told[p].weight(step);
         out.gram += &told[p].gram * weight;
         out.score.axpy(weight, &told[p].score, 1.0);
         if part.differs {
-            out.spread = DVector::from_fn(q, |k, _| model.components.spread[k].powi(2) / weight);
+            out.spread = differing(model) / weight;
+        }
+    }
+    out
+}
+
+/// Covariance of the slots' values from launch to launch: each by itself, and those of an effect by its strength.
+fn differing(model: &Fitted) -> DMatrix<f64> {
+    let q = model.layout.slots.len();
+    let mut out = DMatrix::from_fn(q, q, |i, j| match i == j {
+        true => model.components.spread[i].powi(2),
+        false => 0.0,
+    });
+    let strength = model.components.strength.powi(2);
+    for sizes in model.layout.strengths(&model.state.values) {
+        for (i, j) in sizes.iter().flat_map(|i| sizes.iter().map(move |j| (i, j))) {
+            out[(i.0, j.0)] += strength * i.1 * j.1;
         }
     }
     out
@@ -94,7 +111,7 @@ impl Says {
         let within = DMatrix::from_fn(n, n, |i, j| precision[(chosen[i], chosen[j])]).cholesky()?;
         let believed = DVector::from_fn(n, |i, _| others.step[chosen[i]])
             - within.solve(&DVector::from_fn(n, |i, _| moved[chosen[i]]));
-        let spread = DMatrix::from_fn(n, n, |i, j| if i == j { self.spread[chosen[i]] } else { 0.0 });
+        let spread = DMatrix::from_fn(n, n, |i, j| self.spread[(chosen[i], chosen[j])]);
         let before = within.inverse() + spread;
         let inner = DMatrix::identity(n, n) + &gram * &before;
         let covariance = before * inner.try_inverse()?;
@@ -169,7 +186,7 @@ mod tests {
         let says = Says {
             gram: columns[0].tr_mul(&columns[0]),
             score: columns[0].tr_mul(&seen[0]),
-            spread: DVector::from_vec(vec![spread * spread, 0.0]),
+            spread: DMatrix::from_diagonal(&DVector::from_vec(vec![spread * spread, 0.0])),
         };
         let close = |found: [f64; 2], mean: f64, variance: f64| {
             assert!(

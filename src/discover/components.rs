@@ -6,8 +6,9 @@
 
 use std::collections::HashMap;
 
+use super::columns::pushes;
 use super::gaussian::{Components, Prior, Weighed};
-use super::launch::{Part, pushes};
+use super::launch::Part;
 
 /// Steps of the components' logarithms: of a first search, and about what is nearly right.
 pub const WIDE: [f64; 3] = [1.4, 0.5, 0.2];
@@ -17,6 +18,8 @@ pub const NEAR: [f64; 1] = [0.4];
 const SLOW: [f64; 2] = [0.0, 2.0];
 const PUSH: [f64; 2] = [-1.2, 1.2];
 const LEAP: [f64; 2] = [-4.6, 1.0];
+/// The same of the strength of effects of several amplitudes: about a seventh.
+const STRENGTH: [f64; 2] = [-1.9, 1.2];
 /// The same of a size's spread, its centre as a share of what is plausible.
 const SPREAD: [f64; 2] = [0.05, 1.5];
 /// Gain (nats) of a round of steps below which the next width is tried, and most rounds of a width.
@@ -24,15 +27,17 @@ const SETTLED: f64 = 0.05;
 const ROUNDS: usize = 6;
 
 impl Components {
-    /// Where a fit starts.
-    pub fn start(prior: &Prior) -> Components {
+    /// Where a fit starts; `strengths`: whether the model has effects whose strength may differ as a whole.
+    pub fn start(prior: &Prior, strengths: bool) -> Components {
         let spread = prior.plausible.iter().map(|p| SPREAD[0] * p).collect();
-        Components { slow: 1.0, leap: 0.01, push: pushes().iter().map(|_| 0.3).collect(), spread }
+        let strength = if strengths { STRENGTH[0].exp() } else { 0.0 };
+        Components { slow: 1.0, leap: 0.01, strength, push: vec![0.3; pushes().len()], spread }
     }
 
     fn logs(&self) -> Vec<f64> {
         let own = [self.slow, self.leap];
-        own.iter().chain(&self.push).chain(self.spread.iter().filter(|s| **s > 0.0)).map(|v| v.ln()).collect()
+        let free = [self.strength].into_iter().chain(self.spread.iter().copied()).filter(|s| *s > 0.0);
+        own.iter().chain(&self.push).copied().chain(free).map(f64::ln).collect()
     }
 
     fn with(&self, logs: &[f64]) -> Components {
@@ -42,13 +47,16 @@ impl Components {
             slow: next(),
             leap: next(),
             push: self.push.iter().map(|_| next()).collect(),
+            strength: if self.strength > 0.0 { next() } else { 0.0 },
             spread: self.spread.iter().map(|s| if *s > 0.0 { next() } else { 0.0 }).collect(),
         }
     }
 
     fn log_prior(&self, logs: &[f64], prior: &Prior) -> f64 {
         let spreads = prior.plausible.iter().filter(|p| **p > 0.0).map(|p| [(SPREAD[0] * p).ln(), SPREAD[1]]);
-        let all = [SLOW, LEAP].into_iter().chain(self.push.iter().map(|_| PUSH)).chain(spreads);
+        let strength = [STRENGTH].into_iter().filter(|_| self.strength > 0.0);
+        let pushes = self.push.iter().map(|_| PUSH);
+        let all = [SLOW, LEAP].into_iter().chain(pushes).chain(strength).chain(spreads);
         -0.5 * logs.iter().zip(all).map(|(l, [centre, sd])| ((l - centre) / sd).powi(2)).sum::<f64>()
     }
 }
@@ -114,5 +122,32 @@ impl<'a> Likelihood<'a> {
             let density = |(w, p): (&Weighed, &Part)| w.told(p, wide, &own).map(|t| t.likelihood());
             weighed.iter().zip(parts).map(density).map(|d| d.unwrap_or(f64::NEG_INFINITY)).collect()
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{DMatrix, DVector};
+
+    fn prior() -> Prior {
+        Prior { precision: DMatrix::identity(2, 2), off: DVector::zeros(2), plausible: vec![0.4, 0.0] }
+    }
+
+    /// What a search steps along is what the components are, and a model without strengths has no step for one.
+    #[test]
+    fn components_go_through_their_logarithms() {
+        for (strengths, count) in [(false, 2 + pushes().len() + 1), (true, 2 + pushes().len() + 2)] {
+            let start = Components::start(&prior(), strengths);
+            let mut logs = start.logs();
+            assert_eq!(logs.len(), count);
+            assert!(
+                (start.log_prior(&logs, &prior()) - start.log_prior(&start.logs(), &prior())).abs() < 1e-12
+            );
+            (0..count).for_each(|k| logs[k] += 0.1 * (1 + k) as f64);
+            let moved = start.with(&logs);
+            assert!(moved.logs().iter().zip(&logs).all(|(a, b)| (a - b).abs() < 1e-12));
+            assert_eq!((moved.strength > 0.0, moved.spread[1]), (strengths, 0.0));
+        }
     }
 }

@@ -5,9 +5,10 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::columns::{self, Columns};
 use super::components::{Likelihood, NEAR, WIDE};
 use super::gaussian::{self, Components, Pooled, Prior, Told};
-use super::launch::{self, Columns, Frame, Part};
+use super::launch::{self, Frame, Part};
 use super::leave_out::leave_out;
 use super::library;
 use super::model::{self, Data, Extra, Layout, Look, Pass, Slot, State, Term, What};
@@ -90,7 +91,8 @@ impl<'a, 'b> Fitter<'a, 'b> {
     pub fn refined(&self, layout: Layout, state: State) -> Result<Option<Fitted>> {
         let mut state = state;
         let set: Vec<&'static Effect> = layout.terms.iter().map(|t| t.effect).collect();
-        let mut components = Components::start(&prior(&layout, &state));
+        let mut components =
+            Components::start(&prior(&layout, &state), !layout.strengths(&state.values).is_empty());
         let mut best: Option<(f64, State, Vec<Part>, Components)> = None;
         for round in 0..=ROUNDS {
             let Some((looks, parts)) = self.parts(&layout, &set, &state, &[])? else { break };
@@ -192,7 +194,7 @@ impl<'a, 'b> Fitter<'a, 'b> {
     }
 
     fn reduced(&self, layout: &Layout, state: &State, looks: &[Look]) -> Option<Vec<Part>> {
-        let columns = Columns::of(layout);
+        let columns = Columns::of(layout, &state.values);
         let windows = self.data.windows;
         let impact = |(w, window): (usize, &super::window::Window)| match window.kind {
             Kind::Contact => model::impact(window, w, layout, state),
@@ -204,7 +206,7 @@ impl<'a, 'b> Fitter<'a, 'b> {
 }
 
 fn pushes(set: &[&Effect]) -> Vec<Extra> {
-    launch::pushes_beside(set).into_iter().map(|p| p.1).collect()
+    columns::pushes_beside(set).into_iter().map(|p| p.1).collect()
 }
 
 /// Moves values by a step, as far as allowed, and every window's start along with them.
@@ -347,9 +349,13 @@ impl Fitted {
         (self.squares.iter().sum::<f64>() / count.max(1.0) - 1.0).max(0.0).sqrt()
     }
 
-    /// Standard deviation of a slot's value from launch to launch; `None` where it does not differ.
+    /// Standard deviation of a slot's value from launch to launch, by itself and with its effect's strength; `None` where it does
+    /// not differ.
     pub fn spread(&self, slot: usize) -> Option<f64> {
-        self.components.spread.get(slot).copied().filter(|s| *s > 0.0)
+        let own = self.components.spread.get(slot).copied().unwrap_or(0.0);
+        let strengths = self.layout.strengths(&self.state.values);
+        let size = strengths.iter().flatten().find(|(i, _)| *i == slot).map_or(0.0, |(_, size)| *size);
+        Some(own.hypot(self.components.strength * size)).filter(|s| *s > 0.0)
     }
 }
 

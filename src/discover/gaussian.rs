@@ -5,7 +5,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::launch::{Block, Own, Part};
+use super::columns::Own;
+use super::launch::{Block, Part};
 
 /// Degrees of freedom of a launch's scale: one launch in a hundred is three times as wide as the usual one.
 pub const FREEDOM: f64 = 4.0;
@@ -19,6 +20,8 @@ pub struct Components {
     pub push: Vec<f64>,
     /// Of a contact's leaps, in the speed of approach.
     pub leap: f64,
+    /// Of the strength of effects of several amplitudes, as a share of it; 0 where a model has none.
+    pub strength: f64,
     /// Of each slot's value from launch to launch; 0 for those that do not differ.
     pub spread: Vec<f64>,
 }
@@ -58,6 +61,7 @@ impl Components {
             Own::Push(place) => self.push[place],
             Own::Leap => self.leap,
             Own::Renewed => 1.0,
+            Own::Strength => self.strength,
         }
     }
 }
@@ -91,10 +95,10 @@ impl Weighed {
             all += products.view((0, 0), (q + 1, q + 1));
             log_det += own + widen(&mut all, products, &places, &scales)?;
         }
-        // Sizes that differ by launch: C + Z T^2 Z' with what Z'C^-1 Z is already.
+        // Sizes and strengths that differ by launch: C + Z T^2 Z' with what Z'C^-1 Z is already.
         let spread = |k: usize| match columns.get(k) {
             Some(column) => components.spread.get(*column).copied().unwrap_or(0.0),
-            None => components.push[part.blocks[0].alike_of[k - slots]],
+            None => components.of(part.blocks[0].alike_of[k - slots]),
         };
         let wide: Vec<usize> = (0..q).filter(|k| part.differs && spread(*k) > 0.0).collect();
         let scales: Vec<f64> = wide.iter().map(|k| spread(*k)).collect();
@@ -234,7 +238,7 @@ pub fn pooled<'a>(told: impl Iterator<Item = &'a Told> + Clone, prior: &Prior) -
 mod tests {
     use super::*;
 
-    /// Two windows of a launch: six coordinates each, two slots, a push alike in both and one of its own.
+    /// Two windows of a launch: six coordinates each, two slots, a push and a strength alike in both and a push of its own.
     fn part() -> Part {
         let block = |seed: usize| {
             let wave = |k: usize| libm::sin(1.7 * (k + 13 * seed) as f64);
@@ -242,8 +246,8 @@ mod tests {
                 left: DVector::from_fn(6, |i, _| 2.0 * wave(i)),
                 slow: DVector::from_fn(6, |i, _| 1.0 / (1 + i) as f64),
                 columns: DMatrix::from_fn(6, 2, |i, k| wave(31 + 7 * i + k)),
-                alike: DMatrix::from_fn(6, 1, |i, _| wave(90 + i)),
-                alike_of: vec![1],
+                alike: DMatrix::from_fn(6, 2, |i, k| wave(90 + 17 * k + i)),
+                alike_of: vec![Own::Push(1), Own::Strength],
                 own: DMatrix::from_fn(6, 1, |i, _| wave(120 + i)),
                 kinds: vec![Own::Push(0)],
                 log_white: 0.3,
@@ -253,7 +257,7 @@ mod tests {
     }
 
     fn components_of_it() -> Components {
-        Components { slow: 1.3, leap: 0.01, push: vec![0.7, 0.4], spread: vec![0.5, 0.0] }
+        Components { slow: 1.3, leap: 0.01, strength: 0.25, push: vec![0.7, 0.4], spread: vec![0.5, 0.0] }
     }
 
     /// The same Gaussian written down whole: (covariance, columns, what is left).
@@ -265,7 +269,8 @@ mod tests {
         };
         let columns = rows(&|p| p.columns.clone());
         let left = rows(&|p| DMatrix::from_column_slice(6, 1, p.left.as_slice())).column(0).into_owned();
-        let alike = rows(&|p| p.alike.clone()) * c.push[1];
+        let alike = rows(&|p| p.alike.clone());
+        let alike = alike * DMatrix::from_diagonal(&DVector::from_vec(vec![c.push[1], c.strength]));
         let spread = columns.column(0) * c.spread[0];
         let mut all = &alike * alike.transpose() + &spread * spread.transpose();
         for (b, block) in part.blocks.iter().enumerate() {

@@ -11,35 +11,14 @@
 
 use nalgebra::{DMatrix, DVector, Dyn, QR};
 
-use super::model::{Extra, Layout, Look, What};
+use super::columns::{Columns, Own};
+use super::model::Look;
 use super::noise::{self, Noise};
 use super::path::Impact;
 use super::window::{Kind, Window};
-use crate::world::effect::{Effect, REGISTRY};
 
 /// Length over which slow misfit changes, as a share of the usual flight (the prototype's; Matern 3/2).
 const SLOW_LENGTH: f64 = 0.25;
-
-/// What has a variance of its own.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Own {
-    /// An acceleration that a launch may have a little of: its place in [`pushes`].
-    Push(usize),
-    /// An error of what a contact does.
-    Leap,
-    /// A size that a contact has changed: as much as is plausible.
-    Renewed,
-}
-
-/// The columns of a model's looks.
-pub struct Columns {
-    pub slots: usize,
-    pub pushes: usize,
-    /// By push: its place in [`pushes`], and whether contacts change it.
-    pub of: Vec<(usize, bool)>,
-    /// Columns (slots or pushes) of effects that contacts renew, and what is plausible of each.
-    pub renewed: Vec<(usize, f64)>,
-}
 
 /// Observations that share a scale: all measured windows of a launch, or one stretch that started from what was seen.
 #[derive(Clone, Debug)]
@@ -61,9 +40,9 @@ pub struct Block {
     pub slow: DVector<f64>,
     /// Derivatives by slot, then by extra.
     pub columns: DMatrix<f64>,
-    /// Pushes that all windows of a launch have alike, of unit standard deviation, and the place of each in [`pushes`].
+    /// What all windows of a launch have alike (pushes, and strengths of effects), of unit standard deviation.
     pub alike: DMatrix<f64>,
-    pub alike_of: Vec<usize>,
+    pub alike_of: Vec<Own>,
     /// Columns with variances of their own, of unit standard deviation.
     pub own: DMatrix<f64>,
     pub kinds: Vec<Own>,
@@ -82,48 +61,6 @@ pub struct Frame {
     axes: [bool; 2],
     /// Whether it comes after a contact of its trial.
     after: bool,
-}
-
-impl Columns {
-    /// Those of a layout with [`pushes_beside`] it.
-    pub fn of(layout: &Layout) -> Columns {
-        let set: Vec<&Effect> = layout.terms.iter().map(|t| t.effect).collect();
-        let pushes = pushes_beside(&set);
-        let slots = layout.slots.len();
-        let own = (0..slots).filter_map(|i| match layout.slots[i].what {
-            What::Parameter(t, p) if set[t].renewed && set[t].parameters[p].is_amplitude() => {
-                Some((i, set[t].parameters[p].plausible))
-            }
-            _ => None,
-        });
-        let push = |(k, (_, extra)): (usize, &(usize, Extra))| {
-            let moved = |p: &usize| extra.values[*p] != extra.effect.parameters[*p].neutral;
-            let p = (0..extra.values.len()).find(moved).filter(|_| extra.effect.renewed)?;
-            Some((slots + k, extra.effect.parameters[p].plausible / extra.values[p].abs()))
-        };
-        let of = pushes.iter().map(|(place, p)| (*place, p.effect.renewed)).collect();
-        let renewed = own.chain(pushes.iter().enumerate().filter_map(push)).collect();
-        Columns { slots, pushes: pushes.len(), of, renewed }
-    }
-}
-
-/// Accelerations that every launch may have a little of, of one standard deviation each: the amplitudes of effects that have a
-/// reason to differ from launch to launch.
-pub fn pushes() -> Vec<Extra> {
-    let of = |effect: &'static Effect| {
-        let amplitudes = (0..effect.parameters.len()).filter(|p| effect.parameters[*p].is_amplitude());
-        amplitudes.zip(effect.differs).map(move |(p, sd)| {
-            let value = |k: usize| effect.parameters[k].neutral + if k == p { *sd } else { 0.0 };
-            Extra { effect, values: (0..effect.parameters.len()).map(value).collect(), unit: 1.0 }
-        })
-    };
-    REGISTRY.iter().copied().flat_map(of).collect()
-}
-
-/// Those that a model with these effects has not itself, with their places among all.
-pub fn pushes_beside(set: &[&Effect]) -> Vec<(usize, Extra)> {
-    let beside = |(_, push): &(usize, Extra)| set.iter().all(|e| e.name != push.effect.name);
-    pushes().into_iter().enumerate().filter(beside).collect()
 }
 
 impl Frame {
@@ -191,101 +128,168 @@ fn reduced(
 ) -> Option<Block> {
     let (slots, pushes) = (columns.slots, columns.pushes);
     let n = window.points.len();
-    let scale = scale / look.share;
     let extras = look.columns.ncols() - slots - pushes;
-    let held = (look.residual.len() - 2 * n) / 2;
-    let k = frame.basis.as_ref().map_or(n, |q| q.nrows());
-    let used: Vec<usize> = (0..2).filter(|a| frame.axes[*a]).collect();
-    let dims = k * used.len() + held;
     let leaps = impact.map_or(0, |_| 2);
-    let wide = slots + extras + pushes + leaps + 1;
-    // Slots, extras, pushes, leaps, and what is left.
+    let order = Order { slots, extras, pushes, leaps };
     let of = |c: usize, i: usize| match c {
         _ if c < slots => look.columns[(i, c)],
         _ if c < slots + extras => look.columns[(i, c + pushes)],
-        _ if c < slots + extras + pushes => look.columns[(i, c - extras)],
-        _ if c == wide - 1 => look.residual[i],
-        _ => leap(window, look, impact, c - slots - extras - pushes, i),
+        _ if c < order.leap(0) => look.columns[(i, c - extras)],
+        _ if c == order.left() => look.residual[i],
+        _ => leap(window, look, impact, c - order.leap(0), i),
     };
-    // In slow coordinates, axis after axis, then what is held of nuisances.
-    let into = |count: usize, value: &dyn Fn(usize, usize) -> f64| {
-        let mut out = DMatrix::zeros(dims, count);
-        for (b, axis) in used.iter().enumerate() {
-            let rows = DMatrix::from_fn(n, count, |i, c| value(c, 2 * i + axis) * scale);
+    let rows = Rows {
+        used: (0..2).filter(|a| frame.axes[*a]).collect(),
+        points: n,
+        coordinates: frame.basis.as_ref().map_or(n, |q| q.nrows()),
+        held: (look.residual.len() - 2 * n) / 2,
+        share: look.share,
+        scale: scale / look.share,
+    };
+    let start = rows.of(frame, look.start.ncols(), &|c, i| look.start[(i, c)]);
+    let simple = simple(frame, &rows, &start, rows.of(frame, order.left() + 1, &of))?;
+    if simple.columns.iter().any(|v| !v.is_finite()) {
+        return None;
+    }
+    Some(block(simple, &order, columns, window, frame))
+}
+
+/// Which column of a window's block is which: slots, extras, pushes, leaps, and what is left.
+struct Order {
+    slots: usize,
+    extras: usize,
+    pushes: usize,
+    leaps: usize,
+}
+
+impl Order {
+    fn push(&self, k: usize) -> usize {
+        self.slots + self.extras + k
+    }
+
+    fn leap(&self, k: usize) -> usize {
+        self.push(self.pushes) + k
+    }
+
+    fn left(&self) -> usize {
+        self.leap(self.leaps)
+    }
+}
+
+/// How a look's rows come to be coordinates: slow ones, axis after axis, then what is held of nuisances.
+struct Rows {
+    used: Vec<usize>,
+    points: usize,
+    coordinates: usize,
+    held: usize,
+    share: f64,
+    scale: f64,
+}
+
+impl Rows {
+    /// All of them.
+    fn dims(&self) -> usize {
+        self.coordinates * self.used.len() + self.held
+    }
+
+    /// `count` columns whose values by column and row are given.
+    fn of(&self, frame: &Frame, count: usize, value: &dyn Fn(usize, usize) -> f64) -> DMatrix<f64> {
+        let (n, k) = (self.points, self.coordinates);
+        let mut out = DMatrix::zeros(self.dims(), count);
+        for (b, axis) in self.used.iter().enumerate() {
+            let rows = DMatrix::from_fn(n, count, |i, c| value(c, 2 * i + axis) * self.scale);
             let rows = match &frame.basis {
                 Some(q) => q * rows,
                 None => rows,
             };
             out.rows_mut(b * k, k).copy_from(&rows);
         }
-        for (h, c) in (0..held).flat_map(|h| (0..count).map(move |c| (h, c))) {
-            out[(k * used.len() + h, c)] = value(c, 2 * n + 2 * h) / look.share;
+        for (h, c) in (0..self.held).flat_map(|h| (0..count).map(move |c| (h, c))) {
+            out[(k * self.used.len() + h, c)] = value(c, 2 * n + 2 * h) / self.share;
         }
         out
-    };
-    let start = into(look.start.ncols(), &|c, i| look.start[(i, c)]);
-    let across = Across::of(&start)?;
-    let mut turned = across.project(into(wide, &of));
-    let within = |m: &DMatrix<f64>, rest: f64| {
-        let mut out = DMatrix::zeros(dims, dims);
-        for b in 0..used.len() {
-            out.view_mut((b * k, b * k), (k, k)).copy_from(m);
+    }
+
+    /// A covariance of an axis in all coordinates across a start; `rest` of each that is held.
+    fn within(&self, axis: &DMatrix<f64>, rest: f64, across: &Across) -> DMatrix<f64> {
+        let k = self.coordinates;
+        let mut out = DMatrix::zeros(self.dims(), self.dims());
+        for b in 0..self.used.len() {
+            out.view_mut((b * k, b * k), (k, k)).copy_from(axis);
         }
-        (k * used.len()..dims).for_each(|h| out[(h, h)] = rest);
+        (k * self.used.len()..self.dims()).for_each(|h| out[(h, h)] = rest);
         across.project(across.project(out).transpose())
-    };
-    let m = turned.nrows();
+    }
+}
+
+/// Columns in coordinates in which noise is white and slow misfit uncorrelated.
+struct Simple {
+    columns: DMatrix<f64>,
+    slow: DVector<f64>,
+    log_white: f64,
+}
+
+/// Takes the start away, makes noise white and the slow misfit's covariance diagonal.
+fn simple(frame: &Frame, rows: &Rows, start: &DMatrix<f64>, of: DMatrix<f64>) -> Option<Simple> {
+    let across = Across::of(start)?;
+    let mut columns = across.project(of);
     let mut log_white = 0.0;
-    let mut misfit = frame.basis.as_ref().map(|_| within(&frame.slow, 0.0));
+    let mut misfit = frame.basis.as_ref().map(|_| rows.within(&frame.slow, 0.0, &across));
     if let Some(white) = &frame.white {
-        let white = within(white, 1.0).cholesky()?;
+        let white = rows.within(white, 1.0, &across).cholesky()?;
         log_white = 2.0 * white.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
         let root = white.l();
-        turned = root.solve_lower_triangular(&turned)?;
+        columns = root.solve_lower_triangular(&columns)?;
         if let Some(own) = &mut misfit {
             let half = root.solve_lower_triangular(own)?;
             *own = root.solve_lower_triangular(&half.transpose())?;
         }
     }
-    let mut slow = DVector::zeros(m);
+    let mut slow = DVector::zeros(columns.nrows());
     if let Some(misfit) = misfit {
         let eigen = (0.5 * (&misfit + misfit.transpose())).symmetric_eigen();
         slow = eigen.eigenvalues.map(|v| v.max(0.0));
-        turned = eigen.eigenvectors.transpose() * turned;
+        columns = eigen.eigenvectors.transpose() * columns;
     }
-    if turned.iter().any(|v| !v.is_finite()) {
-        return None;
-    }
-    let flies = matches!(window.kind, Kind::Flight | Kind::Contact);
-    let after = frame.is_renewed(window);
+    Some(Simple { columns, slow, log_white })
+}
+
+/// Which of the columns the model fits, which a launch has alike in all its windows, and which each window has of its own.
+fn block(simple: Simple, order: &Order, columns: &Columns, window: &Window, frame: &Frame) -> Block {
+    let column = |c: usize| simple.columns.column(c).into_owned();
+    let m = simple.columns.nrows();
     let mut own: Vec<(Own, DVector<f64>)> = Vec::new();
-    let column = |c: usize| turned.column(c).into_owned();
-    if flies {
-        let fresh = columns.of.iter().enumerate().filter(|(_, (_, fresh))| *fresh);
-        own.extend(fresh.map(|(k, (place, _))| (Own::Push(*place), column(slots + extras + k))));
-        for (c, plausible) in columns.renewed.iter().filter(|_| after) {
-            let at = if *c < slots { *c } else { *c + extras };
-            own.push((Own::Renewed, column(at) * *plausible));
+    let mut alike: Vec<(Own, DVector<f64>)> = Vec::new();
+    let flies = matches!(window.kind, Kind::Flight | Kind::Contact);
+    for (k, (place, fresh)) in columns.of.iter().enumerate() {
+        match fresh {
+            true if flies => own.push((Own::Push(*place), column(order.push(k)))),
+            true => (),
+            false if flies => alike.push((Own::Push(*place), column(order.push(k)))),
+            false => alike.push((Own::Push(*place), DVector::zeros(m))),
         }
     }
-    own.extend((0..leaps).map(|k| (Own::Leap, column(slots + extras + pushes + k))));
-    let alike: Vec<usize> = (0..pushes).filter(|k| !columns.of[*k].1).collect();
-    let alike_of = alike.iter().map(|k| columns.of[*k].0).collect();
-    let push = |k: usize| if flies { column(slots + extras + alike[k]) } else { DVector::zeros(m) };
-    let shared: Vec<DVector<f64>> = (0..alike.len()).map(push).collect();
-    let alike = DMatrix::from_fn(m, shared.len(), |i, k| shared[k][i]);
-    let kinds = own.iter().map(|o| o.0).collect();
-    let own = DMatrix::from_fn(m, own.len(), |i, k| own[k].1[i]);
-    Some(Block {
-        left: turned.column(wide - 1).into_owned(),
-        slow,
-        columns: turned.columns(0, slots + extras).into_owned(),
-        alike,
-        alike_of,
-        own,
-        kinds,
-        log_white,
-    })
+    for (c, plausible) in columns.renewed.iter().filter(|_| flies && frame.is_renewed(window)) {
+        let at = if *c < order.slots { *c } else { order.push(*c - order.slots) };
+        own.push((Own::Renewed, column(at) * *plausible));
+    }
+    own.extend((0..order.leaps).map(|k| (Own::Leap, column(order.leap(k)))));
+    for sizes in &columns.strengths {
+        let all = sizes.iter().fold(DVector::zeros(m), |all, (slot, size)| all + column(*slot) * *size);
+        alike.push((Own::Strength, all));
+    }
+    let beside = |of: &[(Own, DVector<f64>)]| DMatrix::from_fn(m, of.len(), |i, k| of[k].1[i]);
+    let names = |of: &[(Own, DVector<f64>)]| of.iter().map(|o| o.0).collect();
+    Block {
+        left: column(order.left()),
+        columns: simple.columns.columns(0, order.push(0)).into_owned(),
+        alike: beside(&alike),
+        alike_of: names(&alike),
+        own: beside(&own),
+        kinds: names(&own),
+        slow: simple.slow,
+        log_white: simple.log_white,
+    }
 }
 
 /// What a contact that errs along its normal (0) or its tangent (1) by its speed of approach does to row `i`.
@@ -387,18 +391,5 @@ mod tests {
         let seen = across.project(bend.clone());
         assert_eq!(seen.nrows(), 4, "a column of nothing takes nothing up");
         assert!((seen.norm() - bend.norm()).abs() < 1e-9);
-    }
-
-    /// A launch may have a little of every push but those that the model has itself.
-    #[test]
-    fn a_model_with_an_effect_has_no_push_of_it() {
-        let all = pushes();
-        let named = |name: &str| all.iter().filter(|p| p.effect.name == name).count();
-        assert_eq!((named("lift"), named("wind"), all.len()), (1, 2, 3));
-        let lift = all.iter().find(|p| p.effect.name == "lift").unwrap().effect;
-        let beside = pushes_beside(&[lift]);
-        assert!(
-            beside.len() == 2 && beside.iter().all(|(place, p)| p.effect.name == all[*place].effect.name)
-        );
     }
 }

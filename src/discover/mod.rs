@@ -27,6 +27,7 @@ mod band;
 mod base;
 mod by_launch;
 mod check;
+mod columns;
 mod components;
 mod conclude;
 mod config;

@@ -32,6 +32,7 @@ pub fn suffices(fitter: &Fitter, base: &Fitted, model: &Fitted, bootstrap: &Boot
     let within = Components {
         slow: free.slow.min(slow),
         leap: free.leap,
+        strength: free.strength.min(SIZES),
         push: free.push.iter().map(|p| p.min(DECLARED)).collect(),
         spread: free.spread.iter().enumerate().map(|(k, s)| s.min(reason(model, k))).collect(),
     };

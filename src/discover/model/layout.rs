@@ -132,6 +132,18 @@ impl Layout {
             .collect()
     }
 
+    /// Of every term of several amplitudes, their slots and how far each is from nothing.
+    pub fn strengths(&self, values: &[f64]) -> Vec<Vec<(usize, f64)>> {
+        let of = |t: usize| {
+            let amplitudes = self.of_term(t).into_iter().filter(|i| !self.shapes(*i));
+            let size = |i: usize| (i, values[i] - self.parameter(i).map_or(0.0, |p| p.neutral));
+            let several = (0..self.terms[t].free.len())
+                .filter(|p| self.terms[t].free[*p] && self.terms[t].effect.parameters[*p].is_amplitude());
+            (several.count() > 1).then(|| amplitudes.map(size).collect())
+        };
+        (0..self.terms.len()).filter_map(of).collect()
+    }
+
     /// Values of every term, and latents, for a setting.
     pub fn numbers(&self, values: &[f64], setting: usize) -> (Vec<Vec<f64>>, Latents) {
         let mut latents = [None; 3];
@@ -228,6 +240,15 @@ mod tests {
             assert_eq!((latents.density, latents.friction), (None, Some(0.7)));
         }
         assert_eq!(layout.start(&[9.0, 0.4, 9.0]), [0.4, 0.0, 0.0, 0.0]);
+    }
+
+    /// A drag has one amplitude and no strength beside it; a gust's period is no amplitude.
+    #[test]
+    fn a_strength_is_of_several_amplitudes() {
+        assert!(layout().strengths(&[0.7, 0.1, 0.2, 0.03]).is_empty());
+        let terms = vec![term("quadratic_drag", false, &[true]), term("gust", false, &[true; 4])];
+        let layout = Layout::new(&[], terms, 1);
+        assert_eq!(layout.strengths(&[0.1, 0.4, -0.3, 2.0, 0.5]), [[(1, 0.4), (2, -0.3)]]);
     }
 
     /// A clock that starts later shifts a gust's phase as far as it has blown by then.

@@ -1,0 +1,94 @@
+//! The columns of a model beside what it fits: what may differ from launch to launch, and by what reason.
+//!
+//! Effects declare how far their sizes differ between launches. Those that a model has not itself are pushes that every launch
+//! may have a little of; those that contacts renew are anything plausible after one; and an effect of several amplitudes (a
+//! wind along x and along y) may blow harder in one launch than in another, all its amplitudes by the same share.
+
+use super::model::{Extra, Layout, What};
+use crate::world::effect::{Effect, REGISTRY};
+
+/// What has a variance of its own.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Own {
+    /// An acceleration that a launch may have a little of: its place in [`pushes`].
+    Push(usize),
+    /// An error of what a contact does.
+    Leap,
+    /// A size that a contact has changed: as much as is plausible.
+    Renewed,
+    /// The strength of an effect of several amplitudes as a whole.
+    Strength,
+}
+
+/// The columns of a model's looks.
+pub struct Columns {
+    pub slots: usize,
+    pub pushes: usize,
+    /// By push: its place in [`pushes`], and whether contacts change it.
+    pub of: Vec<(usize, bool)>,
+    /// Columns (slots or pushes) of effects that contacts renew, and what is plausible of each.
+    pub renewed: Vec<(usize, f64)>,
+    /// Of every effect of several amplitudes, their slots and how far each is from nothing: columns along which its strength
+    /// differs as a whole.
+    pub strengths: Vec<Vec<(usize, f64)>>,
+}
+
+impl Columns {
+    /// Those of a layout with [`pushes_beside`] it, its slots having some values.
+    pub fn of(layout: &Layout, values: &[f64]) -> Columns {
+        let set: Vec<&Effect> = layout.terms.iter().map(|t| t.effect).collect();
+        let pushes = pushes_beside(&set);
+        let slots = layout.slots.len();
+        let own = (0..slots).filter_map(|i| match layout.slots[i].what {
+            What::Parameter(t, p) if set[t].renewed && set[t].parameters[p].is_amplitude() => {
+                Some((i, set[t].parameters[p].plausible))
+            }
+            _ => None,
+        });
+        let push = |(k, (_, extra)): (usize, &(usize, Extra))| {
+            let moved = |p: &usize| extra.values[*p] != extra.effect.parameters[*p].neutral;
+            let p = (0..extra.values.len()).find(moved).filter(|_| extra.effect.renewed)?;
+            Some((slots + k, extra.effect.parameters[p].plausible / extra.values[p].abs()))
+        };
+        let of = pushes.iter().map(|(place, p)| (*place, p.effect.renewed)).collect();
+        let renewed = own.chain(pushes.iter().enumerate().filter_map(push)).collect();
+        Columns { slots, pushes: pushes.len(), of, renewed, strengths: layout.strengths(values) }
+    }
+}
+
+/// Accelerations that every launch may have a little of, of one standard deviation each: the amplitudes of effects that have a
+/// reason to differ from launch to launch.
+pub fn pushes() -> Vec<Extra> {
+    let of = |effect: &'static Effect| {
+        let amplitudes = (0..effect.parameters.len()).filter(|p| effect.parameters[*p].is_amplitude());
+        amplitudes.zip(effect.differs).map(move |(p, sd)| {
+            let value = |k: usize| effect.parameters[k].neutral + if k == p { *sd } else { 0.0 };
+            Extra { effect, values: (0..effect.parameters.len()).map(value).collect(), unit: 1.0 }
+        })
+    };
+    REGISTRY.iter().copied().flat_map(of).collect()
+}
+
+/// Those that a model with these effects has not itself, with their places among all.
+pub fn pushes_beside(set: &[&Effect]) -> Vec<(usize, Extra)> {
+    let beside = |(_, push): &(usize, Extra)| set.iter().all(|e| e.name != push.effect.name);
+    pushes().into_iter().enumerate().filter(beside).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A launch may have a little of every push but those that the model has itself.
+    #[test]
+    fn a_model_with_an_effect_has_no_push_of_it() {
+        let all = pushes();
+        let named = |name: &str| all.iter().filter(|p| p.effect.name == name).count();
+        assert_eq!((named("lift"), named("wind"), all.len()), (1, 2, 3));
+        let lift = all.iter().find(|p| p.effect.name == "lift").unwrap().effect;
+        let beside = pushes_beside(&[lift]);
+        assert!(
+            beside.len() == 2 && beside.iter().all(|(place, p)| p.effect.name == all[*place].effect.name)
+        );
+    }
+}
