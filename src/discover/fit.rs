@@ -21,6 +21,8 @@ use crate::distribution::t_quantile;
 use crate::error::{Error, Result};
 use crate::world::effect::Effect;
 
+/// Share of what is believed of sizes that is left where the data are asked alone.
+const UNBELIEVED: f64 = 1e-4;
 /// Rounds of generalised least squares.
 const ROUNDS: usize = 3;
 
@@ -326,6 +328,17 @@ impl Fitted {
         }
         t_quantile(0.05, (self.score.len() as f64 - 1.0).max(1.0))
             * self.covariance[(slot, slot)].max(0.0).sqrt()
+    }
+
+    /// Half the widths of all slots' 95 % intervals where next to nothing is believed of sizes: large where the data tell a slot
+    /// only together with others.
+    pub fn half_widths_without_belief(&self) -> Vec<f64> {
+        let here = DVector::zeros(self.layout.slots.len());
+        let mut gram = prior(&self.layout, &self.state).precision * UNBELIEVED;
+        self.told.iter().for_each(|t| gram += &t.gram * t.weight(&here));
+        let Some(factor) = gram.cholesky() else { return vec![f64::INFINITY; here.len()] };
+        let quantile = t_quantile(0.05, (self.score.len() as f64 - 1.0).max(1.0));
+        factor.inverse().diagonal().iter().map(|v| quantile * v.max(0.0).sqrt()).collect()
     }
 
     /// The value of a slot at which its effect vanishes; a latent's own value.

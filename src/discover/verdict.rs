@@ -83,13 +83,14 @@ fn explained(shared: Option<&Shared>) -> f64 {
     shared.filter(|s| s.is_left()).map_or(1.0, |s| s.explained)
 }
 
-/// Whether every effect of a set is there: an amplitude whose interval leaves nothing out, or one that is there by
-/// its spread.
+/// Whether every effect of a set is there: an amplitude whose interval leaves nothing out, by the data alone too (beside a field
+/// whose centre is free a wind is only what is believed of winds), or one that is there by its spread.
 fn is_something(fit: &Fitted) -> bool {
+    let alone = fit.half_widths_without_belief();
     (0..fit.set.len()).all(|t| {
         fit.layout.of_term(t).into_iter().filter(|i| !fit.layout.shapes(*i)).any(|i| {
             let off = (fit.state.values[i] - fit.neutral(i)).abs();
-            off > fit.half_width(i) || fit.is_there_by_spread(i)
+            off > fit.half_width(i).max(alone[i]) || fit.is_there_by_spread(i)
         })
     })
 }
