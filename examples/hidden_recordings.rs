@@ -17,6 +17,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::time::Instant;
 
+use clap::Parser as _;
 use iplw::discover::report::{Diagnosis, FoundParameter, Verdict};
 use iplw::discover::{Config, diagnose};
 use iplw::progress::Silent;
@@ -30,7 +31,7 @@ const MOST_RIVALS: usize = 4;
 const NEAR: f64 = 0.1;
 
 fn main() -> std::io::Result<()> {
-    let run = Run::from_arguments(400, "out/hidden_recordings.md");
+    let run = Run::parse();
     let kinds = kinds();
     let log = run.log("recordings.csv", run.worlds, |i, id| {
         let kind = kinds[i as usize % kinds.len()].name();

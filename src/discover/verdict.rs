@@ -183,8 +183,27 @@ fn contains(large: &Effect, small: &Effect) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::contains;
+    use super::{contains, is_something};
+    use crate::discover::thrown;
     use crate::world::effect::find;
+
+    /// What is drawn is there; of two that do the same only the sum is told, whatever is believed of either.
+    #[test]
+    fn an_effect_that_the_data_do_not_tell_is_not_there() {
+        let of = |set: &[&str]| {
+            thrown::fitted(&[0.4; 12], set, 6, |_, f| {
+                let slot = f.layout.of_term(0)[0];
+                (is_something(f), f.half_widths_without_belief()[slot] / f.half_width(slot))
+            })
+        };
+        let [drag, alone, beside] =
+            [&["linear_drag"] as &[&str], &["gravity_error"], &["gravity_error", "wind"]].map(of);
+        assert!(
+            drag.0 && (0.9..1.2).contains(&drag.1) && (0.9..1.2).contains(&alone.1),
+            "{drag:?} {alone:?}"
+        );
+        assert!(!beside.0 && beside.1 > 10.0, "{beside:?}");
+    }
 
     #[test]
     fn an_effect_contains_what_those_it_holds_contain() {

@@ -10,41 +10,30 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use iplw::discover::report::Diagnosis;
 
-/// What the command line asks for.
+/// Studies worlds, adds each outcome to a log beside the table as soon as it is known, and goes on where it was.
+#[derive(Clone, Debug, clap::Parser)]
 pub struct Run {
-    /// `--worlds`
+    /// How many worlds
+    #[arg(long, default_value_t = 400, value_parser = clap::value_parser!(u64).range(1..))]
     pub worlds: u64,
-    /// `--seed`
+    /// Which worlds are drawn
+    #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// `--threads`, of which each has a world of its own.
+    /// How many are studied at once, each on one thread
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
     pub threads: u64,
-    /// `--out`: where the table goes; the log stands beside it.
+    /// Where the table goes
+    #[arg(long, default_value = "out/hidden_recordings.md")]
     pub out: PathBuf,
-    /// `--only`: a part of the names of the kinds to look at.
+    /// Those alone in whose kind's name this is
+    #[arg(long, default_value = "")]
     pub only: String,
-    /// `--show`
+    /// Shows what each diagnosis weighed
+    #[arg(long = "show")]
     pub talk: bool,
 }
 
 impl Run {
-    /// With what is usual of worlds and where the table goes.
-    pub fn from_arguments(worlds: u64, out: &str) -> Run {
-        let arguments: Vec<String> = std::env::args().collect();
-        let given = |name: &str| {
-            let at = arguments.iter().position(|a| a == name);
-            at.and_then(|i| arguments.get(i + 1)).cloned()
-        };
-        let number = |name: &str, usual: u64| given(name).and_then(|v| v.parse().ok()).unwrap_or(usual);
-        Run {
-            worlds: number("--worlds", worlds),
-            seed: number("--seed", 1),
-            threads: number("--threads", 1),
-            out: PathBuf::from(given("--out").unwrap_or_else(|| out.into())),
-            only: given("--only").unwrap_or_default(),
-            talk: arguments.iter().any(|a| a == "--show"),
-        }
-    }
-
     /// Studies `count` worlds that are not in the log yet, which is then read; `study`: a world's number and id to its
     /// lines, which begin with the id, or to nothing where it is not asked for.
     pub fn log(
@@ -88,7 +77,10 @@ impl Run {
             let all: Vec<_> = (0..self.threads).map(|_| scope.spawn(worker)).collect();
             all.into_iter().try_for_each(|t| t.join().expect("a world could not be diagnosed"))
         })?;
-        std::fs::read_to_string(&log)
+        // Other seeds' worlds may stand in the same log.
+        let own = format!("{}/", self.seed);
+        let all = std::fs::read_to_string(&log)?;
+        Ok(all.lines().filter(|l| l.starts_with(&own)).flat_map(|l| [l, "\n"]).collect())
     }
 
     /// Writes the table, and shows it.
