@@ -95,9 +95,6 @@ fn is_something(fit: &Fitted) -> bool {
     })
 }
 
-/// Share of the base model's misfit that a name must explain where something without a name predicts as well.
-const LEAST: f64 = 0.02;
-
 /// Plainer sets than `best` that explain nearly as much by themselves, if what they have not is no name: something that nobody
 /// named is left by `best` too, or beside such a thing they predict as well. Where something is left, nats say little of a
 /// name: half a millimetre that nothing explains is worth hundreds of them.
@@ -108,8 +105,8 @@ fn plainer(
     asked: &dyn Fn(&Fitted) -> Result<Option<Shared>>,
     suffices: &dyn Fn(&Fitted) -> Result<bool>,
 ) -> Result<Option<(Vec<usize>, Option<Shared>)>> {
-    // Where something is left, a name must explain more than may be left.
-    let most = left_of(found, best) + if is_left { 1.0 - MOST } else { LEAST };
+    // A name must explain more than may be left.
+    let most = left_of(found, best) + 1.0 - MOST;
     let mut near = found.ranked(|f| is_something(f) && choices(f) < choices(&found.fits[best]));
     near.retain(|i| left_of(found, *i) <= most);
     let mut levels: Vec<usize> = near.iter().map(|i| choices(&found.fits[*i])).collect();
