@@ -17,7 +17,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::time::Instant;
 
-use clap::Parser as _;
+use clap::{CommandFactory as _, Parser as _};
 use iplw::discover::report::{Diagnosis, FoundParameter, Verdict};
 use iplw::discover::{Config, diagnose};
 use iplw::progress::Silent;
@@ -33,6 +33,12 @@ const NEAR: f64 = 0.1;
 fn main() -> std::io::Result<()> {
     let run = Run::parse();
     let kinds = kinds();
+    if !kinds.iter().any(|k| k.name().contains(&run.only)) {
+        let all: BTreeSet<_> = kinds.iter().map(|k| k.name()).collect();
+        let allowed = all.into_iter().collect::<Vec<_>>().join(", ");
+        let text = format!("--only: no kind has `{}` in its name; allowed: part of {allowed}\n", run.only);
+        Run::command().error(clap::error::ErrorKind::InvalidValue, text).exit();
+    }
     let log = run.log("recordings.csv", run.worlds, |i, id| {
         let kind = kinds[i as usize % kinds.len()].name();
         kind.contains(&run.only).then(|| format!("{id},{}\n", study(&world(i, run.seed), id, i, run.talk)))

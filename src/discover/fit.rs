@@ -326,8 +326,12 @@ impl Fitted {
         if information <= 0.0 {
             return f64::INFINITY;
         }
+        self.quantile() * self.covariance[(slot, slot)].max(0.0).sqrt()
+    }
+
+    /// Half the width of a 95 % interval of one standard deviation.
+    fn quantile(&self) -> f64 {
         t_quantile(0.05, (self.score.len() as f64 - 1.0).max(1.0))
-            * self.covariance[(slot, slot)].max(0.0).sqrt()
     }
 
     /// Half the widths of all slots' 95 % intervals where next to nothing is believed of sizes: large where the data tell a slot
@@ -337,7 +341,7 @@ impl Fitted {
         let mut gram = prior(&self.layout, &self.state).precision * UNBELIEVED;
         self.told.iter().for_each(|t| gram += &t.gram * t.weight(&here));
         let Some(factor) = gram.cholesky() else { return vec![f64::INFINITY; here.len()] };
-        let quantile = t_quantile(0.05, (self.score.len() as f64 - 1.0).max(1.0));
+        let quantile = self.quantile();
         factor.inverse().diagonal().iter().map(|v| quantile * v.max(0.0).sqrt()).collect()
     }
 

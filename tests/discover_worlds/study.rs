@@ -43,7 +43,8 @@ impl Run {
         study: impl Fn(u64, &str) -> Option<String> + Sync,
     ) -> std::io::Result<String> {
         if let Some(folder) = self.out.parent() {
-            std::fs::create_dir_all(folder)?;
+            let named = |e| std::io::Error::other(format!("--out: {}: {e}", folder.display()));
+            std::fs::create_dir_all(folder).map_err(named)?;
         }
         let log = self.out.with_file_name(log);
         let known = std::fs::read_to_string(&log).unwrap_or_default();
