@@ -21,7 +21,7 @@ pub fn start(scene: &Scene, layout: &Layout, windows: &[Window]) -> State {
     let given = carrier.mass.map(|mass| mass / carrier.shape.moments().area);
     let density = carrier.density.or(given).unwrap_or(1.0);
     let values = layout.start(&[density, carrier.friction, carrier.restitution]);
-    State { values, nuisances: windows.iter().map(|w| w.nuisances.clone()).collect() }
+    State::new(values, windows.iter().map(|w| w.nuisances.clone()).collect())
 }
 
 /// Fits the base model from `start`. Contacts are given as much noise as the usual one shows; shots that go another way
@@ -138,7 +138,7 @@ fn blur(scene: &Scene, data: &Data, layout: &Layout, state: &State, base: &Pass)
     let layout = Layout::new(&latents, terms, data.setting_count());
     let mut values = layout.start(&[0.0; 3]);
     values[..state.values.len()].copy_from_slice(&state.values);
-    let start = State { values, nuisances: state.nuisances.clone() };
+    let start = State::new(values, state.nuisances.clone());
     let (_, helped) = model::fit(data, &layout, start, 8)?;
     let usual = |pass: &Pass| {
         let contacts = (0..data.windows.len()).filter(|w| contact(&data.windows[*w]));

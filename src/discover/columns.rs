@@ -14,8 +14,8 @@ pub enum Own {
     Push(usize),
     /// An error of what a contact does.
     Leap,
-    /// A size that a contact has changed: as much as is plausible.
-    Renewed,
+    /// A size that a contact has changed, as much as is plausible: its place in [`Columns::renewed`].
+    Renewed(usize),
     /// The strength of an effect of several amplitudes as a whole.
     Strength,
 }

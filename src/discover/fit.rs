@@ -11,7 +11,8 @@ use super::gaussian::{self, Components, Pooled, Prior, Told};
 use super::launch::{self, Frame, Part};
 use super::leave_out::leave_out;
 use super::library;
-use super::model::{self, Data, Extra, Layout, Look, Pass, Slot, State, Term, What};
+use super::model::{self, Data, Extra, Layout, Look, Mode, Pass, Slot, State, Term, What};
+use super::modes;
 use super::noise::Noise;
 use super::score;
 use super::stats::inverse;
@@ -23,8 +24,9 @@ use crate::world::effect::Effect;
 
 /// Share of what is believed of sizes that is left where the data are asked alone.
 const UNBELIEVED: f64 = 1e-4;
-/// Rounds of generalised least squares.
-const ROUNDS: usize = 3;
+/// Most rounds of generalised least squares, and nats of a round below which they end.
+const ROUNDS: usize = 8;
+const SETTLED: f64 = 0.05;
 
 /// A model fitted to all trials, and what the others say of each.
 pub struct Fitted {
@@ -95,7 +97,8 @@ impl<'a, 'b> Fitter<'a, 'b> {
         let set: Vec<&'static Effect> = layout.terms.iter().map(|t| t.effect).collect();
         let mut components =
             Components::start(&prior(&layout, &state), !layout.strengths(&state.values).is_empty());
-        let mut best: Option<(f64, State, Vec<Part>, Components)> = None;
+        let mut best: Option<(f64, State, Vec<Look>, Vec<Part>, Components)> = None;
+        let pushes = pushes(&set);
         for round in 0..=ROUNDS {
             let Some((looks, parts)) = self.parts(&layout, &set, &state, &[])? else { break };
             let prior = prior(&layout, &state);
@@ -108,22 +111,30 @@ impl<'a, 'b> Fitter<'a, 'b> {
             let Some(Pooled { step, .. }) = gaussian::pooled(told.iter(), &prior) else { break };
             let gained = best.as_ref().is_none_or(|b| quality > b.0);
             let before = best.as_ref().map_or(f64::NEG_INFINITY, |b| b.0);
-            if gained {
-                best = Some((quality, state.clone(), parts, components.clone()));
-            }
-            if !gained || round == ROUNDS || step.is_empty() || quality - before < 0.05 {
+            if !gained {
                 break;
             }
-            move_by(&mut state, &layout, &looks, &step);
+            let (here, settled) = (state.clone(), round == ROUNDS || quality - before < SETTLED);
+            if !settled {
+                let columns = Columns::of(&layout, &state.values);
+                let taken = allowed(&layout, &state.values, &step);
+                let modes = modes::modes(&parts, &columns, &pushes, &components, &taken, looks.len());
+                move_by(&mut state, &looks, &taken, modes);
+            }
+            best = Some((quality, here, looks, parts, components.clone()));
+            if settled {
+                break;
+            }
         }
-        let Some((_, state, parts, components)) = best else { return Ok(None) };
-        self.scored(layout, state, parts, components)
+        let Some((_, state, looks, parts, components)) = best else { return Ok(None) };
+        self.scored(layout, state, looks, parts, components)
     }
 
     fn scored(
         &self,
         layout: Layout,
         state: State,
+        looks: Vec<Look>,
         parts: Vec<Part>,
         components: Components,
     ) -> Result<Option<Fitted>> {
@@ -138,7 +149,7 @@ impl<'a, 'b> Fitter<'a, 'b> {
         if score.iter().any(|s| !s.is_finite()) {
             return Ok(None);
         }
-        let Some(pass) = simulated(model::pass(self.data, &layout, &state))? else { return Ok(None) };
+        let pass = model::summed(self.data, looks, layout.slots.len());
         let groups: Vec<usize> = (0..pass.trials.len()).collect();
         let (held, _) = leave_out(&layout, &state.values, &pass.trials, self.data.settings, &groups, &[]);
         let set = layout.terms.iter().map(|t| t.effect).collect();
@@ -211,18 +222,26 @@ fn pushes(set: &[&Effect]) -> Vec<Extra> {
     columns::pushes_beside(set).into_iter().map(|p| p.1).collect()
 }
 
-/// Moves values by a step, as far as allowed, and every window's start along with them.
-fn move_by(state: &mut State, layout: &Layout, looks: &[Look], step: &DVector<f64>) {
-    let mut taken = step.clone();
-    for (i, slot) in layout.slots.iter().enumerate() {
-        let to = (state.values[i] + step[i]).clamp(slot.bounds[0], slot.bounds[1]);
-        taken[i] = to - state.values[i];
-        state.values[i] = to;
+/// A step as far as bounds allow it.
+fn allowed(layout: &Layout, values: &[f64], step: &DVector<f64>) -> DVector<f64> {
+    let slots = layout.slots.iter().zip(values).zip(step.iter());
+    let taken = slots.map(|((slot, v), s)| (v + s).clamp(slot.bounds[0], slot.bounds[1]) - v);
+    DVector::from_iterator(step.len(), taken)
+}
+
+/// Moves values by a step, launches to their modes, and every window's start along with them.
+fn move_by(state: &mut State, looks: &[Look], taken: &DVector<f64>, modes: Vec<Mode>) {
+    state.values.iter_mut().zip(taken.iter()).for_each(|(v, step)| *v += step);
+    for (w, mode) in modes.iter().enumerate() {
+        let before = state.modes.get(w);
+        let size = |k: usize| mode.sizes[k] - before.map_or(0.0, |m| m.sizes[k]);
+        let push = |k: usize| mode.pushes[k].1 - before.map_or(0.0, |m| m.pushes[k].1);
+        let slots = (0..taken.len()).map(|k| taken[k] + size(k));
+        let all = slots.chain((0..mode.pushes.len()).map(push)).collect::<Vec<_>>();
+        let moved = looks[w].start_step(&DVector::from_vec(all));
+        state.nuisances[w].iter_mut().zip(moved.iter()).for_each(|(n, m)| *n += m.clamp(-50.0, 50.0));
     }
-    for (nuisances, look) in state.nuisances.iter_mut().zip(looks) {
-        let moved = look.start_step(&taken);
-        nuisances.iter_mut().zip(moved.iter()).for_each(|(n, m)| *n += m.clamp(-50.0, 50.0));
-    }
+    state.modes = modes;
 }
 
 /// How far a slot's value may differ from launch to launch without naming anything.
@@ -292,7 +311,7 @@ impl Fitted {
         let layout = Layout::new(&latents, terms, settings);
         let mut values = layout.start(&[0.0; 3]);
         values[..self.state.values.len()].copy_from_slice(&self.state.values);
-        (layout, State { values, nuisances: self.state.nuisances.clone() })
+        (layout, State::new(values, self.state.nuisances.clone()))
     }
 
     /// The layout without one of its terms, and the values that it has.

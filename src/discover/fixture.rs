@@ -120,7 +120,7 @@ pub fn fitted(sets: &[&[&str]]) -> (Vec<Window>, Vec<Fitted>, Noise) {
     let fit = |names: &&[&str]| {
         let layout = Layout::new(&[], names.iter().map(|n| term(n)).collect(), 1);
         let nuisances = windows.iter().map(|w| w.nuisances.clone()).collect();
-        let start = State { values: layout.start(&[0.0; 3]), nuisances };
+        let start = State::new(layout.start(&[0.0; 3]), nuisances);
         fitter.fit(layout, start, 8).unwrap().expect("it can be fitted")
     };
     let fits = sets.iter().map(fit).collect();

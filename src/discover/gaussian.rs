@@ -56,11 +56,12 @@ pub struct Pooled {
 }
 
 impl Components {
-    fn of(&self, kind: Own) -> f64 {
+    /// Of something that has a variance of its own.
+    pub fn of(&self, kind: Own) -> f64 {
         match kind {
             Own::Push(place) => self.push[place],
             Own::Leap => self.leap,
-            Own::Renewed => 1.0,
+            Own::Renewed(_) => 1.0,
             Own::Strength => self.strength,
         }
     }
@@ -243,6 +244,7 @@ mod tests {
         let block = |seed: usize| {
             let wave = |k: usize| libm::sin(1.7 * (k + 13 * seed) as f64);
             Block {
+                window: seed,
                 left: DVector::from_fn(6, |i, _| 2.0 * wave(i)),
                 slow: DVector::from_fn(6, |i, _| 1.0 / (1 + i) as f64),
                 columns: DMatrix::from_fn(6, 2, |i, k| wave(31 + 7 * i + k)),

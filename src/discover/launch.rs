@@ -34,6 +34,8 @@ pub struct Part {
 /// A window's share of a part.
 #[derive(Clone, Debug)]
 pub struct Block {
+    /// Index of the window.
+    pub window: usize,
     /// What the model leaves.
     pub left: DVector<f64>,
     /// Variance of the slow misfit of unit amplitude, by coordinate.
@@ -52,11 +54,11 @@ pub struct Block {
 
 /// What does not change about a window while models do.
 pub struct Frame {
-    /// (slow coordinates, points); none where points stand for themselves.
-    basis: Option<DMatrix<f64>>,
-    /// Noise, unless it is white, and slow misfit in them, by coordinate axis.
+    /// (coordinates, points): slow ones, or the points that count.
+    basis: DMatrix<f64>,
+    /// Noise, unless it is white, and slow misfit, if there may be any, in them, by coordinate axis.
     white: Option<DMatrix<f64>>,
-    slow: DMatrix<f64>,
+    slow: Option<DMatrix<f64>>,
     /// Whether anything moved along x and y: what never does is no observation.
     axes: [bool; 2],
     /// Whether it comes after a contact of its trial.
@@ -66,7 +68,7 @@ pub struct Frame {
 impl Frame {
     /// Covariance of the slow misfit of unit amplitude at the window's points; `None` where there is none.
     pub fn slow_at_points(&self) -> Option<DMatrix<f64>> {
-        self.basis.as_ref().map(|basis| basis.tr_mul(&(&self.slow * basis)))
+        self.slow.as_ref().map(|slow| self.basis.tr_mul(&(slow * &self.basis)))
     }
 
     /// Whether a contact may have changed what its window flies with.
@@ -98,6 +100,7 @@ fn frame(window: &Window, noise: &Noise, length: f64, after: bool) -> Frame {
     let rho = if window.kind.simulated() { 0.0 } else { noise.rho };
     let basis = window.smooth.as_ref().and_then(|_| noise::slow_basis(&times, &weights));
     let correlation = (rho != 0.0).then(|| noise::correlation(n, rho));
+    let counted: Vec<usize> = (0..n).filter(|i| weights[*i] > 0.0).collect();
     match basis {
         Some(q) => {
             let kernel = DMatrix::from_fn(n, n, |i, j| {
@@ -107,19 +110,26 @@ fn frame(window: &Window, noise: &Noise, length: f64, after: bool) -> Frame {
             let within = |m: DMatrix<f64>| q.tr_mul(&(m * &q));
             Frame {
                 white: correlation.map(within),
-                slow: within(kernel),
-                basis: Some(q.transpose()),
+                slow: Some(within(kernel)),
+                basis: q.transpose(),
                 axes,
                 after,
             }
         }
-        None => Frame { basis: None, slow: DMatrix::zeros(n, n), white: correlation, axes, after },
+        None => Frame {
+            // What does not count is no coordinate.
+            basis: DMatrix::from_fn(counted.len(), n, |k, i| f64::from(counted[k] == i)),
+            slow: None,
+            white: correlation.map(|c| c.select_rows(&counted).select_columns(&counted)),
+            axes,
+            after,
+        },
     }
 }
 
 /// A window's part of its launch; `scale` is by how much its residuals were made smaller than in units of the noise.
 fn reduced(
-    window: &Window,
+    (w, window): (usize, &Window),
     frame: &Frame,
     look: &Look,
     columns: &Columns,
@@ -141,7 +151,7 @@ fn reduced(
     let rows = Rows {
         used: (0..2).filter(|a| frame.axes[*a]).collect(),
         points: n,
-        coordinates: frame.basis.as_ref().map_or(n, |q| q.nrows()),
+        coordinates: frame.basis.nrows(),
         held: (look.residual.len() - 2 * n) / 2,
         share: look.share,
         scale: scale / look.share,
@@ -151,7 +161,7 @@ fn reduced(
     if simple.columns.iter().any(|v| !v.is_finite()) {
         return None;
     }
-    Some(block(simple, &order, columns, window, frame))
+    Some(block(simple, &order, columns, (w, window), frame))
 }
 
 /// Which column of a window's block is which: slots, extras, pushes, leaps, and what is left.
@@ -198,11 +208,7 @@ impl Rows {
         let mut out = DMatrix::zeros(self.dims(), count);
         for (b, axis) in self.used.iter().enumerate() {
             let rows = DMatrix::from_fn(n, count, |i, c| value(c, 2 * i + axis) * self.scale);
-            let rows = match &frame.basis {
-                Some(q) => q * rows,
-                None => rows,
-            };
-            out.rows_mut(b * k, k).copy_from(&rows);
+            out.rows_mut(b * k, k).copy_from(&(&frame.basis * rows));
         }
         for (h, c) in (0..self.held).flat_map(|h| (0..count).map(move |c| (h, c))) {
             out[(k * self.used.len() + h, c)] = value(c, 2 * n + 2 * h) / self.share;
@@ -234,7 +240,7 @@ fn simple(frame: &Frame, rows: &Rows, start: &DMatrix<f64>, of: DMatrix<f64>) ->
     let across = Across::of(start)?;
     let mut columns = across.project(of);
     let mut log_white = 0.0;
-    let mut misfit = frame.basis.as_ref().map(|_| rows.within(&frame.slow, 0.0, &across));
+    let mut misfit = frame.slow.as_ref().map(|slow| rows.within(slow, 0.0, &across));
     if let Some(white) = &frame.white {
         let white = rows.within(white, 1.0, &across).cholesky()?;
         log_white = 2.0 * white.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
@@ -255,7 +261,13 @@ fn simple(frame: &Frame, rows: &Rows, start: &DMatrix<f64>, of: DMatrix<f64>) ->
 }
 
 /// Which of the columns the model fits, which a launch has alike in all its windows, and which each window has of its own.
-fn block(simple: Simple, order: &Order, columns: &Columns, window: &Window, frame: &Frame) -> Block {
+fn block(
+    simple: Simple,
+    order: &Order,
+    columns: &Columns,
+    (w, window): (usize, &Window),
+    frame: &Frame,
+) -> Block {
     let column = |c: usize| simple.columns.column(c).into_owned();
     let m = simple.columns.nrows();
     let mut own: Vec<(Own, DVector<f64>)> = Vec::new();
@@ -269,9 +281,10 @@ fn block(simple: Simple, order: &Order, columns: &Columns, window: &Window, fram
             false => alike.push((Own::Push(*place), DVector::zeros(m))),
         }
     }
-    for (c, plausible) in columns.renewed.iter().filter(|_| flies && frame.is_renewed(window)) {
+    let renewed = columns.renewed.iter().enumerate().filter(|_| flies && frame.is_renewed(window));
+    for (k, (c, plausible)) in renewed {
         let at = if *c < order.slots { *c } else { order.push(*c - order.slots) };
-        own.push((Own::Renewed, column(at) * *plausible));
+        own.push((Own::Renewed(k), column(at) * *plausible));
     }
     own.extend((0..order.leaps).map(|k| (Own::Leap, column(order.leap(k)))));
     for sizes in &columns.strengths {
@@ -281,6 +294,7 @@ fn block(simple: Simple, order: &Order, columns: &Columns, window: &Window, fram
     let beside = |of: &[(Own, DVector<f64>)]| DMatrix::from_fn(m, of.len(), |i, k| of[k].1[i]);
     let names = |of: &[(Own, DVector<f64>)]| of.iter().map(|o| o.0).collect();
     Block {
+        window: w,
         left: column(order.left()),
         columns: simple.columns.columns(0, order.push(0)).into_owned(),
         alike: beside(&alike),
@@ -350,7 +364,7 @@ pub fn parts(
 ) -> Option<Vec<Part>> {
     let mut out: Vec<Part> = Vec::new();
     for (w, window) in windows.iter().enumerate().filter(|(w, _)| scales[*w].is_finite()) {
-        let Some(block) = reduced(window, &frames[w], &looks[w], columns, scales[w], impacts[w]) else {
+        let Some(block) = reduced((w, window), &frames[w], &looks[w], columns, scales[w], impacts[w]) else {
             if looks[w].residual.iter().all(|r| r.is_finite()) {
                 continue;
             }

@@ -6,7 +6,7 @@
 //! 2. Models. `path` and the engines simulate windows; `model`: residuals and their derivatives; latents are fitted with every
 //!    candidate. `base`: the scene as it is, fitted; `steps`: what another engine's steps make of contacts.
 //! 3. Scores. `launch`: what a model leaves of each launch, as a Gaussian of known components; `score`: its predictive
-//!    density, told from the other launches; `fit`: a model fitted and scored.
+//!    density, told from the other launches; `fit`: a model fitted and scored, linear about how each launch is unlike the others (`modes`).
 //! 4. Search. `library`: the effect registry as candidates; `search`: sets of up to three of them; `survey`: where starts are
 //!    known the whole range of values is searched, since collisions leave no way downhill. `field`: something nobody named.
 //! 5. `decide`: which of two models is better, the one place where it is decided; `reason`: what launches may differ by;
@@ -47,6 +47,7 @@ mod law;
 mod leave_out;
 mod library;
 mod model;
+mod modes;
 mod noise;
 mod parting;
 mod path;

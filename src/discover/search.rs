@@ -150,7 +150,7 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
             names.sort_unstable();
             let Some(at) = found.fits.iter().position(|f| f.names() == names) else { continue };
             let (layout, values) = large.without(t, self.fitter.data.setting_count());
-            let start = State { values, nuisances: found.fits[at].state.nuisances.clone() };
+            let start = State::new(values, found.fits[at].state.nuisances.clone());
             again.push((at, Union { names, promise: 0.0, starts: vec![(layout, start)] }));
         }
         let fitted: Vec<Result<(usize, Option<Fitted>)>> =
@@ -343,7 +343,7 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
                 let mut values = layout.start(&[0.0; 3]);
                 let latents = found.base.layout.latents();
                 values[..latents].copy_from_slice(&found.base.state.values[..latents]);
-                let start = State { values, nuisances: found.base.state.nuisances.clone() };
+                let start = State::new(values, found.base.state.nuisances.clone());
                 out.push(Union { names, promise: 0.0, starts: vec![(layout, start)] });
             }
         }

@@ -54,7 +54,7 @@ pub fn fitted<T>(drags: &[f64], set: &[&str], seed: u64, of: impl FnOnce(&Fitter
     let fitter = Fitter::new(&data, &Noise { sd: NOISE, rho: 0.0, freedom: 1e3 });
     let layout = Layout::new(&[], set.iter().map(|name| term(name)).collect(), 1);
     let values = layout.start(&[0.0; 3]);
-    let state = State { values, nuisances: windows.iter().map(|w| w.nuisances.clone()).collect() };
+    let state = State::new(values, windows.iter().map(|w| w.nuisances.clone()).collect());
     of(&fitter, &fitter.fit(layout, state, 12).unwrap().unwrap())
 }
 

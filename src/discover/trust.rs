@@ -49,7 +49,7 @@ pub fn weed(windows: &mut [Window], sd: &[f64], settings: &[usize], engine: Engi
     let own: Vec<Window> = flights.iter().map(|w| windows[*w].clone()).collect();
     let data = Data::new(&own, settings, flights.iter().map(|w| sd[*w]).collect(), engine);
     let layout = Layout::new(&[], Vec::new(), 1);
-    let start = State { values: Vec::new(), nuisances: own.iter().map(|w| w.nuisances.clone()).collect() };
+    let start = State::new(Vec::new(), own.iter().map(|w| w.nuisances.clone()).collect());
     let (_, left) = model::fit(&data, &layout, start, 3)?;
     for (k, w) in flights.into_iter().enumerate() {
         let times: Vec<f64> = own[k].points.iter().map(|p| p.time).collect();

@@ -2,11 +2,13 @@
 
 use super::data::Data;
 use super::engine::placed;
-use super::layout::{Layout, State};
-use crate::discover::path::Impact;
+use super::layout::Layout;
+use super::state::State;
+use crate::discover::path::{Impact, Physics};
 use crate::discover::window::{Point, Window};
 use crate::error::Result;
 use crate::trajectory::Trajectory;
+use crate::world::effect::Effect;
 use crate::world::{Rollout, simulate_map};
 
 /// States (x, y, vx, vy) at every window's points, for pictures and for what acts along a path.
@@ -28,7 +30,7 @@ pub fn paths(data: &Data, layout: &Layout, state: &State) -> Result<Vec<Vec<[f64
             return simulated.next().unwrap_or_default();
         }
         let mut states = vec![[f64::NAN; 4]; window.points.len()];
-        layout.path(window, &state.values, &[]).seen(&state.nuisances[w], |i, s| states[i] = s);
+        own(window, w, layout, state, |physics| physics.seen(&state.nuisances[w], |i, s| states[i] = s));
         states
     };
     Ok(windows().map(path).collect())
@@ -36,7 +38,14 @@ pub fn paths(data: &Data, layout: &Layout, state: &State) -> Result<Vec<Vec<[f64
 
 /// What happens in a contact window.
 pub fn impact(window: &Window, w: usize, layout: &Layout, state: &State) -> Option<Impact> {
-    layout.path(window, &state.values, &[]).impact(&state.nuisances[w])
+    own(window, w, layout, state, |physics| physics.impact(&state.nuisances[w]))
+}
+
+/// What `of` makes of what acts in window number `w`, as its launch's mode has it.
+fn own<T>(window: &Window, w: usize, layout: &Layout, state: &State, of: impl FnOnce(&Physics) -> T) -> T {
+    let own = state.beside(w);
+    let beside: Vec<(&Effect, &[f64])> = own.iter().map(|(e, v)| (*e, v.as_slice())).collect();
+    of(&layout.path(window, &state.values_in(w), &beside))
 }
 
 /// Accelerations at true states (x, y, vx, vy) of a window's points, m/s^2.
@@ -68,7 +77,7 @@ mod tests {
         let layout = Layout::new(&[], vec![term("wind")], 1);
         for ((windows, settings), allowed) in [(flights([0.0, 0.0], 1), 1e-9), (shots(), 0.02)] {
             let data = Data::new(&windows, &settings, vec![1e-3], Engine::Lanes);
-            let state = State { values: vec![0.6, 0.0], nuisances: vec![windows[0].nuisances.clone()] };
+            let state = State::new(vec![0.6, 0.0], vec![windows[0].nuisances.clone()]);
             let paths = paths(&data, &layout, &state).unwrap();
             for (point, [x, _, vx, _]) in windows[0].points.iter().zip(&paths[0]) {
                 let (own, t) = (&windows[0].nuisances[5 * point.body..], point.time);

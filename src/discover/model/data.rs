@@ -55,7 +55,7 @@ mod tests {
             assert!(data.frozen(0).is_none(), "nothing yet");
             let nuisances = windows.iter().map(|w| w.nuisances.clone()).collect();
             let layout = Layout::new(&[], vec![term("wind")], 1);
-            freeze(&mut data, &layout, &State { values: vec![0.0; 2], nuisances }).unwrap();
+            freeze(&mut data, &layout, &State::new(vec![0.0; 2], nuisances)).unwrap();
             assert_eq!(data.frozen(0).is_some(), kept);
         }
     }

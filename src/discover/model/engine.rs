@@ -1,8 +1,9 @@
 //! Windows that a world's engine simulates, all of a pass in one batch.
 
 use super::data::{Data, Frozen};
-use super::layout::{Layout, State};
-use super::moved::{Extra, Moved, Shared, shared, slope};
+use super::layout::Layout;
+use super::moved::{Moved, Shared, shared, slope};
+use super::state::{Extra, State};
 use crate::discover::window::Window;
 use crate::error::Result;
 use crate::task::Scene;
@@ -18,7 +19,7 @@ pub fn simulated(data: &Data, layout: &Layout, state: &State, extras: &[Extra]) 
     let mut batch = Batch::default();
     let mut plans: Vec<(usize, Vec<Shared>)> = Vec::new();
     for (w, window) in data.windows.iter().enumerate().filter(|(_, w)| w.kind.simulated()) {
-        let shared = shared(layout, state, window);
+        let shared = shared(layout, &state.values, window);
         batch.plan(data, layout, state, w, &shared, extras);
         plans.push((w, shared));
     }
@@ -202,7 +203,7 @@ mod tests {
     fn derivatives_of_a_shot_are_those_of_free_flight() {
         let (windows, settings) = shots();
         let data = Data::new(&windows, &settings, vec![1e-3], Engine::Lanes);
-        let state = State { values: vec![0.0, 0.0], nuisances: vec![windows[0].nuisances.clone()] };
+        let state = State::new(vec![0.0, 0.0], vec![windows[0].nuisances.clone()]);
         let layout = Layout::new(&[], vec![term("wind")], 1);
         let moved = &simulated(&data, &layout, &state, &[]).unwrap()[0];
         for (i, p) in windows[0].points.iter().enumerate() {
@@ -225,10 +226,10 @@ mod tests {
         let mut data = Data::new(&windows, &settings, vec![1e-3], Engine::Lanes);
         let latents = [factor_index("friction").unwrap()];
         let nuisances = vec![windows[0].nuisances.clone()];
-        let base = State { values: vec![0.5], nuisances: nuisances.clone() };
+        let base = State::new(vec![0.5], nuisances.clone());
         freeze(&mut data, &Layout::new(&latents, Vec::new(), 1), &base).unwrap();
         let layout = Layout::new(&latents, vec![term("wind")], 1);
-        let state = State { values: vec![0.5, 0.0, 0.0], nuisances };
+        let state = State::new(vec![0.5, 0.0, 0.0], nuisances);
         let warm = simulated(&data, &layout, &state, &[]).unwrap();
         data.frozen[0].nuisances[0].fill(7.0);
         let marked = simulated(&data, &layout, &state, &[]).unwrap();

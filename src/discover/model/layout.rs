@@ -52,15 +52,6 @@ pub enum What {
     Parameter(usize, usize),
 }
 
-/// Where a fit stands.
-#[derive(Clone)]
-pub struct State {
-    /// One value a slot.
-    pub values: Vec<f64>,
-    /// Nuisances by window.
-    pub nuisances: Vec<Vec<f64>>,
-}
-
 impl Layout {
     /// Latents (indices of factors) and terms; `settings` is the number of settings.
     pub fn new(latents: &[usize], terms: Vec<Term>, settings: usize) -> Layout {

@@ -8,8 +8,9 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::data::Data;
-use super::layout::{Layout, State};
-use super::look::{Correction, looks};
+use super::layout::Layout;
+use super::look::{Correction, Look, looks};
+use super::state::State;
 use crate::discover::stats::{hold, solve};
 use crate::error::Result;
 
@@ -57,9 +58,9 @@ impl Sums {
     }
 }
 
-/// Fits a layout from a state in so many steps at most, and some more where effects have shapes.
+/// Fits a layout from a state in so many steps at most, and some more where effects have shapes; launches are alike.
 pub fn fit(data: &Data, layout: &Layout, start: State, most: usize) -> Result<(State, Pass)> {
-    let mut state = start;
+    let mut state = State { modes: Vec::new(), ..start };
     let mut here = pass(data, layout, &state)?;
     let mut damping = DAMPING;
     let shaped = (0..layout.slots.len()).any(|i| layout.shapes(i));
@@ -85,9 +86,13 @@ pub fn fit(data: &Data, layout: &Layout, start: State, most: usize) -> Result<(S
     Ok((state, here))
 }
 
-/// Residuals, derivatives and sums at a state.
-pub fn pass(data: &Data, layout: &Layout, state: &State) -> Result<Pass> {
-    let q = layout.slots.len();
+/// Residuals, derivatives and sums at a state whose launches are alike.
+fn pass(data: &Data, layout: &Layout, state: &State) -> Result<Pass> {
+    Ok(summed(data, looks(data, layout, state, &[])?, layout.slots.len()))
+}
+
+/// What windows show, summed up by trial; their first columns are those of `q` slots.
+pub fn summed(data: &Data, looks: Vec<Look>, q: usize) -> Pass {
     let empty = || Sums { gram: DMatrix::zeros(q, q), score: DVector::zeros(q), square: 0.0 };
     let mut out = Pass {
         trials: (0..data.trials).map(|_| empty()).collect(),
@@ -95,16 +100,17 @@ pub fn pass(data: &Data, layout: &Layout, state: &State) -> Result<Pass> {
         squares: Vec::new(),
         corrections: Vec::new(),
     };
-    for (window, look) in data.windows.iter().zip(looks(data, layout, state, &[])?) {
+    for (window, look) in data.windows.iter().zip(looks) {
         let sums = &mut out.trials[window.trial];
-        sums.gram += look.columns.tr_mul(&look.columns);
-        sums.score += look.columns.tr_mul(&look.residual);
+        let columns = look.columns.columns(0, q);
+        sums.gram += columns.tr_mul(&columns);
+        sums.score += columns.tr_mul(&look.residual);
         sums.square += look.square;
         out.squares.push(look.square);
         out.residuals.push((0..2 * window.points.len()).map(|i| look.metres(i)).collect());
         out.corrections.push(look.correction);
     }
-    Ok(out)
+    out
 }
 
 /// Sum of squares of all trials.
@@ -160,7 +166,7 @@ mod tests {
         let mut layout = Layout::new(&[], names.iter().map(|n| term(n)).collect(), 1);
         layout.slots[0].bounds = bounds.unwrap_or(layout.slots[0].bounds);
         let nuisances = windows.iter().map(|w| w.nuisances.clone()).collect();
-        fit(&data, &layout, State { values: layout.start(&[0.0; 3]), nuisances }, 8).unwrap()
+        fit(&data, &layout, State::new(layout.start(&[0.0; 3]), nuisances), 8).unwrap()
     }
 
     fn most(pass: &Pass) -> f64 {
@@ -170,7 +176,7 @@ mod tests {
     /// A wind is found with every start, and nothing of what was seen is left.
     #[test]
     fn a_wind_is_found_with_every_start() {
-        let (State { values, nuisances }, pass) = fitted([0.8, -0.3], &["wind"], None);
+        let (State { values, nuisances, .. }, pass) = fitted([0.8, -0.3], &["wind"], None);
         assert!((values[0] - 0.8).abs() < 1e-5 && (values[1] + 0.3).abs() < 1e-5, "{values:?}");
         assert!(nuisances.iter().all(|n| (n[2] - 3.0).abs() < 1e-5), "{nuisances:?}");
         assert!(most(&pass) < 1e-6, "{}", most(&pass));

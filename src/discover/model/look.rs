@@ -6,9 +6,10 @@ use nalgebra::{DMatrix, DVector};
 
 use super::data::Data;
 use super::engine::{NUDGE, simulated};
-use super::layout::{Layout, State};
+use super::layout::Layout;
 use super::loss::{share, tamed};
-use super::moved::{Extra, Moved, Shared, integrated, shared};
+use super::moved::{Moved, Shared, integrated, shared};
+use super::state::{Extra, Mode, State};
 use crate::discover::stats::inverse;
 use crate::discover::window::{Kind, Window};
 use crate::error::Result;
@@ -39,32 +40,36 @@ pub struct Look {
     pub correction: Correction,
 }
 
-/// The step of a window's start that its residual asks for, and by how much less for each step of the slots.
+/// The step of a window's start that its residual asks for, and by how much less for each step of what its columns are of.
 pub struct Correction {
     own: DVector<f64>,
-    by_slot: DMatrix<f64>,
+    by_column: DMatrix<f64>,
 }
 
 impl Correction {
-    /// The step that goes with a step of the slots.
-    pub fn step(&self, slots: &DVector<f64>) -> DVector<f64> {
-        &self.own - &self.by_slot * slots
+    /// The step that goes with a step of the first columns.
+    pub fn step(&self, columns: &DVector<f64>) -> DVector<f64> {
+        &self.own - self.by_column.columns(0, columns.len()) * columns
     }
 }
 
-/// Every window at a state.
+/// Every window at a state, its path and derivatives those of its launch's mode; what is left is of launches that are all alike.
+/// Where the state has modes, `extras` begin with their pushes.
 pub fn looks(data: &Data, layout: &Layout, state: &State, extras: &[Extra]) -> Result<Vec<Look>> {
     let mut simulated = simulated(data, layout, state, extras)?.into_iter();
     let slots = layout.slots.len();
     let look = |(w, window): (usize, &Window)| {
         let nuisances = &state.nuisances[w];
-        let shared = shared(layout, state, window);
+        let shared = shared(layout, &state.values_in(w), window);
         let moved = match window.kind.simulated() {
             true => simulated.next().unwrap_or_default(),
-            false => integrated(window, layout, state, nuisances, &shared, extras),
+            false => integrated(window, w, layout, state, &shared, extras),
         };
         let mut look = weighed(window, data.sd[w], slots, &shared, nuisances, moved);
-        look.project(slots);
+        look.project();
+        if let Some(mode) = state.modes.get(w) {
+            look.even(mode, slots);
+        }
         look.tame(window);
         look
     };
@@ -72,7 +77,7 @@ pub fn looks(data: &Data, layout: &Layout, state: &State, extras: &[Extra]) -> R
 }
 
 impl Look {
-    /// The step of the window's start that goes with a step of the slots.
+    /// The step of the window's start that goes with a step of the first columns.
     pub fn start_step(&self, step: &DVector<f64>) -> DVector<f64> {
         self.correction.step(step)
     }
@@ -97,14 +102,25 @@ impl Look {
     }
 
     /// Takes what a step of the nuisances can take up out of the residual and the columns.
-    fn project(&mut self, slots: usize) {
+    fn project(&mut self) {
         if self.start.ncols() > 0 {
             let project = inverse(&self.start.tr_mul(&self.start)) * self.start.transpose();
             let by_column = &project * &self.columns;
             let own = &project * &self.residual;
             self.residual -= &self.start * &own;
-            self.correction = Correction { own, by_slot: by_column.columns(0, slots).into_owned() };
+            self.correction = Correction { own, by_column: by_column.clone() };
             self.columns -= &self.start * by_column;
+        }
+        self.square = self.residual.norm_squared();
+    }
+
+    /// Gives back what the launch's mode took, as far as its columns tell: what is left is of a launch like all others.
+    fn even(&mut self, mode: &Mode, slots: usize) {
+        let pushes = mode.pushes.iter().map(|p| p.1);
+        let sizes =
+            mode.sizes.iter().copied().enumerate().chain(pushes.enumerate().map(|(k, a)| (slots + k, a)));
+        for (column, size) in sizes.filter(|(_, size)| *size != 0.0) {
+            self.residual.axpy(size, &self.columns.column(column), 1.0);
         }
         self.square = self.residual.norm_squared();
     }
@@ -168,7 +184,8 @@ fn weighed(
         columns.fill(0.0);
         start.fill(0.0);
     }
-    let correction = Correction { own: DVector::zeros(count), by_slot: DMatrix::zeros(count, slots) };
+    let correction =
+        Correction { own: DVector::zeros(count), by_column: DMatrix::zeros(count, columns.ncols()) };
     Look { weights, residual, columns, start, square: 0.0, share: 1.0, correction }
 }
 
@@ -206,7 +223,7 @@ mod tests {
     fn look(windows: &[Window], settings: &[usize], nuisances: Vec<f64>) -> Look {
         let data = Data::new(windows, settings, vec![1e-3], Engine::Lanes);
         let layout = Layout::new(&[], vec![term("wind")], 1);
-        let state = State { values: vec![0.0, 0.0], nuisances: vec![nuisances] };
+        let state = State::new(vec![0.0, 0.0], vec![nuisances]);
         looks(&data, &layout, &state, &[]).unwrap().remove(0)
     }
 

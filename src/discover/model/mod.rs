@@ -1,7 +1,7 @@
 //! A candidate model, and how the windows' residuals depend on it, by simulation only.
 //!
 //! `layout`: latents to calibrate and effect terms with their parameters, laid out as one vector. `data`: what is fixed during
-//! a diagnosis. `moved`: what windows show, and by how much more when a number moves; `engine`: the same of those that a
+//! a diagnosis; `state`: where a fit stands. `moved`: what windows show, and by how much more when a number moves; `engine`: the same of those that a
 //! world's engine simulates. `look`: residuals and derivatives in units of the noise, starts projected out; `loss`: how much
 //! what went astray counts. `least_squares`: fits. `along`: what happens along fitted paths.
 
@@ -13,12 +13,13 @@ mod least_squares;
 mod look;
 mod loss;
 mod moved;
+mod state;
 
 pub use along::{impact, paths, pushes};
 pub use data::Data;
 pub use engine::freeze;
-pub use layout::{Layout, Slot, State, Term, What, bounds};
-pub use least_squares::{Pass, Sums, fit, pass, total};
+pub use layout::{Layout, Slot, Term, What, bounds};
+pub use least_squares::{Pass, Sums, fit, summed, total};
 pub use look::{Look, looks};
 pub use loss::losses;
-pub use moved::Extra;
+pub use state::{Extra, Mode, State};

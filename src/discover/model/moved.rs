@@ -3,7 +3,8 @@
 //! Derivatives are differences of rollouts: one-sided of paths that are integrated here, which are smooth, two-sided of
 //! those that an engine simulates and across edges.
 
-use super::layout::{Layout, Slot, State, What};
+use super::layout::{Layout, Slot, What};
+use super::state::{Extra, State};
 use crate::discover::path::Physics;
 use crate::discover::window::{Kind, Window};
 use crate::world::effect::Effect;
@@ -23,15 +24,6 @@ pub struct Moved {
     pub extras: Vec<Vec<f64>>,
 }
 
-/// A term to be added to a model, at values near which it vanishes: the direction that it would move paths in.
-#[derive(Clone)]
-pub struct Extra {
-    pub effect: &'static Effect,
-    pub values: Vec<f64>,
-    /// By what the difference that it makes is divided.
-    pub unit: f64,
-}
-
 /// A slot that concerns a window, and its values below and above.
 pub struct Shared {
     pub slot: usize,
@@ -40,7 +32,7 @@ pub struct Shared {
 }
 
 /// The slots that concern a window: all but other settings' and, where nothing is met, latents.
-pub fn shared(layout: &Layout, state: &State, window: &Window) -> Vec<Shared> {
+pub fn shared(layout: &Layout, values: &[f64], window: &Window) -> Vec<Shared> {
     let concerns = |slot: &Slot| {
         let latent = matches!(slot.what, What::Latent(_));
         slot.setting.is_none_or(|s| s == window.setting)
@@ -49,7 +41,7 @@ pub fn shared(layout: &Layout, state: &State, window: &Window) -> Vec<Shared> {
     let slots = (0..layout.slots.len()).filter(|i| concerns(&layout.slots[*i]));
     slots
         .map(|i| {
-            let (slot, value) = (&layout.slots[i], state.values[i]);
+            let (slot, value) = (&layout.slots[i], values[i]);
             let wide = slot.step * if window.kind.simulated() { 3.0 } else { 1.0 };
             let h = wide.max(1e-4 * value.abs());
             let (mut low, mut high) = ((value - h).max(slot.bounds[0]), (value + h).min(slot.bounds[1]));
@@ -62,17 +54,19 @@ pub fn shared(layout: &Layout, state: &State, window: &Window) -> Vec<Shared> {
         .collect()
 }
 
-/// A window that is integrated here.
+/// Window number `w`, which is integrated here, as its launch's mode has it.
 pub fn integrated(
     window: &Window,
+    w: usize,
     layout: &Layout,
     state: &State,
-    nuisances: &[f64],
     shared: &[Shared],
     extras: &[Extra],
 ) -> Moved {
     let seen = |physics: &Physics, nuisances: &[f64]| physics.seen(nuisances, |_, _| ());
-    let here = layout.path(window, &state.values, &[]);
+    let (nuisances, values, own) = (state.nuisances[w].as_slice(), state.values_in(w), state.beside(w));
+    let beside: Vec<(&Effect, &[f64])> = own.iter().map(|(e, v)| (*e, v.as_slice())).collect();
+    let here = layout.path(window, &values, &beside);
     let base = seen(&here, nuisances);
     let by_nuisance = |(k, h): (usize, &f64)| {
         let mut moved = nuisances.to_vec();
@@ -81,18 +75,18 @@ pub fn integrated(
     };
     let by_slot = |s: &Shared| {
         let end = |value: f64| {
-            if value == state.values[s.slot] {
+            if value == values[s.slot] {
                 return base.clone();
             }
-            let mut values = state.values.clone();
-            values[s.slot] = value;
-            seen(&layout.path(window, &values, &[]), nuisances)
+            let mut moved = values.clone();
+            moved[s.slot] = value;
+            seen(&layout.path(window, &moved, &beside), nuisances)
         };
         slope(&end(s.high), &end(s.low), s.high - s.low)
     };
     let by_extra = |e: &Extra| {
-        let with = layout.path(window, &state.values, &[(e.effect, &e.values)]);
-        slope(&seen(&with, nuisances), &base, e.unit)
+        let with = [beside.as_slice(), &[(e.effect, &e.values)]].concat();
+        slope(&seen(&layout.path(window, &values, &with), nuisances), &base, e.unit)
     };
     let steps: &[f64] = if window.kind == Kind::Roll { &ROLL } else { &FLIGHT };
     Moved {
@@ -119,11 +113,11 @@ mod tests {
     fn derivatives_of_a_flight_are_those_of_a_parabola() {
         let (windows, _) = flights([0.0, 0.0], 1);
         let layout = Layout::new(&[], vec![term("wind")], 1);
-        let state = State { values: vec![0.5, 0.0], nuisances: vec![windows[0].nuisances.clone()] };
-        let shared = shared(&layout, &state, &windows[0]);
+        let state = State::new(vec![0.5, 0.0], vec![windows[0].nuisances.clone()]);
+        let shared = shared(&layout, &state.values, &windows[0]);
         let drag = term("quadratic_drag").effect;
         let extra = Extra { effect: drag, values: vec![1e-3], unit: 1e-3 };
-        let moved = integrated(&windows[0], &layout, &state, &state.nuisances[0], &shared, &[extra]);
+        let moved = integrated(&windows[0], 0, &layout, &state, &shared, &[extra]);
         for (i, t) in windows[0].points.iter().map(|p| p.time).enumerate() {
             let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-6, "{a} for {b} at {t}");
             near(moved.nuisances[0][2 * i], 1.0);
@@ -141,8 +135,7 @@ mod tests {
         let layout = Layout::new(&[1], vec![term("wind")], 1);
         let [low, high] = layout.slots[1].bounds;
         for (value, inwards) in [(low, true), (high, false)] {
-            let state = State { values: vec![0.5, value, 0.0], nuisances: Vec::new() };
-            let shared = shared(&layout, &state, &windows[0]);
+            let shared = shared(&layout, &[0.5, value, 0.0], &windows[0]);
             assert_eq!(
                 shared.iter().map(|s| s.slot).collect::<Vec<_>>(),
                 [1, 2],

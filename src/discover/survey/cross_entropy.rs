@@ -61,7 +61,7 @@ impl Over<'_> {
             mean = mean * KEPT + centre * (1.0 - KEPT);
             covariance = covariance * KEPT + own * (1.0 - KEPT);
         }
-        Ok(State { values: best.1, nuisances: start.nuisances.clone() })
+        Ok(State::new(best.1, start.nuisances.clone()))
     }
 }
 
@@ -101,7 +101,7 @@ mod tests {
         let data = Data::new(&windows, &settings, vec![1e-3; windows.len()], Engine::Lanes);
         let layout = Layout::new(&[], vec![term("wind")], 1);
         let over = Over { data: &data, layout: &layout, leaps: &[0, 3, 5] };
-        let start = State { values: vec![-2.0, 2.0], nuisances: vec![Vec::new(); windows.len()] };
+        let start = State::new(vec![-2.0, 2.0], vec![Vec::new(); windows.len()]);
         let found = |seed| over.drawn(&start, &[2.0, 2.0], seed).unwrap().values;
         let one = found(1);
         assert!((one[0] - 0.75).abs() < 0.02 && one[1].abs() < 0.02, "{one:?}");

@@ -193,7 +193,7 @@ mod tests {
         let (windows, settings) = leaps(0.731);
         let data = Data::new(&windows, &settings, vec![1e-3; windows.len()], Engine::Lanes);
         let layout = Layout::new(&[], vec![term("wind")], 1);
-        let start = State { values: vec![0.0, 0.0], nuisances: vec![Vec::new(); windows.len()] };
+        let start = State::new(vec![0.0, 0.0], vec![Vec::new(); windows.len()]);
         let found = survey(&data, &layout, &start, 3).unwrap().values;
         assert!((found[0] - 0.731).abs() < 2e-3 && found[1].abs() < 2e-3, "{found:?}");
     }
@@ -214,7 +214,7 @@ mod tests {
     #[test]
     fn a_frame_holds_the_places_where_things_go_wrong() {
         let layout = Layout::new(&[1], vec![term("sticky_patch")], 1);
-        let start = State { values: layout.start(&[0.0, 0.3, 0.0]), nuisances: Vec::new() };
+        let start = State::new(layout.start(&[0.0, 0.3, 0.0]), Vec::new());
         let places = [(0..11).map(f64::from).collect::<Vec<_>>(), vec![5.0; 11]];
         for (margin, edges) in [(0.0, [0.0, 10.0]), (0.3, [3.0, 7.0])] {
             let (framed, spread) = framed(&layout, &start, &[1.0; 6], &places, margin);

@@ -45,7 +45,7 @@ impl Over<'_> {
                 break;
             }
         }
-        Ok(State { values: best.1, nuisances: start.nuisances })
+        Ok(State::new(best.1, start.nuisances))
     }
 
     /// Restitution together with what else contacts do is tried on grids, each about the best of the one before. The two make
@@ -70,7 +70,7 @@ impl Over<'_> {
                 best = self.better(best, tried)?;
             }
         }
-        Ok(State { values: best.1, nuisances: start.nuisances })
+        Ok(State::new(best.1, start.nuisances))
     }
 
     fn judged(&self, values: Vec<f64>) -> Result<Judged> {
@@ -112,7 +112,7 @@ mod tests {
         let (windows, settings) = leaps(0.75);
         let data = Data::new(&windows, &settings, vec![1e-3; windows.len()], Engine::Lanes);
         let mut layout = Layout::new(&[], vec![term("wind")], 1);
-        let start = || State { values: vec![0.0, 0.0], nuisances: vec![Vec::new(); windows.len()] };
+        let start = || State::new(vec![0.0, 0.0], vec![Vec::new(); windows.len()]);
         let over = |layout: &Layout| {
             let over = Over { data: &data, layout, leaps: &[0, 3, 5] };
             over.scan(start(), &[1.0, 1.0], &[(1.0, 4), (0.1, 4)]).unwrap().values

@@ -1,0 +1,130 @@
+//! How each launch is unlike the others: the mode of everything that differs from launch to launch.
+//!
+//! A model is linear about where it stands; but a lift that only one launch has bends its path by centimetres in second order,
+//! and so do all launches' on the mean, whatever the sign, which looks like something that they share. So every window is made
+//! linear about its own launch's mode, and the modes are found anew from there, until they stay.
+//!
+//! With what the launch leaves r, the columns Z of what differs, its variances T^2 and the rest of the covariance D, the mode
+//! is (Z'D^-1 Z + T^-2)^-1 Z'D^-1 r.
+//!
+//! Source: Lindstrom and Bates, Biometrics 46 (1990) 673.
+//!
+//! Differences from the source: errors of contacts have no mode, which act in first order alone; the slow misfit has none,
+//! being no part of a path.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::columns::{Columns, Own};
+use super::gaussian::Components;
+use super::launch::Part;
+use super::model::{Extra, Mode};
+
+/// Modes of `windows` windows, the slots having moved by `step`. `pushes`: those beside the model, in the order of its columns.
+pub fn modes(
+    parts: &[Part],
+    columns: &Columns,
+    pushes: &[Extra],
+    components: &Components,
+    step: &DVector<f64>,
+    windows: usize,
+) -> Vec<Mode> {
+    let like_others = || Mode {
+        sizes: vec![0.0; columns.slots],
+        pushes: pushes.iter().map(|push| (push.clone(), 0.0)).collect(),
+    };
+    let mut out: Vec<Mode> = (0..windows).map(|_| like_others()).collect();
+    for part in parts.iter().filter(|part| part.differs) {
+        let all = differing(part, columns, components);
+        let Some(amounts) = most_likely(part, &all, components.slow, step) else { continue };
+        for (what, amount) in all.iter().zip(amounts.iter()) {
+            let blocks =
+                part.blocks.iter().enumerate().filter(|(b, _)| what.block.is_none_or(|own| own == *b));
+            for (column, times) in &what.moves {
+                for mode in blocks.clone().map(|(_, block)| block.window) {
+                    match column.checked_sub(columns.slots) {
+                        None => out[mode].sizes[*column] += times * amount,
+                        Some(push) => out[mode].pushes[push].1 += times * amount,
+                    }
+                }
+            }
+        }
+    }
+    out
+}
+
+/// Something that differs from launch to launch.
+struct Differing {
+    /// The block that it is of; none: all of its launch.
+    block: Option<usize>,
+    /// Its column in that block, or in all.
+    column: Which,
+    sd: f64,
+    /// Which of the model's columns, slots and then pushes, it moves, and how much of each.
+    moves: Vec<(usize, f64)>,
+}
+
+#[derive(Clone, Copy)]
+enum Which {
+    Slot(usize),
+    Alike(usize),
+    Own(usize),
+}
+
+fn differing(part: &Part, columns: &Columns, components: &Components) -> Vec<Differing> {
+    let push = |place: usize| {
+        let at = columns.of.iter().position(|(own, _)| *own == place);
+        at.map(|k| (columns.slots + k, 1.0)).into_iter().collect::<Vec<_>>()
+    };
+    let spread = |k: usize| components.spread.get(k).copied().unwrap_or(0.0);
+    let slots = (0..columns.slots).map(|k| Differing {
+        block: None,
+        column: Which::Slot(k),
+        sd: spread(k),
+        moves: vec![(k, 1.0)],
+    });
+    let mut strengths = columns.strengths.iter();
+    let mut moves = |own: Own| match own {
+        Own::Push(place) => push(place),
+        Own::Strength => strengths.next().cloned().unwrap_or_default(),
+        Own::Renewed(k) => vec![columns.renewed[k]],
+        Own::Leap => Vec::new(),
+    };
+    let mut all: Vec<Differing> = slots.collect();
+    for (k, own) in part.blocks.first().map_or(&[][..], |b| &b.alike_of).iter().enumerate() {
+        all.push(Differing {
+            block: None,
+            column: Which::Alike(k),
+            sd: components.of(*own),
+            moves: moves(*own),
+        });
+    }
+    for (b, block) in part.blocks.iter().enumerate() {
+        for (k, own) in block.kinds.iter().enumerate() {
+            let (column, sd) = (Which::Own(k), components.of(*own));
+            all.push(Differing { block: Some(b), column, sd, moves: moves(*own) });
+        }
+    }
+    all.retain(|d| d.sd > 0.0);
+    all
+}
+
+/// How much there is of each; `None` where that cannot be told.
+fn most_likely(part: &Part, all: &[Differing], slow: f64, step: &DVector<f64>) -> Option<DVector<f64>> {
+    let n = all.len();
+    let mut precision = DMatrix::from_diagonal(&DVector::from_fn(n, |k, _| all[k].sd.powi(-2)));
+    let mut score = DVector::zeros(n);
+    for (b, block) in part.blocks.iter().enumerate() {
+        let root = block.slow.map(|s| (1.0 + slow * slow * s).sqrt().recip());
+        let left = (&block.left - &block.columns * step).component_mul(&root);
+        let column = |d: &Differing, i: usize| match (d.block.is_none_or(|own| own == b), d.column) {
+            (false, _) => 0.0,
+            (_, Which::Slot(k)) => block.columns[(i, k)],
+            (_, Which::Alike(k)) => block.alike[(i, k)],
+            (_, Which::Own(k)) => block.own[(i, k)],
+        };
+        let z = DMatrix::from_fn(left.len(), n, |i, k| root[i] * column(&all[k], i));
+        precision += z.tr_mul(&z);
+        score += z.tr_mul(&left);
+    }
+    Some(precision.cholesky()?.solve(&score))
+}
