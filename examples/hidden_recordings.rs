@@ -115,7 +115,10 @@ fn compared(world: &World, d: &Diagnosis) -> (String, String, String) {
         _ => None,
     };
     let spread = match world.kind {
-        Kind::Spin => found("lift", "s").and_then(spread),
+        // In the set or beside it: either way it is in the report.
+        Kind::Spin => found("lift", "s")
+            .and_then(spread)
+            .or_else(|| d.unlike.iter().find(|u| u.effect == "lift").map(|u| u.spread)),
         _ => told.first().and_then(|(s, p)| Some(spread(p)? / (s.value - s.neutral).abs())),
     };
     (

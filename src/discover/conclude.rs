@@ -18,6 +18,7 @@ use super::report::{
 };
 use super::search::Found;
 use super::sizes::{calibrated, effects, scores, strings};
+use super::unlike;
 use super::verdict::Judged;
 use super::words::{reason, remainder};
 use super::{Config, Finding, advise};
@@ -53,6 +54,7 @@ pub fn conclude(given: &Given, found: Found, judged: &Judged, config: &Config) -
     let gain = gain::gain(base, best, settings, names.len(), &scale);
     let next = advise::next(scene, windows, fits, &judged.rivals, verdict, noise, config)?;
     let rival_names = |i: &usize| strings(&fits[*i].names());
+    let unlike = unlike::unlike(model);
     let remainder = remainder(base, model, judged, noise, &gain, &scale);
     let (launches, predictive) = by_launch(given, model)?;
     let field = match &judged.shared {
@@ -64,7 +66,7 @@ pub fn conclude(given: &Given, found: Found, judged: &Judged, config: &Config) -
     let diagnosis = Diagnosis {
         format: report::FORMAT,
         verdict,
-        reason: reason(&found, judged, &remainder, kept.len()),
+        reason: reason(&found, judged, &remainder, kept.len()) + &unlike::text(&unlike),
         effects: effects(model, names),
         rivals: judged.rivals.iter().map(rival_names).collect(),
         calibrated: calibrated(model, base.layout.latents()),
@@ -79,6 +81,7 @@ pub fn conclude(given: &Given, found: Found, judged: &Judged, config: &Config) -
         scores: scores(&found, judged, names),
         remainder: Some(remainder),
         launches,
+        unlike,
         predictive,
         field,
         paths: paths::paths(&evidence, kept),
@@ -148,6 +151,7 @@ pub fn insufficient(scene: &Scene, trials: &[Trial], reason: &str, config: &Conf
         }),
         scores: Vec::new(),
         launches: Vec::new(),
+        unlike: Vec::new(),
         predictive: None,
         field: None,
         paths: Default::default(),

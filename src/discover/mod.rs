@@ -13,7 +13,7 @@
 //!    `verdict`: what that amounts to.
 //! 6. `advise` and `parting`: what would separate those that tie; `law` and `described`: what no set explains, as terms that
 //!    can be simulated; `conclude`: the report, of `sizes`, of `gain` by `expected` and `leave_out`, and in `words`;
-//!    `by_launch`: what each launch says; `check`: whether it is as predicted; `band` and `paths`: how far off its path it may
+//!    `by_launch`: what each launch says; `unlike`: what launches differ by beside the model; `check`: whether it is as predicted; `band` and `paths`: how far off its path it may
 //!    be seen; `picture`: the field of what is left; `extend`: the scene with what was found; `evidence`: what pictures show.
 //!
 //! Sources: multiple shooting (Bock 1983), variable projection (Golub and Pereyra 1973), model discrepancy as a Gaussian
@@ -67,6 +67,7 @@ mod survey;
 #[cfg(test)]
 mod thrown;
 mod trust;
+mod unlike;
 mod verdict;
 mod window;
 mod words;

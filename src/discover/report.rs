@@ -62,6 +62,8 @@ pub struct Diagnosis {
     pub remainder: Option<Remainder>,
     /// What the reported model makes of every launch that was used.
     pub launches: Vec<Launch>,
+    /// What launches differ by, each in its own way, beside the reported model.
+    pub unlike: Vec<Unlike>,
     /// Whether launches are as far as they should be from what the others predict of them; `None` where that is not told.
     pub predictive: Option<Predictive>,
     /// What pushes launches beside the reported model, where they flew; `None` where that was not asked.
@@ -94,6 +96,17 @@ pub struct FoundParameter {
     pub setting: Option<String>,
     /// Standard deviation from launch to launch; `None` if launches share it.
     pub spread: Option<f64>,
+}
+
+/// An acceleration that every launch has of its own, by more than every launch may a little.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Unlike {
+    /// The effect that it is an amplitude of, and which.
+    pub effect: String,
+    pub parameter: String,
+    /// Standard deviation from launch to launch, about a mean of nothing, in the parameter's unit.
+    pub spread: f64,
+    pub unit: String,
 }
 
 /// An acceleration without a name that describes what effects leave.
