@@ -22,6 +22,12 @@ const LEAP: [f64; 2] = [-4.6, 1.0];
 const STRENGTH: [f64; 2] = [-1.9, 1.2];
 /// The same of a size's spread, its centre as a share of what is plausible.
 const SPREAD: [f64; 2] = [0.05, 1.5];
+/// Share of its size by which anything may differ from launch to launch, and how many of the deviations that effects declare:
+/// a model that needs more leaves something that it does not name.
+pub const SIZES: f64 = 0.2;
+pub const DECLARED: f64 = 2.0;
+/// Least bound of a spread, as a share of what is plausible: so small that it is none.
+const LEAST: f64 = 1e-4;
 /// Gain (nats) of a round of steps below which the next width is tried, and most rounds of a width.
 const SETTLED: f64 = 0.05;
 const ROUNDS: usize = 6;
@@ -52,6 +58,15 @@ impl Components {
         }
     }
 
+    /// The most that launches have reason to differ by, logarithms.
+    fn most(&self, prior: &Prior) -> Vec<f64> {
+        let reasons = prior.plausible.iter().zip(&prior.reason).filter(|(p, _)| **p > 0.0);
+        let spreads = reasons.map(|(p, reason)| reason.max(LEAST * p).ln());
+        let strength = [SIZES.ln()].into_iter().filter(|_| self.strength > 0.0);
+        let pushes = self.push.iter().map(|_| DECLARED.ln());
+        [f64::INFINITY; 2].into_iter().chain(pushes).chain(strength).chain(spreads).collect()
+    }
+
     fn log_prior(&self, logs: &[f64], prior: &Prior) -> f64 {
         let spreads = prior.plausible.iter().filter(|p| **p > 0.0).map(|p| [(SPREAD[0] * p).ln(), SPREAD[1]]);
         let strength = [STRENGTH].into_iter().filter(|_| self.strength > 0.0);
@@ -78,15 +93,33 @@ impl<'a> Likelihood<'a> {
         Likelihood { parts, from: from.clone(), wide, weighed: HashMap::new(), densities: HashMap::new() }
     }
 
-    /// Components that make those parts most likely that count, in steps of some widths.
+    /// Components that make those parts most likely that count, in steps of some widths, launches differing by no more than they
+    /// have reason to.
     pub fn most(&mut self, prior: &Prior, widths: &[f64], counts: impl Fn(&Part) -> bool) -> Components {
+        let most = self.from.most(prior);
+        self.climbed(prior, &most, widths, counts)
+    }
+
+    /// The same, launches differing by whatever they do.
+    pub fn most_freely(&mut self, prior: &Prior) -> Components {
+        let most = vec![f64::INFINITY; self.from.logs().len()];
+        self.climbed(prior, &most, &NEAR, |_| true)
+    }
+
+    fn climbed(
+        &mut self,
+        prior: &Prior,
+        most: &[f64],
+        widths: &[f64],
+        counts: impl Fn(&Part) -> bool,
+    ) -> Components {
         let (parts, from) = (self.parts, self.from.clone());
         let mut quality = |logs: &[f64]| {
             let densities = self.densities(logs);
             let own = parts.iter().zip(densities).filter(|(p, _)| counts(p)).map(|(_, d)| d);
             own.sum::<f64>() + from.log_prior(logs, prior)
         };
-        let mut logs = from.logs();
+        let mut logs: Vec<f64> = from.logs().iter().zip(most).map(|(l, most)| l.min(*most)).collect();
         let mut best = quality(&logs);
         for width in widths {
             for _ in 0..ROUNDS {
@@ -94,7 +127,10 @@ impl<'a> Likelihood<'a> {
                 for k in 0..logs.len() {
                     for way in [*width, -*width] {
                         let mut moved = logs.clone();
-                        moved[k] += way;
+                        moved[k] = (moved[k] + way).min(most[k]);
+                        if moved[k] == logs[k] {
+                            continue;
+                        }
                         let value = quality(&moved);
                         if value > best {
                             (best, logs) = (value, moved);
@@ -131,7 +167,12 @@ mod tests {
     use nalgebra::{DMatrix, DVector};
 
     fn prior() -> Prior {
-        Prior { precision: DMatrix::identity(2, 2), off: DVector::zeros(2), plausible: vec![0.4, 0.0] }
+        Prior {
+            precision: DMatrix::identity(2, 2),
+            off: DVector::zeros(2),
+            plausible: vec![0.4, 0.0],
+            reason: vec![0.1, 0.0],
+        }
     }
 
     /// What a search steps along is what the components are, and a model without strengths has no step for one.

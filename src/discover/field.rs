@@ -140,9 +140,10 @@ fn believed(model: &Fitted, parts: &[Part], strength: f64) -> Option<(Prior, Com
     let all = parts.first()?.blocks[0].columns.ncols();
     let mut precision = DMatrix::from_diagonal_element(all, all, strength.powi(-2));
     precision.view_mut((0, 0), (q, q)).copy_from(&own.precision);
-    let mut prior = Prior { precision, off: DVector::zeros(all), plausible: own.plausible };
+    let mut prior = Prior { precision, off: DVector::zeros(all), ..own.clone() };
     prior.off.rows_mut(0, q).copy_from(&own.off);
     prior.plausible.resize(all, 0.0);
+    prior.reason.resize(all, 0.0);
     let mut components = model.components.clone();
     components.spread.resize(all, 0.0);
     Some((prior, components))
@@ -256,7 +257,7 @@ pub fn left(fitter: &Fitter, model: &Fitted, strength: f64) -> Result<Option<Lef
         };
         let all: Vec<Told> = gaussian::all_told(&parts, &components)?.into_iter().map(only).collect();
         let precision = prior.precision.view((q, q), (count, count)).into_owned();
-        let prior = Prior { precision, off: DVector::zeros(count), plausible: vec![0.0; count] };
+        let prior = Prior { precision, off: DVector::zeros(count), plausible: vec![0.0; count], reason: vec![0.0; count] };
         gaussian::pooled(all.iter(), &prior)
     };
     Ok(told().map(|told| Left { functions, turn, told }))

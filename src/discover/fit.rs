@@ -6,7 +6,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::columns::{self, Columns};
-use super::components::{Likelihood, NEAR, WIDE};
+use super::components::{DECLARED, Likelihood, NEAR, SIZES, WIDE};
 use super::gaussian::{self, Components, Pooled, Prior, Told};
 use super::launch::{self, Frame, Part};
 use super::leave_out::leave_out;
@@ -245,7 +245,7 @@ fn move_by(state: &mut State, looks: &[Look], taken: &DVector<f64>, modes: Vec<M
 }
 
 /// How far a slot's value may differ from launch to launch without naming anything.
-pub fn differs(layout: &Layout, slot: usize) -> f64 {
+fn differs(layout: &Layout, slot: usize) -> f64 {
     let What::Parameter(t, p) = layout.slots[slot].what else { return 0.0 };
     let effect = layout.terms[t].effect;
     let place = (0..p).filter(|k| effect.parameters[*k].is_amplitude()).count();
@@ -259,7 +259,9 @@ const BETWEEN: f64 = 0.05;
 /// are seen to differ: a setting that no other launch tells is one like the others.
 pub fn prior(layout: &Layout, state: &State) -> Prior {
     let q = layout.slots.len();
-    let mut out = Prior { precision: DMatrix::zeros(q, q), off: DVector::zeros(q), plausible: vec![0.0; q] };
+    let none = || vec![0.0; q];
+    let mut out =
+        Prior { precision: DMatrix::zeros(q, q), off: DVector::zeros(q), plausible: none(), reason: none() };
     for (i, slot) in layout.slots.iter().enumerate() {
         let parameter = match slot.what {
             What::Parameter(t, p) => Some(&layout.terms[t].effect.parameters[p]),
@@ -270,6 +272,7 @@ pub fn prior(layout: &Layout, state: &State) -> Prior {
             continue;
         };
         out.off[i] = parameter.neutral - state.values[i];
+        out.reason[i] = (SIZES * out.off[i].abs()).max(DECLARED * differs(layout, i));
         out.plausible[i] = if parameter.is_amplitude() { parameter.plausible } else { 0.0 };
         let alike: Vec<usize> = (0..q).filter(|j| layout.slots[*j].what == slot.what).collect();
         if alike.len() < 2 {

@@ -34,6 +34,8 @@ pub struct Prior {
     pub off: DVector<f64>,
     /// What is plausible of each slot that may differ from launch to launch; 0 of others.
     pub plausible: Vec<f64>,
+    /// How far each of those has reason to.
+    pub reason: Vec<f64>,
 }
 
 /// A part under some components: everything that densities need.
@@ -316,8 +318,12 @@ mod tests {
         let mut spoilt = part();
         spoilt.blocks.iter_mut().for_each(|b| b.left *= 1000.0);
         let c = Components { spread: vec![0.0; 2], ..components_of_it() };
-        let prior =
-            Prior { precision: DMatrix::identity(2, 2), off: DVector::zeros(2), plausible: vec![0.0; 2] };
+        let prior = Prior {
+            precision: DMatrix::identity(2, 2),
+            off: DVector::zeros(2),
+            plausible: vec![0.0; 2],
+            reason: vec![0.0; 2],
+        };
         let of = |parts: &[Part]| pooled(all_told(parts, &c).unwrap().iter(), &prior).unwrap().step;
         let usual: Vec<Part> = vec![part(); 10];
         let all: Vec<Part> = usual.iter().cloned().chain([spoilt]).collect();

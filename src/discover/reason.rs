@@ -2,18 +2,16 @@
 //!
 //! Sizes that differ from launch to launch, pushes of each launch's own and misfit that changes slowly along paths take up
 //! whatever a model leaves. A little of each is what recordings are; a lot of it is a symptom of a force that the model has not.
+//! So models are scored with sizes and pushes that differ no more than they have reason to (`components`); where launches are
+//! predicted better if they may differ by more, or if more of them changes slowly, the model does not suffice.
 
+use super::components::Likelihood;
 use super::decide::{Bootstrap, TIED, compared};
-use super::fit::{Fitted, Fitter, differs, prior};
+use super::fit::{Fitted, Fitter, prior};
 use super::gaussian::Components;
-use super::model::What;
 use super::score;
 use crate::error::Result;
 
-/// Share of its size by which anything may differ from launch to launch.
-const SIZES: f64 = 0.2;
-/// How many of the deviations that effects declare launches may differ by.
-const DECLARED: f64 = 2.0;
 /// Slow misfit that is nobody's: in units of the noise, and as a share of what the base model leaves above it (squares).
 const SLOW: [f64; 2] = [0.5, 0.01];
 
@@ -23,29 +21,14 @@ pub fn suffices(fitter: &Fitter, base: &Fitted, model: &Fitted, bootstrap: &Boot
         return Ok(false);
     };
     let slots = prior(&model.layout, &model.state);
-    let free = &model.components;
     let blocks = || parts.iter().flat_map(|p| &p.blocks);
     let coordinates: f64 = blocks().map(|b| b.left.len() as f64).sum();
     let left = (base.squares.iter().sum::<f64>() - coordinates).max(0.0);
     let unit: f64 = blocks().map(|b| b.slow.sum()).sum();
     let slow = SLOW[0].max((SLOW[1] * left / unit.max(1e-12)).sqrt());
-    let within = Components {
-        slow: free.slow.min(slow),
-        leap: free.leap,
-        strength: free.strength.min(SIZES),
-        push: free.push.iter().map(|p| p.min(DECLARED)).collect(),
-        spread: free.spread.iter().enumerate().map(|(k, s)| s.min(reason(model, k))).collect(),
-    };
+    let within = Components { slow: model.components.slow.min(slow), ..model.components.clone() };
+    let free = Likelihood::new(&parts, &model.components).most_freely(&slots);
     let of = |c: &Components| score::held_out_with(&parts, &slots, c, &fitter.folds).map(|s| s.0);
-    let (Some(free), Some(within)) = (of(free), of(&within)) else { return Ok(false) };
+    let (Some(free), Some(within)) = (of(&free), of(&within)) else { return Ok(false) };
     Ok(compared(&free, &within, bootstrap).worse < TIED[0])
-}
-
-/// How far a slot's value has reason to differ from launch to launch.
-fn reason(model: &Fitted, slot: usize) -> f64 {
-    if let What::Latent(_) = model.layout.slots[slot].what {
-        return f64::INFINITY;
-    }
-    let size = (model.state.values[slot] - model.neutral(slot)).abs();
-    (SIZES * size).max(DECLARED * differs(&model.layout, slot))
 }

@@ -31,7 +31,8 @@ pub static EFFECT: Effect = Effect {
     act: Act::Motion(&Lift),
     holds: &[],
     opposes_motion: false,
-    differs: &[0.15],
+    // A ball of table tennis whose spin differs by three turns a second.
+    differs: &[0.2],
     renewed: true,
     check: None,
     search: Search::Downhill,
