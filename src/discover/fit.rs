@@ -49,6 +49,16 @@ pub struct Fitted {
     pub p_values: Vec<f64>,
 }
 
+/// Where a fit stands: every window there, what launches say of it, and what the slots are known by.
+struct Stand {
+    state: State,
+    looks: Vec<Look>,
+    parts: Vec<Part>,
+    told: Vec<Told>,
+    components: Components,
+    covariance: DMatrix<f64>,
+}
+
 /// A model as pictures and the extended scene show it.
 #[derive(Clone, Copy)]
 pub struct Shown<'a> {
@@ -95,7 +105,7 @@ impl<'a, 'b> Fitter<'a, 'b> {
         let set: Vec<&'static Effect> = layout.terms.iter().map(|t| t.effect).collect();
         let mut components =
             Components::start(&prior(&layout, &state), !layout.strengths(&state.values).is_empty());
-        let mut best: Option<(f64, State, Vec<Part>, Components)> = None;
+        let mut best: Option<(f64, Stand)> = None;
         for round in 0..=ROUNDS {
             let Some((looks, parts)) = self.parts(&layout, &set, &state, &[])? else { break };
             let prior = prior(&layout, &state);
@@ -105,49 +115,41 @@ impl<'a, 'b> Fitter<'a, 'b> {
             let Some(told) = gaussian::all_told(&parts, &components) else { break };
             let quality = told.iter().map(|t| t.density(&here)).sum::<f64>()
                 - 0.5 * prior.off.dot(&(&prior.precision * &prior.off));
-            let Some(Pooled { step, .. }) = gaussian::pooled(told.iter(), &prior) else { break };
-            let gained = best.as_ref().is_none_or(|b| quality > b.0);
+            let Some(Pooled { step, covariance }) = gaussian::pooled(told.iter(), &prior) else { break };
             let before = best.as_ref().map_or(f64::NEG_INFINITY, |b| b.0);
-            if gained {
-                best = Some((quality, state.clone(), parts, components.clone()));
-            }
-            if !gained || round == ROUNDS || step.is_empty() || quality - before < 0.05 {
+            let gained = best.as_ref().is_none_or(|b| quality > b.0);
+            if !gained {
                 break;
             }
-            move_by(&mut state, &layout, &looks, &step);
+            let here = state.clone();
+            let ends = round == ROUNDS || step.is_empty() || quality - before < 0.05;
+            if !ends {
+                move_by(&mut state, &layout, &looks, &step);
+            }
+            let components = components.clone();
+            best = Some((quality, Stand { state: here, looks, parts, told, components, covariance }));
+            if ends {
+                break;
+            }
         }
-        let Some((_, state, parts, components)) = best else { return Ok(None) };
-        self.scored(layout, state, parts, components)
+        Ok(best.and_then(|(_, stand)| self.scored(layout, stand)))
     }
 
-    fn scored(
-        &self,
-        layout: Layout,
-        state: State,
-        parts: Vec<Part>,
-        components: Components,
-    ) -> Result<Option<Fitted>> {
+    /// A model where its fit ended; `None` where what it predicts cannot be told.
+    fn scored(&self, layout: Layout, stand: Stand) -> Option<Fitted> {
+        let Stand { state, looks, parts, told, components, covariance } = stand;
         let prior = prior(&layout, &state);
-        let (Some(score), Some(told)) = (
-            score::held_out(&parts, &prior, &components, &self.folds),
-            gaussian::all_told(&parts, &components),
-        ) else {
-            return Ok(None);
-        };
-        let Some(pooled) = gaussian::pooled(told.iter(), &prior) else { return Ok(None) };
+        let score = score::held_out(&parts, &prior, &components, &self.folds)?;
         if score.iter().any(|s| !s.is_finite()) {
-            return Ok(None);
+            return None;
         }
-        let Some(pass) = simulated(model::pass(self.data, &layout, &state))? else { return Ok(None) };
+        let (_, squares) = score::held_out_with(&parts, &told, &prior, &self.folds)?;
+        let pass = model::summed(self.data, &layout, looks);
         let groups: Vec<usize> = (0..pass.trials.len()).collect();
         let (held, _) = leave_out(&layout, &state.values, &pass.trials, self.data.settings, &groups, &[]);
         let set = layout.terms.iter().map(|t| t.effect).collect();
         let p_values = vec![1.0; layout.terms.len()];
-        let covariance = pooled.covariance;
-        let Some((_, squares)) = score::held_out_with(&parts, &prior, &components, &self.folds) else {
-            return Ok(None);
-        };
-        Ok(Some(Fitted {
+        Some(Fitted {
             set,
             layout,
             state,
@@ -159,7 +161,7 @@ impl<'a, 'b> Fitter<'a, 'b> {
             covariance,
             told,
             p_values,
-        }))
+        })
     }
 
     /// Every window at a state and what launches say of it, with columns for `extras` after those of the slots.

@@ -12,7 +12,7 @@ use super::launch::{Block, Part};
 pub const FREEDOM: f64 = 4.0;
 
 /// Variance components: standard deviations.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Components {
     /// Of the slow misfit, in units of the noise.
     pub slow: f64,

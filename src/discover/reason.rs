@@ -5,7 +5,7 @@
 
 use super::decide::{Bootstrap, TIED, compared};
 use super::fit::{Fitted, Fitter, differs, prior};
-use super::gaussian::Components;
+use super::gaussian::{self, Components};
 use super::model::What;
 use super::score;
 use crate::error::Result;
@@ -36,7 +36,10 @@ pub fn suffices(fitter: &Fitter, base: &Fitted, model: &Fitted, bootstrap: &Boot
         push: free.push.iter().map(|p| p.min(DECLARED)).collect(),
         spread: free.spread.iter().enumerate().map(|(k, s)| s.min(reason(model, k))).collect(),
     };
-    let of = |c: &Components| score::held_out_with(&parts, &slots, c, &fitter.folds).map(|s| s.0);
+    let of = |c: &Components| {
+        let told = gaussian::all_told(&parts, c)?;
+        score::held_out_with(&parts, &told, &slots, &fitter.folds).map(|s| s.0)
+    };
     let (Some(free), Some(within)) = (of(free), of(&within)) else { return Ok(false) };
     Ok(compared(&free, &within, bootstrap).worse < TIED[0])
 }

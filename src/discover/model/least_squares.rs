@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::data::Data;
 use super::layout::{Layout, State};
-use super::look::{Correction, looks};
+use super::look::{Correction, Look, looks};
 use crate::discover::stats::{hold, solve};
 use crate::error::Result;
 
@@ -86,7 +86,12 @@ pub fn fit(data: &Data, layout: &Layout, start: State, most: usize) -> Result<(S
 }
 
 /// Residuals, derivatives and sums at a state.
-pub fn pass(data: &Data, layout: &Layout, state: &State) -> Result<Pass> {
+fn pass(data: &Data, layout: &Layout, state: &State) -> Result<Pass> {
+    Ok(summed(data, layout, looks(data, layout, state, &[])?))
+}
+
+/// What looks at a state sum to; their extras are left aside.
+pub fn summed(data: &Data, layout: &Layout, looks: Vec<Look>) -> Pass {
     let q = layout.slots.len();
     let empty = || Sums { gram: DMatrix::zeros(q, q), score: DVector::zeros(q), square: 0.0 };
     let mut out = Pass {
@@ -95,16 +100,17 @@ pub fn pass(data: &Data, layout: &Layout, state: &State) -> Result<Pass> {
         squares: Vec::new(),
         corrections: Vec::new(),
     };
-    for (window, look) in data.windows.iter().zip(looks(data, layout, state, &[])?) {
+    for (window, look) in data.windows.iter().zip(looks) {
         let sums = &mut out.trials[window.trial];
-        sums.gram += look.columns.tr_mul(&look.columns);
-        sums.score += look.columns.tr_mul(&look.residual);
+        let columns = look.columns.columns(0, q);
+        sums.gram += columns.tr_mul(&columns);
+        sums.score += columns.tr_mul(&look.residual);
         sums.square += look.square;
         out.squares.push(look.square);
         out.residuals.push((0..2 * window.points.len()).map(|i| look.metres(i)).collect());
         out.corrections.push(look.correction);
     }
-    Ok(out)
+    out
 }
 
 /// Sum of squares of all trials.

@@ -18,7 +18,7 @@ pub use along::{impact, paths, pushes};
 pub use data::Data;
 pub use engine::freeze;
 pub use layout::{Layout, Slot, State, Term, What, bounds};
-pub use least_squares::{Pass, Sums, fit, pass, total};
+pub use least_squares::{Pass, Sums, fit, summed, total};
 pub use look::{Look, looks};
 pub use loss::losses;
 pub use moved::Extra;
