@@ -2,12 +2,12 @@
 //!
 //! Each component's logarithm steps up and down in turn while that helps (coordinate ascent): there are few, and they are few
 //! nats wide. What a part says under some components is worked out once, whichever launches a search goes by, so held-out
-//! folds, which start alike, share most of theirs.
+//! folds, which start alike, share most of theirs; and so are the sums over its windows, which most steps leave alone.
 
 use std::collections::HashMap;
 
-use super::columns::pushes;
-use super::gaussian::{Components, Prior, Weighed};
+use super::columns::{Own, pushes};
+use super::gaussian::{Components, Prior, Summed, Weighed};
 use super::launch::Part;
 
 /// Steps of the components' logarithms: of a first search, and about what is nearly right.
@@ -67,7 +67,10 @@ pub struct Likelihood<'a> {
     from: Components,
     /// Columns whose sizes differ by launch: where the model stands no size moves, so no others matter.
     wide: Vec<usize>,
+    /// By the slow misfit; and by what else windows have of their own.
     weighed: HashMap<u64, Vec<Weighed>>,
+    kinds: Vec<Own>,
+    summed: HashMap<Vec<u64>, Vec<Option<Summed>>>,
     densities: HashMap<Vec<u64>, Vec<f64>>,
 }
 
@@ -75,7 +78,14 @@ impl<'a> Likelihood<'a> {
     /// `from`: components from which searches start.
     pub fn new(parts: &'a [Part], from: &Components) -> Likelihood<'a> {
         let wide = (0..from.spread.len()).filter(|k| from.spread[*k] > 0.0).collect();
-        Likelihood { parts, from: from.clone(), wide, weighed: HashMap::new(), densities: HashMap::new() }
+        let mut kinds: Vec<Own> = Vec::new();
+        for kind in parts.iter().flat_map(|p| &p.blocks).flat_map(|b| &b.kinds) {
+            if !kinds.contains(kind) {
+                kinds.push(*kind);
+            }
+        }
+        let (weighed, summed, densities) = (HashMap::new(), HashMap::new(), HashMap::new());
+        Likelihood { parts, from: from.clone(), wide, weighed, kinds, summed, densities }
     }
 
     /// Components that make those parts most likely that count, in steps of some widths.
@@ -119,8 +129,12 @@ impl<'a> Likelihood<'a> {
             let of = |p| Weighed::of(p, wide, own.slow);
             let weighed = self.weighed.entry(own.slow.to_bits());
             let weighed = weighed.or_insert_with(|| parts.iter().map(of).collect());
-            let density = |(w, p): (&Weighed, &Part)| w.told(p, wide, &own).map(|t| t.likelihood());
-            weighed.iter().zip(parts).map(density).map(|d| d.unwrap_or(f64::NEG_INFINITY)).collect()
+            let kinds = self.kinds.iter().map(|kind| own.of(*kind)).chain([own.slow]);
+            let with_own = |(w, p): (&Weighed, &Part)| w.with_own(p, &own);
+            let summed = self.summed.entry(kinds.map(f64::to_bits).collect());
+            let summed = summed.or_insert_with(|| weighed.iter().zip(parts).map(with_own).collect());
+            let density = |(s, p): (&Option<Summed>, &Part)| s.as_ref()?.likelihood(p, wide, &own);
+            summed.iter().zip(parts).map(density).map(|d| d.unwrap_or(f64::NEG_INFINITY)).collect()
         })
     }
 }
