@@ -1,18 +1,26 @@
 //! The variance components that make launches most likely.
 //!
-//! Each component's logarithm steps up and down in turn while that helps (coordinate ascent): there are few, and they are few
-//! nats wide. What a part says under some components is worked out once, whichever launches a search goes by, so held-out
-//! folds, which start alike, share most of theirs.
+//! Each component's logarithm steps up and down in turn, further where that helps and less far where it does not (pattern
+//! search: Hooke and Jeeves, J. ACM 8 (1961) 212): there are few, and they are few nats wide. What a part says under some components is worked out once, whichever launches a search goes by, so held-out
+//! folds, which start alike, share most of theirs; and so are the sums over its windows, which most steps leave alone.
 
 use std::collections::HashMap;
 
-use super::columns::pushes;
-use super::gaussian::{Components, Prior, Weighed};
+use super::columns::{Own, pushes};
+use super::gaussian::{Components, Prior, Summed, Weighed};
 use super::launch::Part;
 
-/// Steps of the components' logarithms: of a first search, and about what is nearly right.
-pub const WIDE: [f64; 3] = [1.4, 0.5, 0.2];
-pub const NEAR: [f64; 1] = [0.4];
+/// First steps of the components' logarithms: of a first search, about what is nearly right, and about what a few launches less
+/// can hardly move.
+pub const WIDE: f64 = 1.4;
+pub const NEAR: f64 = 0.4;
+pub const HELD: f64 = 0.2;
+/// The shortest steps (a deviation is hardly ever known to a tenth) and the longest; what a step that helps and one that does not
+/// are made longer by.
+const FINEST: f64 = 0.1;
+const LONGEST: f64 = 1.4;
+const LONGER: f64 = 1.5;
+const SHORTER: f64 = 0.4;
 /// Priors of the components' logarithms: centre, standard deviation. Slow misfit of the size of the noise; pushes by launch of
 /// a third of what effects declare; contacts that err by a hundredth of the speed of approach.
 const SLOW: [f64; 2] = [0.0, 2.0];
@@ -28,9 +36,9 @@ pub const SIZES: f64 = 0.2;
 pub const DECLARED: f64 = 2.0;
 /// Least bound of a spread, as a share of what is plausible: so small that it is none.
 const LEAST: f64 = 1e-4;
-/// Gain (nats) of a round of steps below which the next width is tried, and most rounds of a width.
+/// Gain (nats) of a search below which it is the last, and most searches.
 const SETTLED: f64 = 0.05;
-const ROUNDS: usize = 6;
+const SEARCHES: usize = 4;
 
 impl Components {
     /// Where a fit starts; `strengths`: whether the model has effects whose strength may differ as a whole.
@@ -82,7 +90,10 @@ pub struct Likelihood<'a> {
     from: Components,
     /// Columns whose sizes differ by launch: where the model stands no size moves, so no others matter.
     wide: Vec<usize>,
+    /// By the slow misfit; and by what else windows have of their own.
     weighed: HashMap<u64, Vec<Weighed>>,
+    kinds: Vec<Own>,
+    summed: HashMap<Vec<u64>, Vec<Option<Summed>>>,
     densities: HashMap<Vec<u64>, Vec<f64>>,
 }
 
@@ -90,30 +101,38 @@ impl<'a> Likelihood<'a> {
     /// `from`: components from which searches start.
     pub fn new(parts: &'a [Part], from: &Components) -> Likelihood<'a> {
         let wide = (0..from.spread.len()).filter(|k| from.spread[*k] > 0.0).collect();
-        Likelihood { parts, from: from.clone(), wide, weighed: HashMap::new(), densities: HashMap::new() }
+        let mut kinds: Vec<Own> = Vec::new();
+        for kind in parts.iter().flat_map(|p| &p.blocks).flat_map(|b| &b.kinds) {
+            if !kinds.contains(kind) {
+                kinds.push(*kind);
+            }
+        }
+        let (weighed, summed, densities) = (HashMap::new(), HashMap::new(), HashMap::new());
+        Likelihood { parts, from: from.clone(), wide, weighed, kinds, summed, densities }
     }
 
-    /// Components that make those parts most likely that count, in steps of some widths, launches differing by no more than they
-    /// have reason to.
-    pub fn most(&mut self, prior: &Prior, widths: &[f64], counts: impl Fn(&Part) -> bool) -> Components {
+    /// Components that make those parts most likely that count, sought in steps of `first` at first, launches differing by no more
+    /// than they have reason to.
+    pub fn most(&mut self, prior: &Prior, first: f64, counts: impl Fn(&Part) -> bool) -> Components {
         let most = self.from.most(prior);
-        self.climbed(prior, &most, widths, counts)
+        self.climbed(prior, &most, first, counts)
     }
 
     /// The same, launches differing by whatever they do.
     pub fn most_freely(&mut self, prior: &Prior) -> Components {
         let most = vec![f64::INFINITY; self.from.logs().len()];
-        self.climbed(prior, &most, &NEAR, |_| true)
+        self.climbed(prior, &most, NEAR, |_| true)
     }
 
     fn climbed(
         &mut self,
         prior: &Prior,
         most: &[f64],
-        widths: &[f64],
+        first: f64,
         counts: impl Fn(&Part) -> bool,
     ) -> Components {
         let (parts, from) = (self.parts, self.from.clone());
+        let matter = self.matter();
         let mut quality = |logs: &[f64]| {
             let densities = self.densities(logs);
             let own = parts.iter().zip(densities).filter(|(p, _)| counts(p)).map(|(_, d)| d);
@@ -121,29 +140,46 @@ impl<'a> Likelihood<'a> {
         };
         let mut logs: Vec<f64> = from.logs().iter().zip(most).map(|(l, most)| l.min(*most)).collect();
         let mut best = quality(&logs);
-        for width in widths {
-            for _ in 0..ROUNDS {
-                let before = best;
-                for k in 0..logs.len() {
-                    for way in [*width, -*width] {
+        let mut first = first;
+        for _ in 0..SEARCHES {
+            let before = best;
+            let mut steps = vec![first; logs.len()];
+            while steps.iter().zip(&matter).any(|(s, matters)| *matters && s.abs() >= FINEST) {
+                for k in (0..logs.len()).filter(|k| matter[*k]) {
+                    let step = steps[k];
+                    let mut better = |way: f64| {
                         let mut moved = logs.clone();
                         moved[k] = (moved[k] + way).min(most[k]);
-                        if moved[k] == logs[k] {
-                            continue;
-                        }
-                        let value = quality(&moved);
-                        if value > best {
+                        let value = if moved[k] == logs[k] { f64::NEG_INFINITY } else { quality(&moved) };
+                        (value > best).then_some((value, moved, way))
+                    };
+                    if step.abs() < FINEST {
+                        continue;
+                    }
+                    match better(step).or_else(|| better(-step)) {
+                        Some((value, moved, way)) => {
                             (best, logs) = (value, moved);
-                            break;
+                            steps[k] = (LONGER * way).clamp(-LONGEST, LONGEST);
                         }
+                        None => steps[k] *= SHORTER,
                     }
                 }
-                if best - before < SETTLED {
-                    break;
-                }
             }
+            if best - before < SETTLED {
+                break;
+            }
+            first = HELD;
         }
         from.with(&logs)
+    }
+
+    /// Which of the logarithms the parts depend on.
+    fn matter(&self) -> Vec<bool> {
+        let alike = self.parts.first().and_then(|p| p.blocks.first()).map_or(&[][..], |b| &b.alike_of);
+        let used = |own: Own| self.kinds.contains(&own) || alike.contains(&own);
+        let pushes = (0..self.from.push.len()).map(|place| used(Own::Push(place)));
+        let rest = self.from.logs().len() - 2 - self.from.push.len();
+        [true, used(Own::Leap)].into_iter().chain(pushes).chain(std::iter::repeat_n(true, rest)).collect()
     }
 
     /// Log densities of all parts.
@@ -155,8 +191,12 @@ impl<'a> Likelihood<'a> {
             let of = |p| Weighed::of(p, wide, own.slow);
             let weighed = self.weighed.entry(own.slow.to_bits());
             let weighed = weighed.or_insert_with(|| parts.iter().map(of).collect());
-            let density = |(w, p): (&Weighed, &Part)| w.told(p, wide, &own).map(|t| t.likelihood());
-            weighed.iter().zip(parts).map(density).map(|d| d.unwrap_or(f64::NEG_INFINITY)).collect()
+            let kinds = self.kinds.iter().map(|kind| own.of(*kind)).chain([own.slow]);
+            let with_own = |(w, p): (&Weighed, &Part)| w.with_own(p, &own);
+            let summed = self.summed.entry(kinds.map(f64::to_bits).collect());
+            let summed = summed.or_insert_with(|| weighed.iter().zip(parts).map(with_own).collect());
+            let density = |(s, p): (&Option<Summed>, &Part)| s.as_ref()?.likelihood(p, wide, &own);
+            summed.iter().zip(parts).map(density).map(|d| d.unwrap_or(f64::NEG_INFINITY)).collect()
         })
     }
 }

@@ -60,10 +60,14 @@ pub fn shared(
         return Ok(None);
     }
     let Some(With { parts, .. }) = with_field(fitter, model)? else { return Ok(None) };
+    let Some(components) = components(model, &parts) else { return Ok(None) };
+    let Some(told) = gaussian::all_told(&parts, &components) else { return Ok(None) };
     let own = spared(&model.score, &base.score);
     let mut best: Option<(Shared, Vec<f64>)> = None;
     for strength in STRENGTHS {
-        let Some((scores, squares)) = predicted(fitter, model, &parts, strength) else { continue };
+        let prior = believed(model, components.spread.len(), strength);
+        let held_out = score::held_out_with(&parts, &told, &prior, &fitter.folds);
+        let Some((scores, squares)) = held_out else { continue };
         let scores = spared(&scores, &base.score);
         let found = compared(&scores, &own, bootstrap);
         if best.as_ref().is_none_or(|(b, _)| found.worse > b.gain) {
@@ -127,26 +131,24 @@ fn condensed(mut parts: Vec<Part>, slots: usize) -> (Vec<Part>, DMatrix<f64>) {
     (parts, turn)
 }
 
-/// Held-out log densities and squares (units of the noise) by launch, with a field of some strength.
-fn predicted(fitter: &Fitter, model: &Fitted, parts: &[Part], strength: f64) -> Option<(Vec<f64>, Vec<f64>)> {
-    let (prior, components) = believed(model, parts, strength)?;
-    score::held_out_with(parts, &prior, &components, &fitter.folds)
+/// A model's components beside a field: none of its coefficients differ by launch.
+fn components(model: &Fitted, parts: &[Part]) -> Option<Components> {
+    let mut components = model.components.clone();
+    components.spread.resize(parts.first()?.blocks[0].columns.ncols(), 0.0);
+    Some(components)
 }
 
-/// What is believed of a model's slots and of a field's coefficients of some strength; none of the latter differ by launch.
-fn believed(model: &Fitted, parts: &[Part], strength: f64) -> Option<(Prior, Components)> {
+/// What is believed of a model's slots and of a field's coefficients of some strength, `all` of them together.
+fn believed(model: &Fitted, all: usize, strength: f64) -> Prior {
     let own = prior(&model.layout, &model.state);
     let q = own.off.len();
-    let all = parts.first()?.blocks[0].columns.ncols();
     let mut precision = DMatrix::from_diagonal_element(all, all, strength.powi(-2));
     precision.view_mut((0, 0), (q, q)).copy_from(&own.precision);
     let mut prior = Prior { precision, off: DVector::zeros(all), ..own.clone() };
     prior.off.rows_mut(0, q).copy_from(&own.off);
     prior.plausible.resize(all, 0.0);
     prior.reason.resize(all, 0.0);
-    let mut components = model.components.clone();
-    components.spread.resize(all, 0.0);
-    Some((prior, components))
+    prior
 }
 
 /// What the field is made of.
@@ -247,7 +249,8 @@ pub struct Left {
 pub fn left(fitter: &Fitter, model: &Fitted, strength: f64) -> Result<Option<Left>> {
     let Some(With { parts, functions, turn }) = with_field(fitter, model)? else { return Ok(None) };
     let told = || {
-        let (prior, components) = believed(model, &parts, strength)?;
+        let components = components(model, &parts)?;
+        let prior = believed(model, components.spread.len(), strength);
         let (q, count) = (model.layout.slots.len(), turn.ncols());
         // What the model's sizes could take up is left as long as they stand where they do.
         let only = |t: Told| Told {
@@ -257,7 +260,12 @@ pub fn left(fitter: &Fitter, model: &Fitted, strength: f64) -> Result<Option<Lef
         };
         let all: Vec<Told> = gaussian::all_told(&parts, &components)?.into_iter().map(only).collect();
         let precision = prior.precision.view((q, q), (count, count)).into_owned();
-        let prior = Prior { precision, off: DVector::zeros(count), plausible: vec![0.0; count], reason: vec![0.0; count] };
+        let prior = Prior {
+            precision,
+            off: DVector::zeros(count),
+            plausible: vec![0.0; count],
+            reason: vec![0.0; count],
+        };
         gaussian::pooled(all.iter(), &prior)
     };
     Ok(told().map(|told| Left { functions, turn, told }))

@@ -27,6 +27,8 @@ const UNBELIEVED: f64 = 1e-4;
 /// Most rounds of generalised least squares, and nats of a round below which they end.
 const ROUNDS: usize = 8;
 const SETTLED: f64 = 0.05;
+/// Share of a step below which none helps.
+const SHORTEST: f64 = 0.2;
 
 /// A model fitted to all trials, and what the others say of each.
 pub struct Fitted {
@@ -49,6 +51,20 @@ pub struct Fitted {
     pub told: Vec<Told>,
     /// Corrected p by term, filled in by the search.
     pub p_values: Vec<f64>,
+}
+
+/// Where a fit stands: every window there, what launches say of it, and what the slots are known by.
+struct Stand {
+    /// Log density of everything, priors included: what a fit climbs.
+    quality: f64,
+    state: State,
+    looks: Vec<Look>,
+    parts: Vec<Part>,
+    told: Vec<Told>,
+    components: Components,
+    /// Where launches ask the slots to go, and what they are known by.
+    step: DVector<f64>,
+    covariance: DMatrix<f64>,
 }
 
 /// A model as pictures and the extended scene show it.
@@ -91,74 +107,78 @@ impl<'a, 'b> Fitter<'a, 'b> {
         }
     }
 
-    /// Generalised least squares and the score from a state nearby.
+    /// Generalised least squares and the score from a state nearby. A step that makes launches less likely is taken half as far.
     pub fn refined(&self, layout: Layout, state: State) -> Result<Option<Fitted>> {
-        let mut state = state;
         let set: Vec<&'static Effect> = layout.terms.iter().map(|t| t.effect).collect();
-        let mut components =
-            Components::start(&prior(&layout, &state), !layout.strengths(&state.values).is_empty());
-        let mut best: Option<(f64, State, Vec<Look>, Vec<Part>, Components)> = None;
-        let pushes = pushes(&set);
-        for round in 0..=ROUNDS {
-            let Some((looks, parts)) = self.parts(&layout, &set, &state, &[])? else { break };
-            let prior = prior(&layout, &state);
-            let here = DVector::zeros(layout.slots.len());
-            let widths: &[f64] = if round == 0 { &WIDE } else { &NEAR };
-            components = Likelihood::new(&parts, &components).most(&prior, widths, |_| true);
-            let Some(told) = gaussian::all_told(&parts, &components) else { break };
-            let quality = told.iter().map(|t| t.density(&here)).sum::<f64>()
-                - 0.5 * prior.off.dot(&(&prior.precision * &prior.off));
-            let Some(Pooled { step, .. }) = gaussian::pooled(told.iter(), &prior) else { break };
-            let gained = best.as_ref().is_none_or(|b| quality > b.0);
-            let before = best.as_ref().map_or(f64::NEG_INFINITY, |b| b.0);
-            if !gained {
-                break;
+        let strengths = !layout.strengths(&state.values).is_empty();
+        let first = Components::start(&prior(&layout, &state), strengths);
+        let Some(mut best) = self.stands(&layout, &set, state, &first, WIDE)? else { return Ok(None) };
+        let mut share = 1.0;
+        for _ in 0..ROUNDS {
+            let next = self.onwards(&layout, &set, &best, share);
+            let Some(there) = self.stands(&layout, &set, next, &best.components, NEAR)? else { break };
+            let gained = there.quality - best.quality;
+            if gained > 0.0 {
+                best = there;
+                share = 1.0;
+            } else {
+                share *= 0.5;
             }
-            let (here, settled) = (state.clone(), round == ROUNDS || quality - before < SETTLED);
-            if !settled {
-                let columns = Columns::of(&layout, &state.values);
-                let taken = allowed(&layout, &state.values, &step);
-                let modes = modes::modes(&parts, &columns, &pushes, &components, &taken, looks.len());
-                move_by(&mut state, &looks, &taken, modes);
-            }
-            best = Some((quality, here, looks, parts, components.clone()));
-            if settled {
+            if gained.abs() < SETTLED || share < SHORTEST {
                 break;
             }
         }
-        let Some((_, state, looks, parts, components)) = best else { return Ok(None) };
-        self.scored(layout, state, looks, parts, components)
+        Ok(self.scored(layout, best))
     }
 
-    fn scored(
+    /// A state with the components that launches show there; `None` where it cannot be simulated or its covariance fails.
+    fn stands(
         &self,
-        layout: Layout,
+        layout: &Layout,
+        set: &[&Effect],
         state: State,
-        looks: Vec<Look>,
-        parts: Vec<Part>,
-        components: Components,
-    ) -> Result<Option<Fitted>> {
-        let prior = prior(&layout, &state);
-        let (Some(score), Some(told)) = (
-            score::held_out(&parts, &prior, &components, &self.folds),
-            gaussian::all_told(&parts, &components),
-        ) else {
+        from: &Components,
+        first: f64,
+    ) -> Result<Option<Stand>> {
+        let Some((looks, parts)) = self.parts(layout, set, &state, &[])? else { return Ok(None) };
+        let prior = prior(layout, &state);
+        let here = DVector::zeros(layout.slots.len());
+        let components = Likelihood::new(&parts, from).most(&prior, first, |_| true);
+        let Some(told) = gaussian::all_told(&parts, &components) else { return Ok(None) };
+        let quality = told.iter().map(|t| t.density(&here)).sum::<f64>()
+            - 0.5 * prior.off.dot(&(&prior.precision * &prior.off));
+        let Some(Pooled { step, covariance }) = gaussian::pooled(told.iter(), &prior) else {
             return Ok(None);
         };
-        let Some(pooled) = gaussian::pooled(told.iter(), &prior) else { return Ok(None) };
+        Ok(Some(Stand { quality, state, looks, parts, told, components, step, covariance }))
+    }
+
+    /// The state that a share of the step from where a fit stands leads to, launches at their modes.
+    fn onwards(&self, layout: &Layout, set: &[&Effect], stand: &Stand, share: f64) -> State {
+        let mut state = stand.state.clone();
+        let columns = Columns::of(layout, &state.values);
+        let taken = allowed(layout, &state.values, &(&stand.step * share));
+        let (parts, looks) = (&stand.parts, &stand.looks);
+        let modes = modes::modes(parts, &columns, &pushes(set), &stand.components, &taken, looks.len());
+        move_by(&mut state, looks, &taken, modes);
+        state
+    }
+
+    /// A model where its fit ended; `None` where what it predicts cannot be told.
+    fn scored(&self, layout: Layout, stand: Stand) -> Option<Fitted> {
+        let Stand { state, looks, parts, told, components, covariance, .. } = stand;
+        let prior = prior(&layout, &state);
+        let score = score::held_out(&parts, &prior, &components, &self.folds)?;
         if score.iter().any(|s| !s.is_finite()) {
-            return Ok(None);
+            return None;
         }
+        let (_, squares) = score::held_out_with(&parts, &told, &prior, &self.folds)?;
         let pass = model::summed(self.data, looks, layout.slots.len());
         let groups: Vec<usize> = (0..pass.trials.len()).collect();
         let (held, _) = leave_out(&layout, &state.values, &pass.trials, self.data.settings, &groups, &[]);
         let set = layout.terms.iter().map(|t| t.effect).collect();
         let p_values = vec![1.0; layout.terms.len()];
-        let covariance = pooled.covariance;
-        let Some((_, squares)) = score::held_out_with(&parts, &prior, &components, &self.folds) else {
-            return Ok(None);
-        };
-        Ok(Some(Fitted {
+        Some(Fitted {
             set,
             layout,
             state,
@@ -170,7 +190,7 @@ impl<'a, 'b> Fitter<'a, 'b> {
             covariance,
             told,
             p_values,
-        }))
+        })
     }
 
     /// Every window at a state and what launches say of it, with columns for `extras` after those of the slots.

@@ -1,7 +1,7 @@
 //! A part of a launch as the Gaussian that it is: what it says of the slots under some variance components.
 //!
 //! Products of everything that a part has are taken once for a size of the slow misfit; what else has a variance is of low rank
-//! beside that (Woodbury's identity). The scale of a part integrated out, its density is a multivariate Student t.
+//! beside that (Woodbury's identity, a column at a time). The scale of a part integrated out, its density is a multivariate Student t.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -12,7 +12,7 @@ use super::launch::{Block, Part};
 pub const FREEDOM: f64 = 4.0;
 
 /// Variance components: standard deviations.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Components {
     /// Of the slow misfit, in units of the noise.
     pub slow: f64,
@@ -88,33 +88,68 @@ impl Weighed {
     /// What the part says of the columns under components whose slow misfit this is; `None` where its covariance cannot be taken
     /// apart.
     pub fn told(&self, part: &Part, columns: &[usize], components: &Components) -> Option<Told> {
-        let slots = columns.len();
-        let q = slots + part.blocks.first().map_or(0, |b| b.alike.ncols());
-        let mut all = DMatrix::zeros(q + 1, q + 1);
-        let mut log_det = 0.0;
-        for (block, (products, own)) in part.blocks.iter().zip(&self.blocks) {
-            let scales: Vec<f64> = block.kinds.iter().map(|k| components.of(*k)).collect();
-            let places: Vec<usize> = (q + 1..q + 1 + scales.len()).collect();
-            all += products.view((0, 0), (q + 1, q + 1));
-            log_det += own + widen(&mut all, products, &places, &scales)?;
+        self.with_own(part, components)?.told(part, columns, components)
+    }
+
+    /// With variances of what every window has of its own: leaps, what contacts renew, and the pushes that they do.
+    pub fn with_own(&self, part: &Part, components: &Components) -> Option<Summed> {
+        let n = self.blocks.first()?.0.ncols() - part.blocks.first()?.own.ncols();
+        let mut out = Summed { products: DMatrix::zeros(n, n), log_det: 0.0, count: self.count };
+        for (block, (products, log_det)) in part.blocks.iter().zip(&self.blocks) {
+            out.log_det += log_det;
+            if block.kinds.is_empty() {
+                out.products += products;
+                continue;
+            }
+            let mut products = products.clone();
+            for (k, kind) in block.kinds.iter().enumerate() {
+                out.log_det += widen(&mut products, n + k, components.of(*kind))?;
+            }
+            out.products += products.view((0, 0), (n, n));
         }
-        // Sizes and strengths that differ by launch: C + Z T^2 Z' with what Z'C^-1 Z is already.
-        let spread = |k: usize| match columns.get(k) {
-            Some(column) => components.spread.get(*column).copied().unwrap_or(0.0),
-            None => components.of(part.blocks[0].alike_of[k - slots]),
-        };
-        let wide: Vec<usize> = (0..q).filter(|k| part.differs && spread(*k) > 0.0).collect();
-        let scales: Vec<f64> = wide.iter().map(|k| spread(*k)).collect();
-        let products = all.clone();
-        log_det += widen(&mut all, &products, &wide, &scales)?;
+        Some(out)
+    }
+}
+
+/// A part's products, all its windows together: of its columns, of what its launch has alike, and of what is left of it.
+#[derive(Clone)]
+pub struct Summed {
+    products: DMatrix<f64>,
+    log_det: f64,
+    count: f64,
+}
+
+impl Summed {
+    fn told(self, part: &Part, columns: &[usize], components: &Components) -> Option<Told> {
+        let Summed { products, log_det, count } = self.widened(part, columns, components)?;
+        let (slots, left) = (columns.len(), products.ncols() - 1);
         Some(Told {
             launch: part.launch,
-            gram: all.view((0, 0), (slots, slots)).into_owned(),
-            score: DVector::from_fn(slots, |k, _| all[(k, q)]),
-            square: all[(q, q)],
+            gram: products.view((0, 0), (slots, slots)).into_owned(),
+            score: products.view((0, left), (slots, 1)).column(0).into_owned(),
+            square: products[(left, left)],
             log_det,
-            count: self.count,
+            count,
         })
+    }
+
+    /// The part's log density where the model stands.
+    pub fn likelihood(&self, part: &Part, columns: &[usize], components: &Components) -> Option<f64> {
+        let Summed { products, log_det, count } = self.clone().widened(part, columns, components)?;
+        let left = products.ncols() - 1;
+        Some(student(products[(left, left)], log_det, count))
+    }
+
+    /// With variances of what differs from launch to launch, sizes and strengths: C + Z T^2 Z' with what Z'C^-1 Z is already.
+    fn widened(mut self, part: &Part, columns: &[usize], components: &Components) -> Option<Summed> {
+        let spread = |k: usize| match columns.get(k) {
+            Some(column) => components.spread.get(*column).copied().unwrap_or(0.0),
+            None => components.of(part.blocks[0].alike_of[k - columns.len()]),
+        };
+        for k in (0..self.products.ncols() - 1).filter(|_| part.differs) {
+            self.log_det += widen(&mut self.products, k, spread(k))?;
+        }
+        Some(self)
     }
 }
 
@@ -138,21 +173,22 @@ fn weighed(block: &Block, columns: &[usize], slow: f64) -> (DMatrix<f64>, f64) {
     (all.tr_mul(&all), log_det)
 }
 
-/// Takes from `all` what columns at some places of `products`, with variances of their own (standard deviations `scales`), make
-/// of it; gives by how much the logarithm of the determinant grows.
-fn widen(all: &mut DMatrix<f64>, products: &DMatrix<f64>, places: &[usize], scales: &[f64]) -> Option<f64> {
-    let (n, count) = (all.nrows(), places.len());
-    if count == 0 {
+/// Gives one of the columns of which `products` are a variance of its own, of standard deviation `scale` (Sherman and Morrison's
+/// identity): what the products become, and by how much the logarithm of the covariance's determinant grows.
+fn widen(products: &mut DMatrix<f64>, place: usize, scale: f64) -> Option<f64> {
+    if scale == 0.0 {
         return Some(0.0);
     }
-    let inner = DMatrix::from_fn(count, count, |i, j| {
-        f64::from(i == j) + scales[i] * products[(places[i], places[j])] * scales[j]
-    });
-    let within = inner.cholesky()?;
-    let mut along = DMatrix::from_fn(count, n, |i, j| scales[i] * products[(places[i], j)]);
-    within.l_dirty().solve_lower_triangular_mut(&mut along).then_some(())?;
-    all.gemm_tr(-1.0, &along, &along, 1.0);
-    Some(2.0 * within.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>())
+    let own: Vec<f64> = products.column(place).iter().map(|p| scale * p).collect();
+    let grows = 1.0 + scale * own[place];
+    if !grows.is_finite() || grows <= 0.0 {
+        return None;
+    }
+    for (column, along) in products.as_mut_slice().chunks_exact_mut(own.len()).zip(&own) {
+        let share = along / grows;
+        column.iter_mut().zip(&own).for_each(|(product, own)| *product -= share * own);
+    }
+    Some(grows.ln())
 }
 
 /// All parts under components.
@@ -184,11 +220,6 @@ impl Told {
     /// Log density with the slots `step` away.
     pub fn density(&self, step: &DVector<f64>) -> f64 {
         student(self.square_at(step), self.log_det, self.count)
-    }
-
-    /// Log density where the model stands.
-    pub fn likelihood(&self) -> f64 {
-        student(self.square, self.log_det, self.count)
     }
 
     /// Log density with the slots known as `others` say.

@@ -8,7 +8,7 @@
 use super::components::Likelihood;
 use super::decide::{Bootstrap, TIED, compared};
 use super::fit::{Fitted, Fitter, prior};
-use super::gaussian::Components;
+use super::gaussian::{self, Components};
 use super::score;
 use crate::error::Result;
 
@@ -28,7 +28,10 @@ pub fn suffices(fitter: &Fitter, base: &Fitted, model: &Fitted, bootstrap: &Boot
     let slow = SLOW[0].max((SLOW[1] * left / unit.max(1e-12)).sqrt());
     let within = Components { slow: model.components.slow.min(slow), ..model.components.clone() };
     let free = Likelihood::new(&parts, &model.components).most_freely(&slots);
-    let of = |c: &Components| score::held_out_with(&parts, &slots, c, &fitter.folds).map(|s| s.0);
+    let of = |c: &Components| {
+        let told = gaussian::all_told(&parts, c)?;
+        score::held_out_with(&parts, &told, &slots, &fitter.folds).map(|s| s.0)
+    };
     let (Some(free), Some(within)) = (of(&free), of(&within)) else { return Ok(false) };
     Ok(compared(&free, &within, bootstrap).worse < TIED[0])
 }

@@ -8,7 +8,7 @@
 //! Sources: mixed-effects models (Pinheiro and Bates, Mixed-Effects Models in S and S-PLUS, 2000), predictive densities of
 //! held-out groups (Vehtari, Gelman and Gabry, Stat. Comput. 27 (2017) 1413).
 
-use super::components::{Likelihood, NEAR};
+use super::components::{HELD, Likelihood};
 use super::gaussian::{Components, Pooled, Prior, Told, all_told, pooled};
 use super::launch::Part;
 
@@ -50,27 +50,37 @@ pub fn each_held_out(
     mut of: impl FnMut(&Told, &Pooled),
 ) -> Option<()> {
     let mut likelihood = Likelihood::new(parts, known);
+    // Most folds ask for the same components.
+    let mut told: Vec<(Components, Vec<Told>)> = Vec::new();
     for fold in 0..folds.iter().max().map_or(0, |m| m + 1) {
-        let own = likelihood.most(prior, &NEAR, |p| folds[p.launch] != fold);
-        let all = all_told(parts, &own)?;
+        let own = likelihood.most(prior, HELD, |p| folds[p.launch] != fold);
+        let at = match told.iter().position(|t| t.0 == own) {
+            Some(at) => at,
+            None => {
+                let all = all_told(parts, &own)?;
+                told.push((own, all));
+                told.len() - 1
+            }
+        };
+        let all = &told[at].1;
         let others = pooled(all.iter().filter(|t| folds[t.launch] != fold), prior)?;
         all.iter().filter(|t| folds[t.launch] == fold).for_each(|t| of(t, &others));
     }
     Some(())
 }
 
-/// The same with components that are given, and what is left of launches that are held out: squares, in units of the noise.
+/// The same of what parts say under components that are given, and what is left of launches that are held out: squares, in units
+/// of the noise.
 pub fn held_out_with(
     parts: &[Part],
+    told: &[Told],
     prior: &Prior,
-    given: &Components,
     folds: &[usize],
 ) -> Option<(Vec<f64>, Vec<f64>)> {
     let (mut scores, mut squares) = (vec![0.0; folds.len()], vec![0.0; folds.len()]);
-    let all = all_told(parts, given)?;
     for fold in 0..folds.iter().max().map_or(0, |m| m + 1) {
-        let others = pooled(all.iter().filter(|t| folds[t.launch] != fold), prior)?;
-        for (part, t) in parts.iter().zip(&all).filter(|(p, _)| folds[p.launch] == fold) {
+        let others = pooled(told.iter().filter(|t| folds[t.launch] != fold), prior)?;
+        for (part, t) in parts.iter().zip(told).filter(|(p, _)| folds[p.launch] == fold) {
             scores[t.launch] += t.predicted(&others);
             squares[t.launch] += part.square_at(&others.step);
         }
