@@ -68,7 +68,7 @@ pub fn fit(data: &Data, layout: &Layout, start: State, most: usize) -> Result<(S
         let step = step(layout, &state.values, &here, damping, round < held);
         let tried = moved(layout, &state, &step, &here.corrections);
         let there = pass(data, layout, &tried)?;
-        let (old, new) = (total(&here), total(&there));
+        let (old, new) = (cost(layout, &state, &here), cost(layout, &tried, &there));
         if new <= old * (1.0 + 1e-9) {
             (state, here) = (tried, there);
             damping = (damping * EASED).max(LEAST);
@@ -112,6 +112,11 @@ pub fn total(pass: &Pass) -> f64 {
     pass.trials.iter().map(|t| t.square).sum()
 }
 
+/// What a fit makes small: the sum of squares, and what values cost that are believed to be about nothing.
+fn cost(layout: &Layout, state: &State, pass: &Pass) -> f64 {
+    total(pass) + layout.slots.iter().zip(&state.values).map(|(s, v)| s.belief * v * v).sum::<f64>()
+}
+
 /// A state after a step, as far as bounds allow it, every window's start with it.
 fn moved(layout: &Layout, state: &State, step: &DVector<f64>, corrections: &[Correction]) -> State {
     let mut out = state.clone();
@@ -133,6 +138,10 @@ fn step(layout: &Layout, values: &[f64], pass: &Pass, damping: f64, hold_shapes:
     for t in &pass.trials {
         gram += &t.gram;
         score += &t.score;
+    }
+    for (i, slot) in layout.slots.iter().enumerate() {
+        gram[(i, i)] += slot.belief;
+        score[i] -= slot.belief * values[i];
     }
     // A value at its bound that is pushed outwards stays there, and the others step without it.
     for (i, slot) in layout.slots.iter().enumerate() {
