@@ -126,8 +126,9 @@ impl Rest<'_, '_, '_> {
             prior.plausible[k] = 0.0;
         }
         let components = Likelihood::new(&parts, &components).most(&prior, &WIDE, |_| true);
-        let launches = self.fitter.folds.len();
-        let (mut score, mut held) = (vec![0.0; launches], vec![0.0; launches]);
+        let mut score = vec![0.0; pass.trials.len()];
+        // A launch of which nothing is scored stays as far off as it is.
+        let mut held: Vec<f64> = pass.trials.iter().map(|t| t.square).collect();
         let told = each_held_out(&parts, &prior, &components, &self.fitter.folds, |t, others| {
             score[t.launch] += t.predicted(others);
             held[t.launch] = pass.trials[t.launch].after(&others.step).max(0.0);

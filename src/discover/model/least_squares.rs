@@ -185,6 +185,21 @@ mod tests {
         assert!(most(&pass) < 1e-6, "{}", most(&pass));
     }
 
+    /// Believed to be about nothing as firmly as the launches tell it, a wind is half of what they say.
+    #[test]
+    fn a_belief_pulls_towards_nothing() {
+        let (windows, settings) = flights([0.8, -0.3], 4);
+        let data = Data::new(&windows, &settings, vec![1e-3; 4], Engine::Auto);
+        let mut layout = Layout::new(&[], vec![term("wind")], 1);
+        let start =
+            State { values: vec![0.0; 2], nuisances: windows.iter().map(|w| w.nuisances.clone()).collect() };
+        let told = pass(&data, &layout, &start).unwrap().trials.iter().map(|t| t.gram[(0, 0)]).sum::<f64>();
+        layout.slots[0].belief = told;
+        let (state, _) = fit(&data, &layout, start, 8).unwrap();
+        assert!((state.values[0] - 0.4).abs() < 1e-3, "{:?}", state.values);
+        assert!((state.values[1] + 0.3).abs() < 1e-3, "{:?}", state.values);
+    }
+
     /// Where a wind stands at its bound, a drag makes up for it as far as it can, as if the wind were known.
     #[test]
     fn a_value_at_its_bound_does_not_hold_the_others() {
