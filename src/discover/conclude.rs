@@ -3,7 +3,7 @@
 use super::band;
 use super::by_launch;
 use super::check;
-use super::described::{Law, described};
+use super::described::{Law, Rest};
 use super::evidence::{self, Bands, Evidence};
 use super::expected::Expected;
 use super::extend::{extend, place};
@@ -20,7 +20,7 @@ use super::search::Found;
 use super::sizes::{calibrated, effects, scores, strings};
 use super::unlike;
 use super::verdict::Judged;
-use super::words::{reason, remainder};
+use super::words::{self, reason, remainder};
 use super::{Config, Finding, advise};
 use crate::error::Result;
 use crate::reality::Trial;
@@ -47,10 +47,16 @@ pub fn conclude(given: &Given, found: Found, judged: &Judged, config: &Config) -
     let Found { base, fits, .. } = &found;
     let best = judged.champion.map(|c| &fits[c]);
     let model = best.unwrap_or(base);
-    let law = if verdict == Verdict::Unknown { described(data, model, noise, names.len())? } else { None };
+    let law = match verdict {
+        Verdict::Unknown => {
+            let (fitter, bootstrap) = (&Fitter::new(data, noise), &found.bootstrap);
+            Rest { fitter, base, model, bootstrap }.law(noise, judged.shared.as_ref())?
+        }
+        _ => None,
+    };
     let scale = Scale::new(expected, noise, kept.len());
     // What goes without a name is an extension all the same, if it holds on other trials.
-    let shown = law.as_ref().filter(|l| l.helps(model)).map_or(model.shown(), Law::shown);
+    let shown = law.as_ref().filter(|l| l.offered).map_or(model.shown(), Law::shown);
     let gain = gain::gain(base, best, settings, names.len(), &scale);
     let next = advise::next(scene, windows, fits, &judged.rivals, verdict, noise, config)?;
     let rival_names = |i: &usize| strings(&fits[*i].names());
@@ -63,10 +69,12 @@ pub fn conclude(given: &Given, found: Found, judged: &Judged, config: &Config) -
     };
     let bands = [bands(given, base, base.shown())?, bands(given, model, shown)?];
     let evidence = evidence::evidence(data, [base.shown(), shown], bands, names)?;
+    let residual_law = law.as_ref().map(|l| l.told(base, model, noise, &scale));
+    let described = residual_law.as_ref().map_or(String::new(), words::described);
     let diagnosis = Diagnosis {
         format: report::FORMAT,
         verdict,
-        reason: reason(&found, judged, &remainder, kept.len()) + &unlike::text(&unlike),
+        reason: reason(&found, judged, &remainder, kept.len()) + &described + &unlike::text(&unlike),
         effects: effects(model, names),
         rivals: judged.rivals.iter().map(rival_names).collect(),
         calibrated: calibrated(model, base.layout.latents()),
@@ -76,7 +84,7 @@ pub fn conclude(given: &Given, found: Found, judged: &Judged, config: &Config) -
             Verdict::None => Some(0.0),
             _ => unexplained(base, model, expected, windows),
         },
-        residual_law: law.as_ref().map(|l| l.told(base, model, noise, &scale)),
+        residual_law,
         next_experiment: next,
         scores: scores(&found, judged, names),
         remainder: Some(remainder),

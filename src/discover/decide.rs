@@ -48,7 +48,7 @@ impl Bootstrap {
 }
 
 /// Nats that choosing `size` effects out of `among` costs: uniform over sizes, then over the sets of a size.
-fn charge(size: usize, among: usize) -> f64 {
+pub fn charge(size: usize, among: usize) -> f64 {
     (0..size).map(|k| ((among - k) as f64 / (k + 1) as f64).ln()).sum()
 }
 

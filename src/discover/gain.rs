@@ -5,7 +5,7 @@ use super::fit::{Fitted, held};
 use super::leave_out::leave_out;
 use super::noise::Noise;
 use super::report::{Gain, HeldOut, Residual};
-use super::stats::{mean_error, normal_above};
+use super::stats::normal_above;
 use super::window::{Kind, Window};
 
 /// Excess over the noise floor, as a share of it, below which a share of the excess means nothing.
@@ -89,13 +89,6 @@ pub fn unexplained(base: &Fitted, model: &Fitted, expected: &Expected, windows: 
     (excess > SLIGHT).then(|| (left / excess).clamp(0.0, 1.0))
 }
 
-/// Whether losses by trial are smaller by more than one standard error.
-pub fn better(worse: &[f64], better: &[f64]) -> bool {
-    let gains: Vec<f64> = worse.iter().zip(better).map(|(a, b)| a - b).collect();
-    let (mean, error) = mean_error(&gains);
-    mean > error
-}
-
 /// Root of the mean square of all coordinates that count, m.
 fn root_mean_square(residuals: &[Vec<f64>]) -> f64 {
     let known = || residuals.iter().flatten().filter(|r| r.is_finite());
@@ -136,9 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn one_launch_makes_nothing_better() {
-        assert!(better(&[2.0, 2.1, 1.9], &[1.0, 1.0, 1.0]));
-        assert!(!better(&[1.0, 1.0, 4.0], &[1.0, 1.0, 1.0]));
+    fn what_does_not_count_is_in_no_mean() {
         assert_eq!(root_mean_square(&[vec![3.0, f64::NAN], vec![4.0]]), 12.5f64.sqrt());
     }
 }

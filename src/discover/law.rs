@@ -37,6 +37,8 @@ const POWERS: [[u8; 5]; 12] = [
 ];
 /// Periods of what swings with time, as shares of how long trials last.
 const PERIODS: [f64; 3] = [2.0, 1.0, 0.5];
+/// How many functions there are to choose from, along both axes.
+pub const FUNCTIONS: usize = 2 * (POWERS.len() + 2 * PERIODS.len());
 /// Most functions for each axis.
 const MOST: usize = 3;
 /// Share of what is left that a function must take to join.
@@ -208,6 +210,7 @@ mod tests {
     #[test]
     fn functions_read_as_what_they_are() {
         let all = functions(2.0);
+        assert_eq!(2 * all.len(), FUNCTIONS);
         let texts: Vec<String> = all.iter().map(|(e, v)| text(e, v)).collect();
         assert_eq!(texts[0], "m/s^2");
         assert_eq!(texts[7], "x y");

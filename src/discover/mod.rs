@@ -11,9 +11,10 @@
 //!    known the whole range of values is searched, since collisions leave no way downhill. `field`: something nobody named.
 //! 5. `decide`: which of two models is better, the one place where it is decided; `reason`: what launches may differ by;
 //!    `verdict`: what that amounts to.
-//! 6. `advise` and `parting`: what would separate those that tie; `law` and `described`: what no set explains, as terms that
-//!    can be simulated; `conclude`: the report, of `sizes`, of `gain` by `expected` and `leave_out`, and in `words`;
-//!    `by_launch`: what each launch says; `unlike`: what launches differ by beside the model; `check`: whether it is as predicted; `band` and `paths`: how far off its path it may
+//! 6. `advise` and `parting`: what would separate those that tie; `described`: what no set explains, as terms that can be
+//!    simulated, a formula (`law`) or the field that launches share (`bumps`); `conclude`: the report, of `sizes`, of `gain` by
+//!    `expected` and `leave_out`, and in `words`; `by_launch`: what each launch says; `unlike`: what launches differ by beside
+//!    the model; `check`: whether it is as predicted; `band` and `paths`: how far off its path it may
 //!    be seen; `picture`: the field of what is left; `extend`: the scene with what was found; `evidence`: what pictures show.
 //!
 //! Sources: multiple shooting (Bock 1983), variable projection (Golub and Pereyra 1973), model discrepancy as a Gaussian
@@ -25,6 +26,7 @@
 mod advise;
 mod band;
 mod base;
+mod bumps;
 mod by_launch;
 mod check;
 mod columns;

@@ -1,5 +1,7 @@
 //! What a diagnosis says: `iplw.diagnosis/1`.
 
+use std::collections::BTreeMap;
+
 use serde::Serialize;
 
 use crate::task::Scene;
@@ -112,13 +114,13 @@ pub struct Unlike {
 /// An acceleration without a name that describes what effects leave.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ResidualLaw {
-    /// In words and symbols: m, s.
+    /// In words and symbols: m, s. Of a force field, how many bumps of which kind it is.
     pub formula: String,
     pub terms: Vec<LawTerm>,
     /// The base model's error, and that of the effects found and the law, on trials whose numbers they were not fitted to.
-    /// (Which functions make the law up was chosen on all trials.)
+    /// (Which functions make the law up was chosen on all trials; that choice is charged where it is decided about `offered`.)
     pub held_out: HeldOut,
-    /// Whether it is part of the extended scene: it is if it helps by more than chance on trials that it was not fitted to.
+    /// Whether it is part of the extended scene: it is if it is likely to help on trials that it was not fitted to.
     pub offered: bool,
 }
 
@@ -127,10 +129,8 @@ pub struct ResidualLaw {
 pub struct LawTerm {
     /// As a scene takes it.
     pub term: EffectTerm,
-    /// The parameter that was fitted; the others are the shape.
-    pub amplitude: String,
-    /// Its 95 % interval.
-    pub ci95: [Option<f64>; 2],
+    /// 95 % intervals of the parameters that were fitted, by name; the others are the shape.
+    pub ci95: BTreeMap<String, [Option<f64>; 2]>,
 }
 
 /// A calibrated latent.

@@ -3,7 +3,7 @@
 use super::fit::{Fitted, held};
 use super::gain::Scale;
 use super::noise::Noise;
-use super::report::{Gain, Remainder, Verdict};
+use super::report::{Gain, Remainder, ResidualLaw, Verdict};
 use super::search::Found;
 use super::verdict::Judged;
 
@@ -99,6 +99,18 @@ pub fn reason(found: &Found, judged: &Judged, remainder: &Remainder, launches: u
     }
 }
 
+/// What there is to add where what is left is described without a name.
+pub fn described(law: &ResidualLaw) -> String {
+    match (law.offered, law.held_out.excess_removed) {
+        (true, Some(share)) => format!(
+            "; described without a name ({}) and added to the scene it leaves {:.0} % of the excess error on held-out trials",
+            law.formula,
+            100.0 * (1.0 - share).max(0.0)
+        ),
+        _ => String::new(),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -111,6 +123,21 @@ mod tests {
         let slow = "misfit that changes slowly along paths: 8.90 mm before, 3.20 mm after; noise 1.60 mm; ";
         assert_eq!(at(0.0021), format!("{slow}on held-out trials nothing is left above the noise"));
         assert_eq!(at(0.0026), format!("{slow}on held-out trials the error is 1.3 times what noise leaves"));
+    }
+
+    /// Of a law that is offered it is said what it leaves; of one that is not, nothing.
+    #[test]
+    fn a_law_is_in_words_where_it_is_offered() {
+        let scale = Scale { noise: 0.002, coordinates: 100.0, floor: 90.0, trials: 5 };
+        let law = |offered| ResidualLaw {
+            formula: "ax = +1.0 y".into(),
+            terms: Vec::new(),
+            held_out: scale.gain(490.0, 190.0),
+            offered,
+        };
+        let said = described(&law(true));
+        assert!(said.contains("(ax = +1.0 y)") && said.contains("leaves 25 % of the excess"), "{said}");
+        assert_eq!(described(&law(false)), "");
     }
 
     #[test]

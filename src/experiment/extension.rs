@@ -61,13 +61,15 @@ pub fn extended(
     let d = &finding.diagnosis;
     // The trials' scenes, and those trained in, have their own effects already.
     let own = trials.first().map_or(0, |t| t.scene.effects.len());
+    let law = d.residual_law.as_ref().filter(|l| l.offered).map(|l| &l.held_out);
+    let gain = law.or(d.gain.held_out.as_ref());
     let mut extension = Extension {
         verdict: d.verdict.name().into(),
         reason: d.reason.clone(),
         rivals: d.rivals.clone(),
         effects: finding.extended.effects.iter().skip(own).cloned().collect(),
         latents: found,
-        excess_removed: d.gain.held_out.as_ref().and_then(|g| g.excess_removed),
+        excess_removed: gain.and_then(|g| g.excess_removed),
     };
     if extension.effects.is_empty() {
         return Ok(extension);

@@ -291,7 +291,7 @@ pub fn deviation(hidden: &Hidden, count: usize, rows: usize, shift: f64, seed: u
 pub type Launch = ([f64; 4], f64);
 
 /// Launches of all directions and of many speeds.
-fn launches(count: usize, seed: u64) -> Vec<Launch> {
+pub fn launches(count: usize, seed: u64) -> Vec<Launch> {
     let mut r = rng::stream(seed, "launches");
     (0..count)
         .map(|_| {

@@ -216,7 +216,7 @@ fn sticky_patch_slows_inside_only() {
 fn motion_agrees_with_an_independent_integrator() {
     type Law = fn(f64, [f64; 4]) -> [f64; 2];
     type Case = (&'static str, &'static [(&'static str, f64)], Law);
-    let cases: [Case; 8] = [
+    let cases: [Case; 12] = [
         ("linear_drag", &[("c", 0.7)], |_, [_, _, vx, vy]| [-0.7 * vx, -0.7 * vy]),
         ("quadratic_drag", &[("k", 0.3)], |_, [_, _, vx, vy]| {
             let v = vx.hypot(vy);
@@ -237,6 +237,34 @@ fn motion_agrees_with_an_independent_integrator() {
         ("position_field", &[("kx", 4.0), ("ky", -0.5), ("x0", 2.0), ("y0", 99.0)], |_, [x, y, ..]| {
             [4.0 * (2.0 - x), -0.5 * (99.0 - y)]
         }),
+        (
+            "place_push",
+            &[("ax", 5.0), ("ay", -2.0), ("x0", 2.0), ("y0", 101.0), ("wx", 0.6), ("wy", 0.9)],
+            |_, [x, y, ..]| {
+                let near = bell((x - 2.0) / 0.6, (y - 101.0) / 0.9);
+                [5.0 * near, -2.0 * near]
+            },
+        ),
+        (
+            "velocity_push",
+            &[("ax", -3.0), ("ay", 2.0), ("ux", 4.0), ("uy", 1.0), ("wx", 1.5), ("wy", 2.5)],
+            |_, [_, _, vx, vy]| {
+                let near = bell((vx - 4.0) / 1.5, (vy - 1.0) / 2.5);
+                [-3.0 * near, 2.0 * near]
+            },
+        ),
+        ("clock_push", &[("ax", 4.0), ("ay", 3.0), ("t0", 0.6), ("w", 0.15)], |t, _| {
+            let near = bell((t - 0.6) / 0.15, 0.0);
+            [4.0 * near, 3.0 * near]
+        }),
+        (
+            "place_drive",
+            &[("along", -4.0), ("across", 6.0), ("x0", 2.0), ("y0", 101.0), ("wx", 0.9), ("wy", 0.9)],
+            |_, [x, y, vx, vy]| {
+                let near = bell((x - 2.0) / 0.9, (y - 101.0) / 0.9) / vx.hypot(vy);
+                [near * (-4.0 * vx - 6.0 * vy), near * (-4.0 * vy + 6.0 * vx)]
+            },
+        ),
     ];
     let start = [0.0, 100.0, 4.0, 5.0];
     let alone = cases.map(|(name, parameters, law)| (vec![term(name, parameters)], vec![law]));
@@ -262,6 +290,81 @@ fn motion_agrees_with_an_independent_integrator() {
             assert!(coarse < 0.3 && fine < 0.03, "{engine:?} {names:?}: {coarse}, {fine}");
             assert!(fine < coarse / 4.0 || fine < 1e-3, "{engine:?} {names:?}: {coarse}, {fine}");
         }
+    }
+}
+
+/// A bump of place that the other axis plays no part in is a potential's; a drive's is not: it gives as much on the way back.
+#[test]
+fn bumps_of_place_give_what_crossing_them_takes() {
+    let gained = |name, amplitude: &'static str, from: f64, vx: f64, engine| {
+        let bump = [(amplitude, 3.0), ("x0", 0.0), ("y0", 100.0), ("wx", 0.5), ("wy", 1e5)];
+        let mut scene = free([vx, 0.0], 1.5, &[(name, &bump)], 1.0 / 480.0);
+        (scene.gravity, scene.bodies[0].position) = ([0.0, 0.0], Some([from, 100.0]));
+        last(&roll(&scene, engine).bodies[0].vx).powi(2) - vx * vx
+    };
+    let work = 2.0 * 3.0 * 0.5 * std::f64::consts::TAU.sqrt();
+    for engine in ENGINES {
+        near(gained("place_push", "ax", -4.0, 6.0, engine), work, 0.05, "there", engine);
+        near(gained("place_push", "ax", 4.0, -6.0, engine), -work, 0.05, "and back", engine);
+        near(gained("place_drive", "along", -4.0, 6.0, engine), work, 0.05, "driven there", engine);
+        near(gained("place_drive", "along", 4.0, -6.0, engine), work, 0.05, "and back", engine);
+    }
+}
+
+/// Where a bump is level a drive slows like dry friction, to a stop and not beyond, and turns by a / v a second.
+#[test]
+fn drives_stop_and_turn_what_moves() {
+    for engine in ENGINES {
+        let driven = |amplitude: &'static str, size: f64| {
+            let level = [(amplitude, size), ("wx", 1e5), ("wy", 1e5)];
+            let mut scene = free([2.0, 0.0], 1.0, &[("place_drive", &level)], 1.0 / 480.0);
+            scene.gravity = [0.0, 0.0];
+            roll(&scene, engine)
+        };
+        let stopped = driven("along", -5.0);
+        near(last(&stopped.bodies[0].x), 2.0 * 2.0 / (2.0 * 5.0), 0.01, "way to the stop", engine);
+        near(last(&stopped.bodies[0].vx), 0.0, 1e-9, "speed at rest", engine);
+        let turned = driven("across", 1.2);
+        let angle = last(&turned.bodies[0].vy).atan2(last(&turned.bodies[0].vx));
+        near(angle, 1.2 / 2.0, 2e-3, "angle turned", engine);
+    }
+}
+
+/// What a bump of the clock has given by a time is the error function's; in the end a w sqrt(2 pi).
+#[test]
+fn bumps_of_the_clock_give_their_area() {
+    for engine in ENGINES {
+        let (a, t0, w) = (2.0, 0.5, 0.1);
+        let bump = [("ax", a), ("t0", t0), ("w", w)];
+        let mut scene = free([0.0, 0.0], 1.0, &[("clock_push", &bump)], 1.0 / 240.0);
+        scene.gravity = [0.0, 0.0];
+        let t = roll(&scene, engine);
+        let area = |time: f64| libm::erf((time - t0) / (w * std::f64::consts::SQRT_2));
+        for (i, time) in t.times.iter().enumerate() {
+            let given = a * w * (std::f64::consts::PI / 2.0).sqrt() * (area(*time) - area(0.0));
+            near(t.bodies[0].vx[i], given, 2e-4, "speed", engine);
+        }
+        near(last(&t.bodies[0].vx), a * w * std::f64::consts::TAU.sqrt(), 1e-5, "area", engine);
+    }
+}
+
+/// From one velocity to another a bump takes the integral of 1 / a between them.
+#[test]
+fn bumps_of_velocity_take_their_time() {
+    for engine in ENGINES {
+        let (a, u, w) = (3.0, 2.0, 0.8);
+        let bump = [("ax", a), ("ux", u), ("uy", 0.0), ("wx", w), ("wy", 1e5)];
+        let mut scene = free([1.0, 0.0], 0.8, &[("velocity_push", &bump)], 1.0 / 480.0);
+        scene.gravity = [0.0, 0.0];
+        let reached = last(&roll(&scene, engine).bodies[0].vx);
+        // Simpson's rule on a thousand pieces.
+        let rate = |v: f64| 1.0 / (a * bell((v - u) / w, 0.0));
+        let h = (reached - 1.0) / 1000.0;
+        let piece = |i: u32| {
+            let v = 1.0 + h * f64::from(i);
+            (rate(v) + 4.0 * rate(v + h / 2.0) + rate(v + h)) * h / 6.0
+        };
+        near((0..1000).map(piece).sum(), 0.8, 2e-3, "time", engine);
     }
 }
 
@@ -905,6 +1008,11 @@ fn bits(t: &Trajectory) -> Vec<u64> {
     let columns =
         |b: &Track| [b.x.clone(), b.y.clone(), b.angle.clone(), b.vx.clone(), b.vy.clone(), b.omega.clone()];
     t.bodies.iter().flat_map(columns).flatten().map(f64::to_bits).collect()
+}
+
+/// A Gaussian bump at distances in widths.
+fn bell(a: f64, b: f64) -> f64 {
+    f64::exp(-(a * a + b * b) / 2.0)
 }
 
 fn last(column: &[f64]) -> f64 {

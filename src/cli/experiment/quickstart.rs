@@ -106,16 +106,23 @@ fn text_table(report: &QuickstartReport, test_tasks: usize) -> String {
     text
 }
 
+/// Effects that a line has room for: what has no name may be many.
+const SHOWN: usize = 4;
+
 /// What a diagnosis found, in a line.
 fn lacks(d: &Extension) -> String {
-    let terms: Vec<String> = d
+    let mut terms: Vec<String> = d
         .effects
         .iter()
+        .take(SHOWN)
         .map(|e| {
             let parameters: Vec<String> = e.parameters.iter().map(|(k, v)| format!("{k} = {v:.3}")).collect();
             format!("{} ({})", e.name, parameters.join(", "))
         })
         .collect();
+    if d.effects.len() > SHOWN {
+        terms.push(format!("{} more", d.effects.len() - SHOWN));
+    }
     let sets: Vec<String> = d.rivals.iter().map(|r| r.join(" + ")).collect();
     let tie = if sets.len() > 1 { format!("; sets that tie: {}", sets.join(" | ")) } else { String::new() };
     let gain = d.excess_removed.map_or(String::new(), |e| match e < 1.0 {

@@ -41,6 +41,8 @@ pub struct Slot {
     pub bounds: [f64; 2],
     /// Difference for derivatives.
     pub step: f64,
+    /// Precision by which the value is believed to be about nothing, in fits by least squares; 0 where nothing is believed.
+    pub belief: f64,
 }
 
 /// What one number of the parameter vector stands for.
@@ -60,6 +62,7 @@ impl Layout {
             setting: None,
             bounds: FACTORS[*l].bounds,
             step: LATENT_STEP,
+            belief: 0.0,
         };
         let mut slots: Vec<Slot> = latents.iter().map(latent).collect();
         for (t, term) in terms.iter().enumerate() {
@@ -69,6 +72,7 @@ impl Layout {
                     setting,
                     bounds: bounds(term.effect, parameter),
                     step: term.difference.unwrap_or(parameter.step),
+                    belief: 0.0,
                 };
                 match term.per_setting {
                     true => slots.extend((0..settings).map(|s| slot(Some(s)))),

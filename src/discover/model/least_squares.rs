@@ -69,7 +69,7 @@ pub fn fit(data: &Data, layout: &Layout, start: State, most: usize) -> Result<(S
         let step = step(layout, &state.values, &here, damping, round < held);
         let tried = moved(layout, &state, &step, &here.corrections);
         let there = pass(data, layout, &tried)?;
-        let (old, new) = (total(&here), total(&there));
+        let (old, new) = (cost(layout, &state, &here), cost(layout, &tried, &there));
         if new <= old * (1.0 + 1e-9) {
             (state, here) = (tried, there);
             damping = (damping * EASED).max(LEAST);
@@ -118,6 +118,11 @@ pub fn total(pass: &Pass) -> f64 {
     pass.trials.iter().map(|t| t.square).sum()
 }
 
+/// What a fit makes small: the sum of squares, and what values cost that are believed to be about nothing.
+fn cost(layout: &Layout, state: &State, pass: &Pass) -> f64 {
+    total(pass) + layout.slots.iter().zip(&state.values).map(|(s, v)| s.belief * v * v).sum::<f64>()
+}
+
 /// A state after a step, as far as bounds allow it, every window's start with it.
 fn moved(layout: &Layout, state: &State, step: &DVector<f64>, corrections: &[Correction]) -> State {
     let mut out = state.clone();
@@ -139,6 +144,10 @@ fn step(layout: &Layout, values: &[f64], pass: &Pass, damping: f64, hold_shapes:
     for t in &pass.trials {
         gram += &t.gram;
         score += &t.score;
+    }
+    for (i, slot) in layout.slots.iter().enumerate() {
+        gram[(i, i)] += slot.belief;
+        score[i] -= slot.belief * values[i];
     }
     // A value at its bound that is pushed outwards stays there, and the others step without it.
     for (i, slot) in layout.slots.iter().enumerate() {
@@ -180,6 +189,21 @@ mod tests {
         assert!((values[0] - 0.8).abs() < 1e-5 && (values[1] + 0.3).abs() < 1e-5, "{values:?}");
         assert!(nuisances.iter().all(|n| (n[2] - 3.0).abs() < 1e-5), "{nuisances:?}");
         assert!(most(&pass) < 1e-6, "{}", most(&pass));
+    }
+
+    /// Believed to be about nothing as firmly as the launches tell it, a wind is half of what they say.
+    #[test]
+    fn a_belief_pulls_towards_nothing() {
+        let (windows, settings) = flights([0.8, -0.3], 4);
+        let data = Data::new(&windows, &settings, vec![1e-3; 4], Engine::Auto);
+        let mut layout = Layout::new(&[], vec![term("wind")], 1);
+        let start =
+            State { values: vec![0.0; 2], nuisances: windows.iter().map(|w| w.nuisances.clone()).collect() };
+        let told = pass(&data, &layout, &start).unwrap().trials.iter().map(|t| t.gram[(0, 0)]).sum::<f64>();
+        layout.slots[0].belief = told;
+        let (state, _) = fit(&data, &layout, start, 8).unwrap();
+        assert!((state.values[0] - 0.4).abs() < 1e-3, "{:?}", state.values);
+        assert!((state.values[1] + 0.3).abs() < 1e-3, "{:?}", state.values);
     }
 
     /// Where a wind stands at its bound, a drag makes up for it as far as it can, as if the wind were known.

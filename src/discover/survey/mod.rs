@@ -174,7 +174,8 @@ fn reach(data: &Data, layout: &Layout, state: &State, looks: &[Look]) -> Vec<f64
             }
             Role::Shape(Shape::Place | Shape::Edge { .. }) => 0.25 * (x1 - x0).max(y1 - y0),
             Role::Shape(Shape::Velocity) => span.speed,
-            Role::Shape(Shape::Period) => 0.5 * state.values[i].abs(),
+            Role::Shape(Shape::Time) => 0.25 * span.duration,
+            Role::Shape(Shape::Period | Shape::Width) => 0.5 * state.values[i].abs(),
             Role::Shape(Shape::Phase) => 1.5,
             Role::Shape(Shape::Power) => 1.0,
         }

@@ -76,6 +76,10 @@ pub enum Shape {
     Period,
     /// Where in its period it is at the start of the clock, rad.
     Phase,
+    /// A time on the clock, s.
+    Time,
+    /// How wide what it acts within is, in the unit of the place, velocity or time that this is about.
+    Width,
     /// A power in a formula.
     Power,
 }
@@ -176,6 +180,9 @@ impl Effect {
         let of = |shape| self.parameters.iter().position(|p| p.role == Role::Shape(shape));
         if let (true, Some(period), Some(phase)) = (clock != 0.0, of(Shape::Period), of(Shape::Phase)) {
             values[phase] = (values[phase] + 2.0 * PI * clock / values[period]).rem_euclid(2.0 * PI);
+        }
+        if let Some(time) = of(Shape::Time) {
+            values[time] -= clock;
         }
         let parameters = self.parameters.iter().zip(values).map(|(p, v)| (p.name.to_string(), v)).collect();
         EffectTerm { name: self.name.to_string(), parameters }

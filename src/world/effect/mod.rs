@@ -5,7 +5,9 @@
 //! usually is; which other effects it holds, and how a search for causes tries it ([`Search`]). Engines call the
 //! forms, and estimation and discovery read the declaration; none of them knows an effect by name.
 
+mod bump;
 mod camera_tilt;
+pub mod clock_push;
 mod declaration;
 mod gravity_error;
 pub mod gust;
@@ -15,6 +17,8 @@ mod lift;
 pub(super) mod linear_drag;
 pub mod monomial;
 mod moving_air;
+pub mod place_drive;
+pub mod place_push;
 mod placement_offset;
 mod position_field;
 mod position_scale;
@@ -25,10 +29,12 @@ mod spin_decay;
 mod sticky_patch;
 mod tangential_restitution;
 mod time_scale;
+pub mod velocity_push;
 mod wind;
 
 use crate::error::{Error, Result, within};
 use crate::task::scene::EffectTerm;
+pub use bump::bump;
 pub use declaration::{ActsOn, Effect, Parameter, Role, Search, Shape, Span};
 use declaration::{amplitude, edge, shape};
 use law::constants;
@@ -58,6 +64,10 @@ pub static REGISTRY: &[&Effect] = &[
     &placement_offset::EFFECT,
     &spin_decay::EFFECT,
     &monomial::EFFECT,
+    &place_push::EFFECT,
+    &velocity_push::EFFECT,
+    &clock_push::EFFECT,
+    &place_drive::EFFECT,
 ];
 
 /// An effect with its parameter values, in the registry's order.
@@ -178,15 +188,37 @@ mod tests {
         }
     }
 
-    /// What swings with the clock goes on where it was in a rollout that starts later; other effects do not care.
+    /// What goes by the clock goes on where it was in a rollout that starts later: what swings, and what comes at a time. Other
+    /// effects do not care.
     #[test]
-    fn a_later_clock_turns_the_phase_alone() {
+    fn a_later_clock_turns_phases_and_shifts_times_alone() {
         for e in REGISTRY {
             let values: Vec<f64> = e.parameters.iter().map(|p| p.neutral).collect();
             let shifted = resolve(&e.at_clock(&values, 0.25), "effect").unwrap().values;
             for ((p, before), after) in e.parameters.iter().zip(&values).zip(shifted) {
-                let turned = if p.role == Role::Shape(Shape::Phase) { 2.0 * PI * 0.25 } else { 0.0 };
+                let turned = match p.role {
+                    Role::Shape(Shape::Phase) => 2.0 * PI * 0.25,
+                    Role::Shape(Shape::Time) => -0.25,
+                    _ => 0.0,
+                };
                 assert_eq!(after, before + turned, "{}.{}", e.name, p.name);
+            }
+        }
+    }
+
+    /// A law that reads the clock pushes at a time as it does in a rollout that starts then.
+    #[test]
+    fn a_later_clock_changes_no_push() {
+        let around = Surroundings { time_step: 1e-3, gravity: [0.0, -9.8] };
+        for (e, law) in motions() {
+            let values: Vec<f64> = e.parameters.iter().map(|p| value(p, 0.3)).collect();
+            let shifted = resolve(&e.at_clock(&values, 0.4), "effect").unwrap().values;
+            let kick = |values: &[f64], time: f64| {
+                let body = Moving { time, ..moving([0.0, 0.3, 0.2, 1.5, -0.7, 0.1]) };
+                law.kick(&law.constants(values, &around), body, around.time_step)
+            };
+            for (then, now) in kick(&values, 0.9).into_iter().zip(kick(&shifted, 0.5)) {
+                assert!((then - now).abs() < 1e-12, "{}: {then} and {now}", e.name);
             }
         }
     }
