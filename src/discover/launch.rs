@@ -118,15 +118,9 @@ fn frame(window: &Window, noise: &Noise, length: f64, after: bool) -> Frame {
 }
 
 /// A window's part of its launch; `scale` is by how much its residuals were made smaller than in units of the noise.
-fn reduced(
-    window: &Window,
-    frame: &Frame,
-    look: &Look,
-    columns: &Columns,
-    scale: f64,
-    impact: Option<Impact>,
-) -> Option<Block> {
+fn reduced(window: &Window, frame: &Frame, look: &Look, columns: &Columns, scale: f64) -> Option<Block> {
     let (slots, pushes) = (columns.slots, columns.pushes);
+    let impact = look.impact;
     let n = window.points.len();
     let extras = look.columns.ncols() - slots - pushes;
     let leaps = impact.map_or(0, |_| 2);
@@ -339,18 +333,17 @@ impl Across {
 }
 
 /// All launches' parts. `looks`: every window at a state, with columns for `slots`, then [`pushes`], then extras;
-/// `impacts`: what happens in contact windows; `scales`: of each window's residuals, in units of the noise.
+/// `scales`: of each window's residuals, in units of the noise.
 pub fn parts(
     windows: &[Window],
     frames: &[Frame],
     looks: &[Look],
     columns: &Columns,
     scales: &[f64],
-    impacts: &[Option<Impact>],
 ) -> Option<Vec<Part>> {
     let mut out: Vec<Part> = Vec::new();
     for (w, window) in windows.iter().enumerate().filter(|(w, _)| scales[*w].is_finite()) {
-        let Some(block) = reduced(window, &frames[w], &looks[w], columns, scales[w], impacts[w]) else {
+        let Some(block) = reduced(window, &frames[w], &looks[w], columns, scales[w]) else {
             if looks[w].residual.iter().all(|r| r.is_finite()) {
                 continue;
             }

@@ -9,6 +9,7 @@ use super::engine::{NUDGE, simulated};
 use super::layout::{Layout, State};
 use super::loss::{share, tamed};
 use super::moved::{Extra, Moved, Shared, integrated, shared};
+use crate::discover::path::Impact;
 use crate::discover::stats::inverse;
 use crate::discover::window::{Kind, Window};
 use crate::error::Result;
@@ -37,6 +38,8 @@ pub struct Look {
     /// What residual and columns were made smaller by for going astray.
     pub share: f64,
     pub correction: Correction,
+    /// What happens in a contact window.
+    pub impact: Option<Impact>,
 }
 
 /// The step of a window's start that its residual asks for, and by how much less for each step of the slots.
@@ -169,7 +172,7 @@ fn weighed(
         start.fill(0.0);
     }
     let correction = Correction { own: DVector::zeros(count), by_slot: DMatrix::zeros(count, slots) };
-    Look { weights, residual, columns, start, square: 0.0, share: 1.0, correction }
+    Look { weights, residual, columns, start, square: 0.0, share: 1.0, correction, impact: moved.impact }
 }
 
 /// Square roots of the weights of a window's points, over the noise.
