@@ -228,13 +228,7 @@ impl<'a, 'b> Fitter<'a, 'b> {
 
     fn reduced(&self, layout: &Layout, state: &State, looks: &[Look]) -> Option<Vec<Part>> {
         let columns = Columns::of(layout, &state.values);
-        let windows = self.data.windows;
-        let impact = |(w, window): (usize, &super::window::Window)| match window.kind {
-            Kind::Contact => model::impact(window, w, layout, state),
-            _ => None,
-        };
-        let impacts: Vec<_> = windows.iter().enumerate().map(impact).collect();
-        launch::parts(windows, &self.frames, looks, &columns, &self.scales, &impacts)
+        launch::parts(self.data.windows, &self.frames, looks, &columns, &self.scales)
     }
 }
 

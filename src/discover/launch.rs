@@ -134,9 +134,9 @@ fn reduced(
     look: &Look,
     columns: &Columns,
     scale: f64,
-    impact: Option<Impact>,
 ) -> Option<Block> {
     let (slots, pushes) = (columns.slots, columns.pushes);
+    let impact = look.impact;
     let n = window.points.len();
     let extras = look.columns.ncols() - slots - pushes;
     let leaps = impact.map_or(0, |_| 2);
@@ -353,18 +353,17 @@ impl Across {
 }
 
 /// All launches' parts. `looks`: every window at a state, with columns for `slots`, then [`pushes`], then extras;
-/// `impacts`: what happens in contact windows; `scales`: of each window's residuals, in units of the noise.
+/// `scales`: of each window's residuals, in units of the noise.
 pub fn parts(
     windows: &[Window],
     frames: &[Frame],
     looks: &[Look],
     columns: &Columns,
     scales: &[f64],
-    impacts: &[Option<Impact>],
 ) -> Option<Vec<Part>> {
     let mut out: Vec<Part> = Vec::new();
     for (w, window) in windows.iter().enumerate().filter(|(w, _)| scales[*w].is_finite()) {
-        let Some(block) = reduced((w, window), &frames[w], &looks[w], columns, scales[w], impacts[w]) else {
+        let Some(block) = reduced((w, window), &frames[w], &looks[w], columns, scales[w]) else {
             if looks[w].residual.iter().all(|r| r.is_finite()) {
                 continue;
             }

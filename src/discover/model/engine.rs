@@ -46,7 +46,7 @@ pub fn simulated(data: &Data, layout: &Layout, state: &State, extras: &[Extra]) 
         };
         let slots = shared.iter().map(&mut by_slot).collect();
         let extras = extras.iter().map(|e| slope(&next(), &base, e.unit)).collect();
-        out.push(Moved { base, nuisances, slots, extras });
+        out.push(Moved { base, nuisances, slots, extras, impact: None });
     }
     Ok(out)
 }

@@ -10,6 +10,7 @@ use super::layout::Layout;
 use super::loss::{share, tamed};
 use super::moved::{Moved, Shared, integrated, shared};
 use super::state::{Extra, Mode, State};
+use crate::discover::path::Impact;
 use crate::discover::stats::inverse;
 use crate::discover::window::{Kind, Window};
 use crate::error::Result;
@@ -38,6 +39,8 @@ pub struct Look {
     /// What residual and columns were made smaller by for going astray.
     pub share: f64,
     pub correction: Correction,
+    /// What happens in a contact window.
+    pub impact: Option<Impact>,
 }
 
 /// The step of a window's start that its residual asks for, and by how much less for each step of what its columns are of.
@@ -186,7 +189,7 @@ fn weighed(
     }
     let correction =
         Correction { own: DVector::zeros(count), by_column: DMatrix::zeros(count, columns.ncols()) };
-    Look { weights, residual, columns, start, square: 0.0, share: 1.0, correction }
+    Look { weights, residual, columns, start, square: 0.0, share: 1.0, correction, impact: moved.impact }
 }
 
 /// Square roots of the weights of a window's points, over the noise.

@@ -5,7 +5,7 @@
 
 use super::layout::{Layout, Slot, What};
 use super::state::{Extra, State};
-use crate::discover::path::Physics;
+use crate::discover::path::{Impact, Physics, seen};
 use crate::discover::window::{Kind, Window};
 use crate::world::effect::Effect;
 
@@ -22,6 +22,8 @@ pub struct Moved {
     pub slots: Vec<Vec<f64>>,
     /// Differences over their units.
     pub extras: Vec<Vec<f64>>,
+    /// What happens in a contact window.
+    pub impact: Option<Impact>,
 }
 
 /// A slot that concerns a window, and its values below and above.
@@ -63,38 +65,45 @@ pub fn integrated(
     shared: &[Shared],
     extras: &[Extra],
 ) -> Moved {
-    let seen = |physics: &Physics, nuisances: &[f64]| physics.seen(nuisances, |_, _| ());
     let (nuisances, values, own) = (state.nuisances[w].as_slice(), state.values_in(w), state.beside(w));
     let beside: Vec<(&Effect, &[f64])> = own.iter().map(|(e, v)| (*e, v.as_slice())).collect();
     let here = layout.path(window, &values, &beside);
-    let base = seen(&here, nuisances);
-    let by_nuisance = |(k, h): (usize, &f64)| {
-        let mut moved = nuisances.to_vec();
-        moved[k] += h;
-        slope(&seen(&here, &moved), &base, *h)
-    };
-    let by_slot = |s: &Shared| {
-        let end = |value: f64| {
-            if value == values[s.slot] {
-                return base.clone();
-            }
-            let mut moved = values.clone();
-            moved[s.slot] = value;
-            seen(&layout.path(window, &moved, &beside), nuisances)
-        };
-        slope(&end(s.high), &end(s.low), s.high - s.low)
-    };
-    let by_extra = |e: &Extra| {
-        let with = [beside.as_slice(), &[(e.effect, &e.values)]].concat();
-        slope(&seen(&layout.path(window, &values, &with), nuisances), &base, e.unit)
-    };
     let steps: &[f64] = if window.kind == Kind::Roll { &ROLL } else { &FLIGHT };
-    Moved {
-        nuisances: steps.iter().enumerate().take(nuisances.len()).map(by_nuisance).collect(),
-        slots: shared.iter().map(by_slot).collect(),
-        extras: extras.iter().map(by_extra).collect(),
-        base,
-    }
+    let starts: Vec<Vec<f64>> = (0..nuisances.len().min(steps.len()))
+        .map(|k| {
+            let mut moved = nuisances.to_vec();
+            moved[k] += steps[k];
+            moved
+        })
+        .collect();
+    // The ends of every slot's difference that are not where the state is.
+    let ends = shared.iter().flat_map(|s| [(s.slot, s.low), (s.slot, s.high)]);
+    let with_value = |(slot, value): (usize, f64)| {
+        (value != values[slot]).then(|| {
+            let mut moved = values.clone();
+            moved[slot] = value;
+            layout.path(window, &moved, &beside)
+        })
+    };
+    let ends: Vec<Option<Physics>> = ends.map(with_value).collect();
+    let with_extra =
+        |e: &Extra| layout.path(window, &values, &[beside.as_slice(), &[(e.effect, &e.values)]].concat());
+    let besides: Vec<Physics> = extras.iter().map(with_extra).collect();
+
+    let from_here = [(&here, nuisances)].into_iter().chain(starts.iter().map(|s| (&here, s.as_slice())));
+    let others = ends.iter().flatten().chain(&besides).map(|p| (p, nuisances));
+    let mut found = seen(&from_here.chain(others).collect::<Vec<_>>()).into_iter();
+    let (base, impact) = found.next().unwrap_or_default();
+    let mut next = || found.next().unwrap_or_default().0;
+    let nuisances = starts.iter().zip(steps).map(|(_, h)| slope(&next(), &base, *h)).collect();
+    let mut end = |k: usize| if ends[k].is_some() { next() } else { base.clone() };
+    let by_slot = |(k, s): (usize, &Shared)| {
+        let low = end(2 * k);
+        slope(&end(2 * k + 1), &low, s.high - s.low)
+    };
+    let slots = shared.iter().enumerate().map(by_slot).collect();
+    let extras = extras.iter().map(|e| slope(&next(), &base, e.unit)).collect();
+    Moved { base, nuisances, slots, extras, impact }
 }
 
 /// Difference over what made it.

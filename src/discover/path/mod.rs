@@ -2,14 +2,14 @@
 //! microseconds, since a diagnosis needs a hundred thousand such paths.
 //!
 //! Effects enter as the registry has them: a law of motion's kick over [`INSTANT`] is its acceleration, a law of contact
-//! is asked once at the bounce, a sensor shows each state at the time its clock stands for. Between observations the
-//! classical Runge-Kutta method of fourth order; in free flight its steps go by themselves, and what lies between their ends is
-//! the polynomial of fifth degree with their places, velocities and accelerations.
+//! is asked once at the bounce, a sensor shows each state at the time its clock stands for. `fan` integrates
+//! flights, with a bounce on the way or without, `roll` what rolls.
 //!
 //! Differences from the engines: these are the continuous equations, which engines approach as their step shrinks. A
 //! bounce takes no time: normal speed turns by the restitution, slip goes to what the laws of contact ask for as far
 //! as friction reaches. Rolling is without slip.
 
+mod fan;
 mod roll;
 
 use super::window::{Kind, Surface, Window};
@@ -17,6 +17,7 @@ use crate::world::Latents;
 use crate::world::effect::{
     Act, ActsOn, Answer, Constants, Effect, Meeting, Motion, Moving, Sensor, Shown, Surroundings, Touch,
 };
+pub use fan::Start;
 use roll::{Body, Rolling};
 
 /// s; accelerations are speeds gained in it. Small against every motion, large against rounding.
@@ -27,7 +28,7 @@ const STEP: [f64; 2] = [0.03, 0.007];
 /// What acts in a window.
 pub struct Physics<'a> {
     window: &'a Window,
-    motions: Vec<(&'static dyn Motion, Constants)>,
+    motions: Vec<Acting>,
     touches: Vec<(&'static dyn Touch, Constants)>,
     sensors: Vec<(&'static dyn Sensor, Constants)>,
     /// True time = rate * stamp + offset.
@@ -35,6 +36,14 @@ pub struct Physics<'a> {
     step: f64,
     restitution: f64,
     friction: f64,
+}
+
+/// A law of motion, with its effect's place among all that act.
+struct Acting {
+    place: usize,
+    effect: &'static Effect,
+    law: &'static dyn Motion,
+    constants: Constants,
 }
 
 /// What a body does to a surface and gets back.
@@ -59,12 +68,15 @@ impl<'a> Physics<'a> {
         let own = window.own.iter().map(|a| (a.effect, a.values.as_slice()));
         let (mut motions, mut touches, mut sensors) = (Vec::new(), Vec::new(), Vec::new());
         let mut step = STEP[0];
-        for (effect, values) in own.chain(terms.iter().copied()) {
+        for (place, (effect, values)) in own.chain(terms.iter().copied()).enumerate() {
             if effect.parameters.iter().zip(values).all(|(p, v)| p.neutral == *v) {
                 continue;
             }
             match effect.act {
-                Act::Motion(law) => motions.push((law, law.constants(values, &around))),
+                Act::Motion(law) => {
+                    let constants = law.constants(values, &around);
+                    motions.push(Acting { place, effect, law, constants });
+                }
                 Act::Contact(law) => touches.push((law, law.constants(values, &around))),
                 Act::Sensor(sensor) => sensors.push((sensor, sensor.constants(values, &around))),
                 // A start of its own takes up whatever a placement does.
@@ -102,61 +114,43 @@ impl<'a> Physics<'a> {
     }
 
     fn run(&self, nuisances: &[f64], mut visit: impl FnMut(usize, [f64; 4])) -> (Vec<f64>, Option<Impact>) {
-        let mut impact = None;
-        let points = &self.window.points;
-        let mut out = Vec::with_capacity(2 * points.len());
-        let Some(first) = points.first() else { return (out, impact) };
-        if self.flies_freely() {
-            self.fly(nuisances, |i, body| {
-                visit(i, [body[0], body[1], body[2], body[3]]);
-                out.extend(self.shown(&body));
-            });
-            return (out, impact);
-        }
-        let mut time = self.stamp(first.time);
-        let rolls = self.window.surface.as_ref().filter(|_| self.window.kind == Kind::Roll);
-        let mut rolling = rolls.and_then(|s| Rolling::new(s, first.seen, nuisances));
-        let mut body: Body = match (&rolling, nuisances) {
-            (Some(r), _) => r.body(),
-            (None, [x, y, vx, vy, rest @ ..]) => [*x, *y, *vx, *vy, rest.first().copied().unwrap_or(0.0)],
-            (None, _) => [f64::NAN; 5],
+        let mut out = Vec::with_capacity(2 * self.window.points.len());
+        let mut show = |i: usize, body: Body| {
+            visit(i, [body[0], body[1], body[2], body[3]]);
+            out.extend(self.shown(&body));
         };
-        let mut surface = self.window.surface.as_ref().filter(|_| self.window.kind == Kind::Contact);
-        let offset = nuisances.get(5).copied().unwrap_or(0.0);
+        if self.window.kind == Kind::Roll {
+            self.roll(nuisances, show);
+            return (out, None);
+        }
+        let impacts = fan::fly(&[(self, nuisances)], |_, i, body| show(i, body));
+        (out, impacts[0])
+    }
+
+    /// Hands over the body at every point of a roll.
+    fn roll(&self, nuisances: &[f64], mut visit: impl FnMut(usize, Body)) {
+        let points = &self.window.points;
+        let (Some(first), Some(surface)) = (points.first(), &self.window.surface) else { return };
+        let Some(mut rolling) = Rolling::new(surface, first.seen, nuisances) else {
+            (0..points.len()).for_each(|i| visit(i, [f64::NAN; 5]));
+            return;
+        };
+        let resists = |load: f64| {
+            self.touches.iter().map(|(law, c)| law.roll(c, load * INSTANT)).sum::<f64>() / INSTANT
+        };
+        let resists = (!self.touches.is_empty()).then_some(resists);
+        let mut time = self.stamp(first.time);
         for (i, point) in points.iter().enumerate() {
             let until = self.stamp(point.time);
             let count = ((until - time) / self.step).ceil().max(1.0);
             let h = (until - time) / count;
-            if h > 1e-12 {
-                for k in 0..count as usize {
-                    let now = time + h * k as f64;
-                    if let Some(r) = &mut rolling {
-                        let resists = |load: f64| {
-                            self.touches.iter().map(|(law, c)| law.roll(c, load * INSTANT)).sum::<f64>()
-                                / INSTANT
-                        };
-                        let resists = (!self.touches.is_empty()).then_some(resists);
-                        r.advance(h, |body| self.acceleration(now, body), resists);
-                        body = r.body();
-                        continue;
-                    }
-                    let next = self.advance(now, &body, h);
-                    body = match surface {
-                        Some(s) if s.below(&next, offset) && s.approaches(&next) => {
-                            surface = None;
-                            let (after, met) = self.bounce(now, &body, h, s, offset);
-                            impact = Some(met);
-                            after
-                        }
-                        _ => next,
-                    };
-                }
+            for k in (0..count as usize).filter(|_| h > 1e-12) {
+                let now = time + h * k as f64;
+                rolling.advance(h, |body| self.acceleration(now, body), resists);
             }
             time = until;
-            visit(i, [body[0], body[1], body[2], body[3]]);
-            out.extend(self.shown(&body));
+            visit(i, rolling.body());
         }
-        (out, impact)
     }
 
     /// Where sensors see a body; NaN where its path has left all bounds.
@@ -167,38 +161,9 @@ impl<'a> Physics<'a> {
         if fine { [shown.x, shown.y] } else { [f64::NAN; 2] }
     }
 
-    /// Whether nothing is met and no push has an edge: then steps need not end where observations are.
-    fn flies_freely(&self) -> bool {
-        self.window.kind == Kind::Flight && !self.motions.is_empty() && self.step == STEP[0]
-    }
-
-    /// Hands over the body at every point of a free flight.
-    fn fly(&self, nuisances: &[f64], mut visit: impl FnMut(usize, Body)) {
-        let points = &self.window.points;
-        let (Some(first), Some(last), [x, y, vx, vy, rest @ ..]) = (points.first(), points.last(), nuisances)
-        else {
-            return;
-        };
-        let mut body: Body = [*x, *y, *vx, *vy, rest.first().copied().unwrap_or(0.0)];
-        let (from, until) = (self.stamp(first.time), self.stamp(last.time));
-        let count = ((until - from) / self.step).ceil().max(1.0);
-        let h = (until - from) / count;
-        let mut slope = self.slope(from, &body);
-        let mut i = 0;
-        for k in 0..count as usize {
-            let now = from + h * k as f64;
-            let next = self.onwards(now, &body, &slope, h);
-            let beyond = self.slope(now + h, &next);
-            while let Some(point) = points.get(i) {
-                let s = if h > 0.0 { (self.stamp(point.time) - now) / h } else { 0.0 };
-                if s > 1.0 && k + 1 < count as usize {
-                    break;
-                }
-                visit(i, between([&body, &next], [&slope, &beyond], h, s));
-                i += 1;
-            }
-            (body, slope) = (next, beyond);
-        }
+    /// Whether nothing that acts has an edge: then steps need not end where observations are.
+    fn is_smooth(&self) -> bool {
+        self.step == STEP[0]
     }
 
     /// Acceleration at a time since the window's start and a true state (x, y, vx, vy) without spin, m/s^2.
@@ -219,51 +184,16 @@ impl<'a> Physics<'a> {
 
     fn acceleration(&self, time: f64, s: &Body) -> [f64; 3] {
         let mut v = [s[2], s[3], s[4]];
-        for (law, constants) in &self.motions {
+        for acting in &self.motions {
             let moving = Moving { time, x: s[0], y: s[1], vx: v[0], vy: v[1], omega: v[2] };
-            v = law.kick(constants, moving, INSTANT);
+            v = acting.law.kick(&acting.constants, moving, INSTANT);
         }
         let g = self.window.scene.gravity;
         [(v[0] - s[2]) / INSTANT + g[0], (v[1] - s[3]) / INSTANT + g[1], (v[2] - s[4]) / INSTANT]
     }
 
-    fn advance(&self, time: f64, s: &Body, h: f64) -> Body {
-        if self.motions.is_empty() {
-            let g = self.window.scene.gravity;
-            return [
-                s[0] + h * s[2] + 0.5 * h * h * g[0],
-                s[1] + h * s[3] + 0.5 * h * h * g[1],
-                s[2] + h * g[0],
-                s[3] + h * g[1],
-                s[4],
-            ];
-        }
-        self.onwards(time, s, &self.slope(time, s), h)
-    }
-
-    fn slope(&self, time: f64, s: &Body) -> Body {
-        let a = self.acceleration(time, s);
-        [s[2], s[3], a[0], a[1], a[2]]
-    }
-
-    /// A step from where the slope is known.
-    fn onwards(&self, time: f64, s: &Body, k1: &Body, h: f64) -> Body {
-        let add = |k: &Body, h: f64| -> Body { std::array::from_fn(|i| s[i] + h * k[i]) };
-        let k2 = self.slope(time + h / 2.0, &add(k1, h / 2.0));
-        let k3 = self.slope(time + h / 2.0, &add(&k2, h / 2.0));
-        let k4 = self.slope(time + h, &add(&k3, h));
-        std::array::from_fn(|i| s[i] + h / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]))
-    }
-
-    /// A step in which the surface is met: up to it, off it, on.
-    fn bounce(&self, time: f64, s: &Body, h: f64, surface: &Surface, offset: f64) -> (Body, Impact) {
-        let height = |s: &Body| surface.height(s, offset);
-        let (mut low, mut high) = (0.0, h);
-        for _ in 0..40 {
-            let middle = 0.5 * (low + high);
-            if height(&self.advance(time, s, middle)) > 0.0 { low = middle } else { high = middle }
-        }
-        let mut at = self.advance(time, s, low);
+    /// A body that meets a surface, as it leaves it.
+    fn struck(&self, time: f64, mut at: Body, surface: &Surface) -> (Body, Impact) {
         let n = surface.normal;
         let speed = at[2] * n[0] + at[3] * n[1];
         let slip = at[3] * n[0] - at[2] * n[1] - surface.radius * at[4];
@@ -279,29 +209,24 @@ impl<'a> Physics<'a> {
         at[2] += normal * n[0] - tangent * n[1];
         at[3] += normal * n[1] + tangent * n[0];
         at[4] -= tangent / (surface.inertia * surface.radius);
-        let impact =
-            Impact { time: self.seen_at(time + low), approach: meeting.approach, slip, normal, tangent };
-        (self.advance(time + low, &at, h - low), impact)
+        let impact = Impact { time: self.seen_at(time), approach: meeting.approach, slip, normal, tangent };
+        (at, impact)
     }
 }
 
-/// The body a share `s` of the way through a step of `h` seconds, from both ends and their slopes: quintic Hermite
-/// interpolation of its place, cubic of its spin.
-fn between([a, b]: [&Body; 2], [from, to]: [&Body; 2], h: f64, s: f64) -> Body {
-    if s == 0.0 {
-        return *a;
+/// What several paths of one window show, as [`Physics::seen`] has it, and what happens in a contact window.
+pub fn seen(paths: &[Start]) -> Vec<(Vec<f64>, Option<Impact>)> {
+    if paths.first().is_some_and(|(physics, _)| physics.window.kind == Kind::Roll) {
+        return paths.iter().map(|(physics, nuisances)| physics.run(nuisances, |_, _| ())).collect();
     }
-    let mut out = *a;
-    for k in 0..2 {
-        let (v, w, f, g) = (h * a[k + 2], h * b[k + 2], h * h * from[k + 2], h * h * to[k + 2]);
-        // What the parabola of the start leaves at the end: place, velocity, acceleration.
-        let (p, q, r) = (b[k] - a[k] - v - 0.5 * f, w - v - f, g - f);
-        let c = [10.0 * p - 4.0 * q + 0.5 * r, -15.0 * p + 7.0 * q - r, 6.0 * p - 3.0 * q + 0.5 * r];
-        out[k] = a[k] + s * (v + s * (0.5 * f + s * (c[0] + s * (c[1] + s * c[2]))));
-        out[k + 2] = (v + s * (f + s * (3.0 * c[0] + s * (4.0 * c[1] + s * 5.0 * c[2])))) / h;
+    let room = |(physics, _): &Start| (Vec::with_capacity(2 * physics.window.points.len()), None);
+    let mut out: Vec<(Vec<f64>, Option<Impact>)> = paths.iter().map(room).collect();
+    for smooth in [true, false] {
+        let those: Vec<usize> = (0..paths.len()).filter(|i| paths[*i].0.is_smooth() == smooth).collect();
+        let together: Vec<Start> = those.iter().map(|i| paths[*i]).collect();
+        let impacts = fan::fly(&together, |p, _, body| out[those[p]].0.extend(together[p].0.shown(&body)));
+        those.iter().zip(impacts).for_each(|(i, impact)| out[*i].1 = impact);
     }
-    let (p, q) = (b[4] - a[4] - h * from[4], h * (to[4] - from[4]));
-    out[4] = a[4] + s * (h * from[4] + s * (3.0 * p - q + s * (q - 2.0 * p)));
     out
 }
 
@@ -314,8 +239,13 @@ impl Surface {
         self.height(s, offset) < 0.0
     }
 
+    /// Speed away from the surface, m/s.
+    fn rising(&self, s: &Body) -> f64 {
+        s[2] * self.normal[0] + s[3] * self.normal[1]
+    }
+
     fn approaches(&self, s: &Body) -> bool {
-        s[2] * self.normal[0] + s[3] * self.normal[1] < 0.0
+        self.rising(s) < 0.0
     }
 }
 
@@ -345,26 +275,6 @@ mod tests {
         }
     }
 
-    /// Between the ends of a step a path is where a step to that very time would have led.
-    #[test]
-    fn within_a_step_a_path_is_where_a_shorter_step_leads() {
-        let (windows, _) = flights([0.0, 0.0], 1);
-        for (name, values) in
-            [("gust", &[2.0, 1.0, 3.0, 0.4][..]), ("lift", &[0.8]), ("quadratic_drag", &[0.2])]
-        {
-            let physics = with(&windows[0], name, values);
-            let (from, h) = ([0.0, 1.0, 6.0, 4.0, 3.0], STEP[0]);
-            let to = physics.advance(0.2, &from, h);
-            let slopes = [physics.slope(0.2, &from), physics.slope(0.2 + h, &to)];
-            for s in [0.1, 0.5, 0.8, 1.0] {
-                let at = between([&from, &to], [&slopes[0], &slopes[1]], h, s);
-                let wanted = physics.advance(0.2, &from, s * h);
-                let off = |k: usize| (at[k] - wanted[k]).hypot(at[k + 1] - wanted[k + 1]);
-                assert!(off(0) < 1e-6 && off(2) < 1e-5, "{name}: {} and {} at {s}", off(0), off(2));
-            }
-        }
-    }
-
     /// A clock that runs fast shows the path of a longer time; a scale shows it larger.
     #[test]
     fn sensors_show_the_path_at_their_time_and_scale() {
@@ -386,8 +296,8 @@ mod tests {
             (surface.friction, surface.restitution) = ([friction, 1.0], [0.8, 1.0]);
             let surface = surface.clone();
             let physics = Physics::new(window, &[], &Latents::default());
-            // At the surface, 5 m/s down and 1 m/s along, in a step so short that nothing falls.
-            let (after, met) = physics.bounce(0.0, &[0.0, 0.05, 1.0, -5.0, 0.0], 1e-9, &surface, 0.0);
+            // At the surface, 5 m/s down and 1 m/s along.
+            let (after, met) = physics.struck(0.0, [0.0, 0.05, 1.0, -5.0, 0.0], &surface);
             assert!((after[2] - kept).abs() < 1e-6 && (after[3] - 4.0).abs() < 1e-6, "{after:?}");
             assert!((met.approach - 5.0).abs() < 1e-6 && (met.normal - 9.0).abs() < 1e-6);
         }
@@ -400,7 +310,7 @@ mod tests {
         let window = windows.iter().find(|w| w.kind == Kind::Contact).expect("one bounce");
         let surface = window.surface.as_ref().expect("what it bounces off");
         let physics = Physics::new(window, &[], &Latents::default());
-        let (after, met) = physics.bounce(0.0, &[0.0, 0.051, 1.0, 0.5, 0.0], 0.01, surface, 0.0);
+        let (after, met) = physics.struck(0.0, [0.0, 0.051, 1.0, 0.5, 0.0], surface);
         assert_eq!((met.approach, met.tangent), (0.0, 0.0));
         assert!(after.iter().all(|v| v.is_finite()));
     }
