@@ -12,7 +12,7 @@
 //! Differences from the sources: the launch is left out with all of its fold, components and all; at no launch is a number
 //! drawn.
 
-use super::fit::{Fitted, Fitter, prior};
+use super::fit::{Fitted, Fitter};
 use super::gaussian::FREEDOM;
 use super::launch::Part;
 use super::report::{Predicted, Predictive, rounded};
@@ -25,9 +25,9 @@ const TAIL: f64 = 0.025;
 
 /// How launches stand to what the others predict of them; `None` where that cannot be told. `kept`: the trial of each.
 pub fn predictive(fitter: &Fitter, model: &Fitted, parts: &[Part], kept: &[usize]) -> Option<Predictive> {
-    let prior = prior(&model.layout, &model.state);
+    let prior = &model.prior;
     let mut of: Vec<(Vec<f64>, f64, f64)> = vec![Default::default(); kept.len()];
-    score::each_held_out(parts, &prior, &model.components, &fitter.folds, |told, others| {
+    score::each_held_out(parts, prior, &model.components, &fitter.folds, |told, others| {
         let Some((square, _)) = told.predictive(others) else { return };
         let (all, squares, count) = &mut of[told.launch];
         all.push(f_above(square / told.count, told.count, FREEDOM));

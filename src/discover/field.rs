@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::components::{Likelihood, WIDE};
 use super::decide::{Bootstrap, TIED, compared};
-use super::fit::{Fitted, Fitter, prior};
+use super::fit::{Fitted, Fitter};
 use super::gaussian::{self, Components, Pooled, Prior, Told};
 use super::launch::Part;
 use super::model;
@@ -160,7 +160,7 @@ fn components(model: &Fitted, parts: &[Part]) -> Option<Components> {
 
 /// What is believed of a model's slots and of a field's coefficients of some strength, `all` of them together.
 fn believed(model: &Fitted, all: usize, strength: f64) -> Prior {
-    let own = prior(&model.layout, &model.state);
+    let own = &model.prior;
     let q = own.off.len();
     let mut precision = DMatrix::from_diagonal_element(all, all, strength.powi(-2));
     precision.view_mut((0, 0), (q, q)).copy_from(&own.precision);

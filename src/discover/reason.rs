@@ -7,7 +7,7 @@
 
 use super::components::Likelihood;
 use super::decide::{Bootstrap, TIED, compared};
-use super::fit::{Fitted, Fitter, prior};
+use super::fit::{Fitted, Fitter};
 use super::gaussian::{self, Components};
 use super::score;
 use crate::error::Result;
@@ -20,17 +20,17 @@ pub fn suffices(fitter: &Fitter, base: &Fitted, model: &Fitted, bootstrap: &Boot
     let Some((_, parts)) = fitter.parts(&model.layout, &model.set, &model.state, &[])? else {
         return Ok(false);
     };
-    let slots = prior(&model.layout, &model.state);
+    let slots = &model.prior;
     let blocks = || parts.iter().flat_map(|p| &p.blocks);
     let coordinates: f64 = blocks().map(|b| b.left.len() as f64).sum();
     let left = (base.squares.iter().sum::<f64>() - coordinates).max(0.0);
     let unit: f64 = blocks().map(|b| b.slow.sum()).sum();
     let slow = SLOW[0].max((SLOW[1] * left / unit.max(1e-12)).sqrt());
     let within = Components { slow: model.components.slow.min(slow), ..model.components.clone() };
-    let free = Likelihood::new(&parts, &model.components).most_freely(&slots);
+    let free = Likelihood::new(&parts, &model.components).most_freely(slots);
     let of = |c: &Components| {
         let told = gaussian::all_told(&parts, c)?;
-        score::held_out_with(&parts, &told, &slots, &fitter.folds).map(|s| s.0)
+        score::held_out_with(&parts, &told, slots, &fitter.folds).map(|s| s.0)
     };
     let (Some(free), Some(within)) = (of(&free), of(&within)) else { return Ok(false) };
     Ok(compared(&free, &within, bootstrap).worse < TIED[0])
