@@ -107,7 +107,9 @@ fn plainer(
 ) -> Result<Option<(Vec<usize>, Option<Shared>)>> {
     // A name must explain more than may be left.
     let most = left_of(found, best) + 1.0 - MOST;
-    let mut near = found.ranked(|f| choices(f) < choices(&found.fits[best]) && is_something(f));
+    let own = &found.fits[best];
+    let plain = |f: &Fitted| choices(f) < choices(own) && f.set.len() <= own.set.len();
+    let mut near = found.ranked(|f| plain(f) && is_something(f));
     near.retain(|i| left_of(found, *i) <= most);
     let mut levels: Vec<usize> = near.iter().map(|i| choices(&found.fits[*i])).collect();
     levels.sort_unstable();
