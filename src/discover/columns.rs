@@ -7,6 +7,10 @@
 use super::model::{Extra, Layout, What};
 use crate::world::effect::{Effect, REGISTRY};
 
+/// Share of a push's deviation by which its derivative is taken: of a fall straight down a whole one of lift is a drag, in second
+/// order.
+const SLIGHTLY: f64 = 0.02;
+
 /// What has a variance of its own.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Own {
@@ -48,7 +52,8 @@ impl Columns {
         let push = |(k, (_, extra)): (usize, &(usize, Extra))| {
             let moved = |p: &usize| extra.values[*p] != extra.effect.parameters[*p].neutral;
             let p = (0..extra.values.len()).find(moved).filter(|_| extra.effect.renewed)?;
-            Some((slots + k, extra.effect.parameters[p].plausible / extra.values[p].abs()))
+            let one = (extra.values[p] - extra.effect.parameters[p].neutral).abs() / extra.unit;
+            Some((slots + k, extra.effect.parameters[p].plausible / one))
         };
         let of = pushes.iter().map(|(place, p)| (*place, p.effect.renewed)).collect();
         let renewed = own.chain(pushes.iter().enumerate().filter_map(push)).collect();
@@ -62,8 +67,8 @@ pub fn pushes() -> Vec<Extra> {
     let of = |effect: &'static Effect| {
         let amplitudes = (0..effect.parameters.len()).filter(|p| effect.parameters[*p].is_amplitude());
         amplitudes.zip(effect.differs).map(move |(p, sd)| {
-            let value = |k: usize| effect.parameters[k].neutral + if k == p { *sd } else { 0.0 };
-            Extra { effect, values: (0..effect.parameters.len()).map(value).collect(), unit: 1.0 }
+            let value = |k: usize| effect.parameters[k].neutral + if k == p { SLIGHTLY * *sd } else { 0.0 };
+            Extra { effect, values: (0..effect.parameters.len()).map(value).collect(), unit: SLIGHTLY }
         })
     };
     REGISTRY.iter().copied().flat_map(of).collect()

@@ -191,7 +191,10 @@ impl<'a, 'b> Fitter<'a, 'b> {
         let columns = Columns::of(layout, &state.values);
         let taken = allowed(layout, &state.values, &(&stand.step * share));
         let (parts, looks) = (&stand.parts, &stand.looks);
-        let modes = modes::modes(parts, &columns, &pushes(set), &stand.components, &taken, looks.len());
+        let mut modes = modes::modes(parts, &columns, &pushes(set), &stand.components, &taken, looks.len());
+        // A lift turns what falls straight down sideways, and in second order holds it back: in a plane that nobody saw.
+        let unseen = modes.iter_mut().zip(&self.frames).filter(|(_, frame)| !frame.moves_in_plane());
+        unseen.flat_map(|(mode, _)| &mut mode.pushes).for_each(|push| push.1 = 0.0);
         move_by(&mut state, looks, &taken, modes);
         state
     }

@@ -71,6 +71,11 @@ impl Frame {
         self.slow.as_ref().map(|slow| self.basis.tr_mul(&(slow * &self.basis)))
     }
 
+    /// Whether the window moves along both axes: what pushes along one that is never seen to move is told by nothing.
+    pub fn moves_in_plane(&self) -> bool {
+        self.axes == [true; 2]
+    }
+
     /// Whether a contact may have changed what its window flies with.
     pub fn is_renewed(&self, window: &Window) -> bool {
         self.after || window.kind == Kind::Contact

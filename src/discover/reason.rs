@@ -12,7 +12,7 @@ use super::gaussian::{self, Components};
 use super::score;
 use crate::error::Result;
 
-/// Slow misfit that is nobody's: in units of the noise, and as a share of what the base model leaves above it (squares).
+/// Slow misfit that is nobody's: in units of the noise, and as a share of what the model explains (squares).
 const SLOW: [f64; 2] = [0.5, 0.01];
 
 /// Whether a model predicts launches as well where they differ by no more than they have reason to.
@@ -22,10 +22,9 @@ pub fn suffices(fitter: &Fitter, base: &Fitted, model: &Fitted, bootstrap: &Boot
     };
     let slots = &model.prior;
     let blocks = || parts.iter().flat_map(|p| &p.blocks);
-    let coordinates: f64 = blocks().map(|b| b.left.len() as f64).sum();
-    let left = (base.squares.iter().sum::<f64>() - coordinates).max(0.0);
+    let explained = (base.squares.iter().sum::<f64>() - model.squares.iter().sum::<f64>()).max(0.0);
     let unit: f64 = blocks().map(|b| b.slow.sum()).sum();
-    let slow = SLOW[0].max((SLOW[1] * left / unit.max(1e-12)).sqrt());
+    let slow = SLOW[0].max((SLOW[1] * explained / unit.max(1e-12)).sqrt());
     let within = Components { slow: model.components.slow.min(slow), ..model.components.clone() };
     let free = Likelihood::new(&parts, &model.components).most_freely(slots);
     let of = |c: &Components| {

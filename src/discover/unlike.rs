@@ -17,7 +17,7 @@ pub fn unlike(model: &Fitted) -> Vec<Unlike> {
         let moved = |p: &usize| push.values[*p] != push.effect.parameters[*p].neutral;
         let Some(p) = (0..push.values.len()).find(moved) else { continue };
         let parameter = &push.effect.parameters[p];
-        let spread = usual * (push.values[p] - parameter.neutral).abs();
+        let spread = usual * (push.values[p] - parameter.neutral).abs() / push.unit;
         let told = Unlike {
             effect: push.effect.name.into(),
             parameter: parameter.name.into(),
