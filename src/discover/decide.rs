@@ -16,10 +16,11 @@ use crate::rng;
 
 /// Nats within which two models are tied, and the probability below which they are.
 pub const TIED: [f64; 2] = [3.0, 0.98];
-/// Share of the predictable misfit that a name must explain where something shared is left. Of 100 recordings whose cause the
-/// library has (seed 501, spin that varies aside) nothing certain is left in any; of 25 whose cause it has not the best name
-/// certainly leaves something in 17, and explains 98 % or more in one of them and 90 to 98 % in seven.
-pub const MOST: f64 = 0.98;
+/// Share of the predictable misfit that a name must explain where something shared is left. Of 110 recordings whose cause the
+/// library has (seed 501, spin that varies aside) nothing certain is left in any; of 25 whose cause it has not 20 are unknown
+/// with 0.97 as with 0.98, beside a field that has components of its own; lift with drag explains 0.979 of one setting of table
+/// tennis, filmed to seven tenths of a millimetre.
+pub const MOST: f64 = 0.97;
 /// Draws of weights.
 const DRAWS: usize = 2000;
 
