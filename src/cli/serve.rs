@@ -32,6 +32,23 @@ pub struct Args {
     /// Most worlds at a time.
     #[arg(long, default_value_t = 4096)]
     worlds: usize,
+    /// Tokens of a file instead of the data directory's (`iplw token new NAME --may act --token-file FILE`). Rows of
+    /// such a file may come in the environment variable IPLW_TOKENS as well.
+    #[arg(long, value_name = "FILE")]
+    token_file: Option<PathBuf>,
+    /// Let tokens cross the network in clear: something in front of the server (a proxy, a tunnel) encrypts.
+    #[arg(long)]
+    plaintext: bool,
+    /// Let anybody who can reach the server do anything.
+    #[arg(long)]
+    open_to_network: bool,
+    /// A name that clients call the server by, besides localhost and its addresses; may be given several times. `*` is
+    /// any, which gives up what protects from pages that turn their name into this address.
+    #[arg(long, value_name = "NAME")]
+    allow_host: Vec<String>,
+    /// The origin of pages that may ask, such as https://lab.example; may be given several times.
+    #[arg(long, value_name = "ORIGIN")]
+    allow_origin: Vec<String>,
     /// Stop when standard input closes: the server ends with the program that started it.
     #[arg(long)]
     exit_with_stdin: bool,
@@ -66,8 +83,23 @@ pub fn run(args: &Args) -> Result<()> {
         data_dir: args.data_dir.clone(),
         idle,
         worlds: args.worlds,
+        token_file: args.token_file.clone(),
+        tokens: environment("IPLW_TOKENS")?,
+        plaintext: args.plaintext,
+        open_to_network: args.open_to_network,
+        allow_host: args.allow_host.clone(),
+        allow_origin: args.allow_origin.clone(),
         ..ServeConfig::default()
     })
+}
+
+/// A variable of the environment, if it is set to something.
+fn environment(name: &str) -> Result<Option<String>> {
+    match std::env::var(name) {
+        Ok(value) => Ok(Some(value).filter(|v| !v.trim().is_empty())),
+        Err(std::env::VarError::NotPresent) => Ok(None),
+        Err(e) => Err(Error::input(name, e, "text in UTF-8")),
+    }
 }
 
 /// Prints the OpenAPI document that the server serves.

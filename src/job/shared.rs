@@ -108,10 +108,10 @@ impl Shared {
 
     /// A worker's life.
     pub fn work(&self, pool: &rayon::ThreadPool) {
-        while let Some((number, work, cancel)) = self.take() {
+        while let Some((number, work, cancel, owner)) = self.take() {
             let id = id(number);
             let stage = Running { shared: self, number, cancel: &cancel };
-            let context = Context { id: &id, number, stage: &stage };
+            let context = Context { id: &id, number, owner: owner.as_deref(), stage: &stage };
             let result = catch_unwind(AssertUnwindSafe(|| pool.install(|| work(&context))))
                 .unwrap_or_else(|_| Err(Error::Failed("the program has a defect: the work panicked".into())));
             let mut state = self.state();
@@ -133,7 +133,7 @@ impl Shared {
     }
 
     /// The next job, made running; `None` when the runner stops.
-    fn take(&self) -> Option<(i64, Work, Arc<AtomicBool>)> {
+    fn take(&self) -> Option<(i64, Work, Arc<AtomicBool>, Option<String>)> {
         let mut state = self.state();
         loop {
             if self.stopping.load(Ordering::SeqCst) {
@@ -150,7 +150,7 @@ impl Shared {
                         // The job still runs; only a start that ends the server would not be counted.
                         tracing::error!("the start of job {number} could not be stored: {e}");
                     }
-                    Some((number, work, live.cancel.clone()))
+                    Some((number, work, live.cancel.clone(), live.row.owner.clone()))
                 });
                 if taken.is_some() {
                     return taken;

@@ -22,6 +22,20 @@ pub struct ServeConfig {
     pub workers: usize,
     /// Most jobs queued.
     pub queue: usize,
+    /// Tokens beside those of the data directory: a file of them.
+    pub token_file: Option<PathBuf>,
+    /// The same: rows of such a file as JSON.
+    pub tokens: Option<String>,
+    /// Whether tokens may cross a network in clear, because something in front encrypts.
+    pub plaintext: bool,
+    /// Whether anybody on the network may do anything.
+    pub open_to_network: bool,
+    /// Names that clients may call the server by besides its addresses.
+    pub allow_host: Vec<String>,
+    /// Origins of pages that may ask.
+    pub allow_origin: Vec<String>,
+    /// How long a request may take.
+    pub request: Duration,
     /// What time it is.
     pub clock: Clock,
 }
@@ -40,6 +54,13 @@ impl Default for ServeConfig {
             worlds: 4096,
             workers: 2,
             queue: 64,
+            token_file: None,
+            tokens: None,
+            plaintext: false,
+            open_to_network: false,
+            allow_host: Vec::new(),
+            allow_origin: Vec::new(),
+            request: Duration::from_secs(30),
             clock: Arc::new(move || start.elapsed()),
         }
     }

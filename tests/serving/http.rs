@@ -15,9 +15,11 @@ use serde_json::{Value, json};
 use crate::worlds;
 
 /// A server in this process, stopped when dropped.
-struct Running {
-    url: String,
-    client: Client,
+pub struct Running {
+    pub url: String,
+    /// Where ZeroMQ is, if it is anywhere.
+    pub zmq: Option<String>,
+    pub client: Client,
     stop: Option<tokio::sync::oneshot::Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
@@ -31,7 +33,7 @@ impl Running {
         Running::with(ServeConfig { data_dir: Some(directory.into()), ..ServeConfig::default() })
     }
 
-    fn with(config: ServeConfig) -> iplw::error::Result<Running> {
+    pub fn with(config: ServeConfig) -> iplw::error::Result<Running> {
         let config = ServeConfig { http: "127.0.0.1:0".parse().unwrap(), ..config };
         let (told, address) = std::sync::mpsc::channel();
         let (stop, stopped) = tokio::sync::oneshot::channel();
@@ -40,7 +42,7 @@ impl Running {
             runtime.block_on(async {
                 match Server::bind(config).await {
                     Ok(server) => {
-                        told.send(Ok(server.address())).unwrap();
+                        told.send(Ok((server.address(), server.zmq_address().map(String::from)))).unwrap();
                         let stop = async move { drop(stopped.await) };
                         server.run(stop).await.unwrap();
                     }
@@ -48,9 +50,10 @@ impl Running {
                 }
             });
         });
-        let url = format!("http://{}", address.recv().unwrap()?);
+        let (address, zmq) = address.recv().unwrap()?;
+        let url = format!("http://{address}");
         let client = Client::builder().timeout(Duration::from_secs(120)).build().unwrap();
-        Ok(Running { url, client, stop: Some(stop), thread: Some(thread) })
+        Ok(Running { url, zmq, client, stop: Some(stop), thread: Some(thread) })
     }
 
     fn send(&self, method: Method, path: &str, body: impl Into<reqwest::blocking::Body>) -> Response {
@@ -111,7 +114,7 @@ impl Drop for Running {
 }
 
 /// The JSON of an answer that must have this status.
-fn ok(response: Response, status: u16) -> Value {
+pub fn ok(response: Response, status: u16) -> Value {
     let (got, url) = (response.status().as_u16(), response.url().clone());
     let text = response.text().unwrap();
     assert_eq!(got, status, "{url}: {text}");
@@ -119,7 +122,7 @@ fn ok(response: Response, status: u16) -> Value {
 }
 
 /// Checks that an answer is a problem of this status and kind; returns it.
-fn problem(response: Response, status: u16, slug: &str) -> Value {
+pub fn problem(response: Response, status: u16, slug: &str) -> Value {
     let kind = response.headers().get("content-type").map(|v| v.to_str().unwrap().to_string());
     let value = ok(response, status);
     assert_eq!(kind.as_deref(), Some("application/problem+json"), "{value}");

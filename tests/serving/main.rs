@@ -4,7 +4,9 @@
 #[allow(dead_code, reason = "shared with others, which use the rest")]
 mod worlds;
 
+mod access;
 mod http;
 mod openapi;
+mod peer;
 mod survive;
 mod transports;

@@ -2,6 +2,8 @@
 //!
 //! | file | what it does |
 //! |---|---|
+//! | `guard` | who asks, and whether they may |
+//! | `browser` | what pages may do, and what answers tell browsers |
 //! | `route` | a request to what was asked, and what is answered to a response |
 //! | `body` | bodies within their limit |
 //! | `accept` | which form of an answer is wanted |
@@ -10,7 +12,9 @@
 
 mod accept;
 mod body;
+mod browser;
 mod document;
+mod guard;
 mod route;
 mod stream;
 
@@ -20,20 +24,24 @@ use std::sync::Arc;
 use axum::Router;
 use axum::body::Body;
 use axum::extract::{MatchedPath, Request, State};
-use axum::http::{HeaderName, HeaderValue, StatusCode, header};
+use axum::http::{HeaderValue, StatusCode, header};
 use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Response};
 use tower_http::catch_panic::CatchPanicLayer;
 use utoipa_swagger_ui::{Config, SwaggerUi};
 
-use super::app::App;
 use super::operation::Operation;
 use super::problem::{PROBLEM, PROBLEM_MSGPACK, Problem};
+use super::shared::Shared;
 use super::wire::{Form, pack};
+pub use browser::Callers;
 pub use document::document;
+use guard::Guard;
 
 /// The whole service.
-pub fn service(app: Arc<App>, operations: &'static [Operation]) -> Router {
+pub fn service(shared: Arc<Shared>, operations: &'static [Operation], callers: Callers) -> Router {
+    let callers = Arc::new(callers);
+    let guard = Guard { shared: shared.clone(), callers: callers.clone(), operations };
     let docs = SwaggerUi::new("/docs").config(Config::from("/openapi.json"));
     operations
         .iter()
@@ -42,8 +50,9 @@ pub fn service(app: Arc<App>, operations: &'static [Operation]) -> Router {
         .fallback(no_route)
         .method_not_allowed_fallback(no_method)
         .layer(CatchPanicLayer::custom(panicked))
-        .layer(middleware::from_fn_with_state(app.clone(), count))
-        .with_state(app)
+        .layer(middleware::from_fn_with_state(guard, guard::admitted))
+        .layer(middleware::from_fn_with_state((shared.clone(), callers), count))
+        .with_state(shared)
 }
 
 async fn no_route(request: Request) -> Problem {
@@ -59,13 +68,18 @@ fn panicked(_: Box<dyn Any + Send>) -> Response<Body> {
     Problem::defect().into_response()
 }
 
-/// Counts the request, keeps browsers from guessing types, and sees that every error is a problem, also one
+/// Counts the request, tells browsers what they may do with the answer, and sees that every error is a problem, also one
 /// that a library answered.
-async fn count(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
+async fn count(
+    State((shared, callers)): State<(Arc<Shared>, Arc<Callers>)>,
+    request: Request,
+    next: Next,
+) -> Response {
     let method = request.method().as_str().to_string();
     let route = request.extensions().get::<MatchedPath>().map_or("none", |p| p.as_str()).to_string();
     let path = request.uri().path().to_string();
     let form = accept::accepted(request.headers());
+    let origin = request.headers().get(header::ORIGIN).and_then(|o| o.to_str().ok()).map(String::from);
     let mut response = next.run(request).await;
     let status = response.status();
     let told = response.headers().get(header::CONTENT_TYPE).is_some_and(|t| t == PROBLEM);
@@ -85,8 +99,7 @@ async fn count(State(app): State<Arc<App>>, request: Request, next: Next) -> Res
         parts.headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(PROBLEM_MSGPACK));
         response = Response::from_parts(parts, Body::from(body));
     }
-    app.metrics.answered(&method, &route, response.status().as_u16());
-    let nosniff = HeaderValue::from_static("nosniff");
-    response.headers_mut().insert(HeaderName::from_static("x-content-type-options"), nosniff);
+    shared.base.metrics.answered(&method, &route, response.status().as_u16());
+    callers.cover(origin.as_deref(), path.starts_with("/docs"), &mut response);
     response
 }

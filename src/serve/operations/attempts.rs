@@ -4,7 +4,7 @@
 use super::text::text;
 use crate::error::Result;
 use crate::json::parse;
-use crate::serve::app::Base;
+use crate::serve::shared::Base;
 use crate::session::{Kind, Tried, World};
 use crate::store::Measured;
 use crate::task::{Task, ValidAction};

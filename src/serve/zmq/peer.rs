@@ -12,27 +12,34 @@ use tokio::sync::{Semaphore, oneshot, watch};
 
 use super::message::{self, NIL, Request, Written, written};
 use super::zmtp::{self, MOST_BYTES, MOST_FRAMES, Received, Receiver};
+use crate::access::{Digest, Scope, Who, now};
 use crate::serve::app::App;
 use crate::serve::operation::{Operation, Weight};
 use crate::serve::operations::operation;
 use crate::serve::problem::{Answer, Problem};
+use crate::serve::shared::Shared;
 
 /// Requests of one client under way at a time; more are told to come back.
 const MOST_UNDER_WAY: usize = 128;
+/// Largest message of a client that is not known, bytes: enough to tell it so.
+const MOST_UNKNOWN: usize = 64 * 1024;
 /// How long a client may take to read an answer.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Answers a client until it hangs up or the server stops, and ends what is under way.
-pub async fn serve(app: Arc<App>, mut receiver: Receiver<Reading>, to: Writing) {
-    let mut stopping = app.stopping.subscribe();
+pub async fn serve(shared: Arc<Shared>, token: Option<Digest>, mut receiver: Receiver<Reading>, to: Writing) {
+    let mut stopping = shared.stopping.subscribe();
     let peer = Arc::new(Peer {
-        app,
+        shared,
+        token,
         to: tokio::sync::Mutex::new(Some(to)),
         places: Arc::new(Semaphore::new(MOST_UNDER_WAY)),
         under_way: Mutex::default(),
         last: Mutex::default(),
     });
     loop {
+        // Nothing large is kept for somebody who is not known.
+        receiver.at_most(if peer.who().is_ok() { MOST_BYTES } else { MOST_UNKNOWN });
         let received = tokio::select! {
             received = receiver.receive() => received,
             _ = stopping.wait_for(|s| *s) => break,
@@ -58,7 +65,9 @@ pub type Reading = Box<dyn AsyncRead + Send + Unpin>;
 pub type Writing = Box<dyn AsyncWrite + Send + Unpin>;
 
 struct Peer {
-    app: Arc<App>,
+    shared: Arc<Shared>,
+    /// What the client showed when it connected.
+    token: Option<Digest>,
     /// `None` once the client did not read.
     to: tokio::sync::Mutex<Option<Writing>>,
     places: Arc<Semaphore>,
@@ -76,6 +85,11 @@ struct Flight {
 }
 
 impl Peer {
+    /// Who asks, now: a token may end while its bearer is connected.
+    fn who(&self) -> Answer<Who> {
+        self.shared.keyring.who(self.token.as_ref(), now()).map_err(Problem::unauthorized)
+    }
+
     /// Takes a message: answers it at once, or sees to it that it is answered.
     async fn take(self: &Arc<Self>, mut frames: Vec<Vec<u8>>) {
         let delimited = frames.len() > 1 && frames[0].is_empty();
@@ -101,19 +115,25 @@ impl Peer {
     }
 
     async fn start(self: &Arc<Self>, operation: &'static Operation, request: Request, to: Address) {
+        let who = match self.who() {
+            Ok(who) => who,
+            Err(_) if operation.needs.is_none() => Who { name: None, scope: Scope::Read },
+            Err(problem) => return self.answer(&to, operation.name, Err(problem)).await,
+        };
+        let app = Arc::new(App::new(&self.shared, who));
         let Ok(place) = self.places.clone().try_acquire_owned() else {
             return self.answer(&to, operation.name, Err(Problem::busy(MOST_UNDER_WAY))).await;
         };
         let alone = self.places.available_permits() == MOST_UNDER_WAY - 1;
         let (raw, names) = (request.asked.raw, request.asked.names());
-        let ready = catch_unwind(AssertUnwindSafe(|| operation.ready(&self.app, request.asked)));
+        let ready = catch_unwind(AssertUnwindSafe(|| operation.ready(&app, request.asked)));
         let call = match ready.unwrap_or_else(|_| Err(Problem::defect())) {
             Ok(call) => call,
             Err(problem) => return self.answer(&to, operation.name, Err(problem)).await,
         };
         let work = move |app: &App| written((call.work)(app)?, raw);
         if alone && call.weight == Weight::Light {
-            let done = catch_unwind(AssertUnwindSafe(|| work(&self.app)));
+            let done = catch_unwind(AssertUnwindSafe(|| work(&app)));
             let answer = done.unwrap_or_else(|_| Err(Problem::defect()));
             return self.answer(&to, operation.name, answer).await;
         }
@@ -140,7 +160,6 @@ impl Peer {
                     // An error says that it is over.
                     while earlier.changed().await.is_ok() {}
                 }
-                let app = peer.app.clone();
                 let alive = move |app: &App| {
                     // Those that wait for this one wait for the work, also if nobody wants its answer any more.
                     let _turn = turn;
@@ -191,6 +210,7 @@ impl Peer {
     }
 
     async fn refuse_large(&self, mut frames: Vec<Vec<u8>>) {
+        let known = self.who();
         let delimited = frames.first().is_some_and(Vec::is_empty);
         if delimited {
             frames.remove(0);
@@ -200,7 +220,8 @@ impl Peer {
         let detail = format!(
             "a message has at most {MOST_BYTES} bytes in at most {MOST_FRAMES} frames; send it in parts"
         );
-        self.answer(&Address { id, delimited }, "none", Err(Problem::too_large(detail))).await;
+        let refused = known.err().unwrap_or_else(|| Problem::too_large(detail));
+        self.answer(&Address { id, delimited }, "none", Err(refused)).await;
     }
 
     async fn pong(&self, context: &[u8]) {
@@ -211,7 +232,7 @@ impl Peer {
 
     async fn answer(&self, to: &Address, name: &str, answer: Answer<Written>) {
         let status = answer.as_ref().map_or_else(|problem| problem.status, |_| 200);
-        self.app.metrics.answered("ZMQ", name, status);
+        self.shared.base.metrics.answered("ZMQ", name, status);
         let mut frames = match answer {
             Ok(written) => written.frames(&to.id),
             Err(problem) => message::refusal(&to.id, &problem),
