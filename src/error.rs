@@ -36,7 +36,7 @@ pub enum Error {
     #[error("cancelled")]
     Cancelled,
     /// The time that the work was given is over.
-    #[error("not done within {seconds} s, the time a request has; ask for less at a time")]
+    #[error("not done within {seconds} s, the time there is for it; ask for less at a time")]
     Deadline { seconds: f64 },
     /// The server stopped before the work was done.
     #[error("{reason}")]

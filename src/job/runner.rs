@@ -229,7 +229,7 @@ mod tests {
             }))
         });
         let explain = |e: &Error| json!({"detail": e.to_string()});
-        let config = RunnerConfig { workers: 1, queue, threads: 1, explain };
+        let config = RunnerConfig { workers: 1, queue, threads: 1, most: None, explain };
         (Runner::start(store.clone(), Recipes::from([("act", recipe)]), config).unwrap(), wait)
     }
 

@@ -24,6 +24,8 @@ pub struct RunnerConfig {
     pub queue: usize,
     /// Threads a running job computes with; 0 for all cores.
     pub threads: usize,
+    /// Longest a job may compute from when it is begun until it ends or waits.
+    pub most: Option<Duration>,
     /// What a job's owner is told about an error.
     pub explain: fn(&Error) -> Value,
 }
@@ -110,7 +112,7 @@ impl Shared {
     pub fn work(&self, pool: &rayon::ThreadPool) {
         while let Some((number, work, cancel, owner)) = self.take() {
             let id = id(number);
-            let stage = Running { shared: self, number, cancel: &cancel };
+            let stage = Running { shared: self, number, cancel: &cancel, begun: Instant::now() };
             let context = Context { id: &id, number, owner: owner.as_deref(), stage: &stage };
             let result = catch_unwind(AssertUnwindSafe(|| pool.install(|| work(&context))))
                 .unwrap_or_else(|_| Err(Error::Failed("the program has a defect: the work panicked".into())));
@@ -221,12 +223,16 @@ struct Running<'a> {
     number: i64,
     /// Set by its owner.
     cancel: &'a AtomicBool,
+    begun: Instant,
 }
 
 impl Stage for Running<'_> {
     fn report(&self, stage: &str, done: u64, total: u64) -> Result<()> {
         if self.cancel.load(Ordering::SeqCst) || self.shared.stopping.load(Ordering::SeqCst) {
             return Err(Error::Cancelled);
+        }
+        if let Some(most) = self.shared.config.most.filter(|most| self.begun.elapsed() > *most) {
+            return Err(Error::Deadline { seconds: most.as_secs_f64() });
         }
         let mut state = self.shared.state();
         if let Some(live) = state.live.get_mut(&self.number) {

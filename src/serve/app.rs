@@ -6,6 +6,7 @@
 use std::ops::Deref;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, MutexGuard, PoisonError};
+use std::time::Duration;
 
 use tokio::sync::Semaphore;
 
@@ -13,10 +14,14 @@ use super::leave::Leave;
 use super::problem::{Answer, Problem};
 use super::shared::{Common, MOST_BUSY, Shared};
 use crate::access::{Scope, Who};
+use crate::budget::Budget;
 use crate::error::{Error, Result};
 use crate::job::{Deleted, Job, New, Watcher};
 use crate::session::{Listed, Registry, World, WorldConfig};
 use crate::store::{Answered, PolicyRow, Store};
+
+/// How long after its deadline a request is answered though its work has not ended.
+const LATE: Duration = Duration::from_millis(50);
 
 /// The server, for one request.
 pub struct App {
@@ -26,9 +31,9 @@ pub struct App {
 }
 
 impl App {
-    /// For a request of somebody who is known.
-    pub fn new(shared: &Arc<Shared>, who: Who) -> App {
-        App { shared: shared.clone(), who, leave: Leave::of(shared.request) }
+    /// For a request of somebody who is known, which may go on for so long.
+    pub fn new(shared: &Arc<Shared>, who: Who, span: Duration) -> App {
+        App { shared: shared.clone(), who, leave: Leave::of(span) }
     }
 
     /// What all requests share.
@@ -39,6 +44,11 @@ impl App {
     /// How long the request may go on.
     pub fn leave(&self) -> &Arc<Leave> {
         &self.leave
+    }
+
+    /// The same, for what does the work.
+    pub fn budget(&self) -> &dyn Budget {
+        &*self.leave
     }
 
     /// Errors unless whoever asks may do what `scope` allows.
@@ -111,7 +121,9 @@ impl App {
             let _held = (turn, place);
             work(&app)
         };
-        let done = tokio::task::spawn_blocking(work).await;
+        // Work looks at its deadline by itself; what waits for a lock or for the disk does not.
+        let done = tokio::time::timeout_at(deadline + LATE, tokio::task::spawn_blocking(work)).await;
+        let Ok(done) = done else { return Err(self.leave.over().into()) };
         waiting.answered();
         done.unwrap_or_else(|e| {
             tracing::error!("a request's work panicked: {e}");

@@ -41,8 +41,9 @@ pub fn allowed(config: &ServeConfig, keyring: &Keyring, http: IpAddr, zmq: Optio
                  are asked who they are; or --open-to-network, if anybody who can reach it may do anything";
             return Err(Error::input(option, at, allowed));
         }
-        if !config.plaintext {
-            let allowed = "an address of this machine alone; or --plaintext, if something in front of it (a proxy, a tunnel) \
+        let encrypted = option == "--http" && config.tls.is_some();
+        if !encrypted && !config.plaintext {
+            let allowed = "an address of this machine alone; or TLS (--tls-cert, --tls-key; ZeroMQ has none); or --plaintext, if something in front of it (a proxy, a tunnel) \
                  encrypts: tokens would cross the network in clear";
             return Err(Error::input(option, at, allowed));
         }
@@ -82,6 +83,12 @@ mod tests {
         assert_eq!(said(covered, "192.168.0.2", Some("::")), None);
         assert!(said(|c| c.plaintext = true, "::", None).unwrap().contains("--open-to-network"));
         assert_eq!(said(|c| c.open_to_network = true, "::", None), None);
+        let encrypted = |config: &mut ServeConfig| {
+            config.tokens = Some(row("ann"));
+            config.tls = Some(("cert.pem".into(), "key.pem".into()));
+        };
+        assert_eq!(said(encrypted, "0.0.0.0", Some("127.0.0.1")), None);
+        assert!(said(encrypted, "0.0.0.0", Some("0.0.0.0")).unwrap().contains("`--zmq`"));
     }
 
     #[test]

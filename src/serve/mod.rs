@@ -11,6 +11,7 @@
 //! | `shared` `app` | what requests share, and what one of them sees of it; work runs off the async threads |
 //! | `exposure` | who could reach the server, and what is asked for before they can |
 //! | `leave` | how long a request may go on |
+//! | `limits` | what is taken, and for how long |
 //! | `metrics` | counters |
 //! | `config` | how a server is run |
 //!
@@ -28,6 +29,7 @@ mod config;
 mod exposure;
 mod http;
 mod leave;
+mod limits;
 mod metrics;
 mod operation;
 mod operations;
@@ -41,13 +43,13 @@ use std::net::SocketAddr;
 use std::sync::{Arc, LazyLock};
 use std::time::Duration;
 
-use axum::serve::ListenerExt;
 use tokio::net::TcpListener;
 
 use crate::access::Who;
 use crate::error::{Error, Result};
 use app::App;
 pub use config::{Clock, ServeConfig};
+pub use limits::Limits;
 use operations::OPERATIONS;
 use shared::Shared;
 
@@ -59,6 +61,7 @@ pub struct Server {
     zmq: Option<zmq::Endpoint>,
     idle: Duration,
     callers: http::Callers,
+    tls: Option<Arc<http::Tls>>,
 }
 
 /// Serves until SIGINT or SIGTERM. Once it listens, `listening on http://HOST:PORT` stands alone on a line of
@@ -68,7 +71,7 @@ pub async fn serve(config: ServeConfig) -> Result<()> {
     let server = Server::bind(config).await?;
     use std::io::Write;
     let mut out = std::io::stdout().lock();
-    let mut told = format!("listening on http://{}\n", server.address());
+    let mut told = format!("listening on {}://{}\n", server.scheme(), server.address());
     if let Some(address) = server.zmq_address() {
         told += &format!("listening on {address}\n");
     }
@@ -110,25 +113,33 @@ impl Server {
             Some(address) => Some(zmq::Endpoint::bind(address).await?),
             None => None,
         };
-        let idle = config.idle;
+        config.limits.validate()?;
+        let idle = Limits::span(config.limits.world_idle_seconds);
+        let files = config.tls.as_ref();
+        let tls = files.map(|(cert, key)| http::Tls::read(cert, key)).transpose()?.map(Arc::new);
         let callers = http::Callers::new(address.ip(), &config.allow_host, &config.allow_origin);
         let zmq_at = zmq.as_ref().and_then(zmq::Endpoint::ip);
         let made = move || {
             let keyring = exposure::keyring(&config)?;
             exposure::allowed(&config, &keyring, address.ip(), zmq_at)?;
             let shared = Arc::new(Shared::new(&config, keyring, operations::recipes, &DOCUMENT)?);
-            operations::asked::catch_up(&App::new(&shared, Who::anybody()))?;
+            operations::asked::catch_up(&App::new(&shared, Who::anybody(), Duration::from_secs(86_400)))?;
             Ok(shared)
         };
         let shared = tokio::task::spawn_blocking(made)
             .await
             .map_err(|e| Error::Failed(format!("the server could not be made: {e}")))??;
-        Ok(Server { shared, listener, address, zmq, idle, callers })
+        Ok(Server { shared, listener, address, zmq, idle, callers, tls })
     }
 
     /// Where it listens.
     pub fn address(&self) -> SocketAddr {
         self.address
+    }
+
+    /// `http` or `https`.
+    pub fn scheme(&self) -> &'static str {
+        if self.tls.is_some() { "https" } else { "http" }
     }
 
     /// Where it listens for ZeroMQ, if it does.
@@ -139,11 +150,12 @@ impl Server {
     /// Answers until `stop` is ready; then ends what it is doing. Jobs it has not finished are left to the next
     /// server on the same directory.
     pub async fn run(self, stop: impl Future<Output = ()> + Send + 'static) -> Result<()> {
-        let Server { shared, listener, address, zmq, idle, callers } = self;
+        let Server { shared, listener, zmq, idle, callers, tls, .. } = self;
         let sweeper = tokio::spawn(sweep(shared.clone(), idle));
         let writer = tokio::spawn(write(shared.clone()));
         let (told, stopping) = (shared.clone(), shared.clone());
         let service = http::service(shared.clone(), &OPERATIONS, callers);
+        let renewal = tokio::spawn(renew(tls.clone()));
         let graceful = async move {
             stop.await;
             told.stopping.send_replace(true);
@@ -155,27 +167,27 @@ impl Server {
             let _ = ended.wait_for(|s| *s).await;
             tokio::time::sleep(GRACE).await;
         };
-        // An answer's last bytes do not wait for the client's word on those before.
-        let prompt = listener.tap_io(|stream| drop(stream.set_nodelay(true)));
-        let http = async { axum::serve(prompt, service).with_graceful_shutdown(graceful).await };
+        let http = http::serve(listener, service, shared.clone(), tls);
         let zmq = async {
             if let Some(endpoint) = zmq {
                 endpoint.run(shared.clone()).await;
             }
         };
-        let done = tokio::select! {
-            (done, ()) = async { tokio::join!(http, zmq) } => done.map_err(|e| Error::Io { path: address.to_string(), message: e.to_string() }),
+        tokio::spawn(graceful);
+        tokio::select! {
+            ((), ()) = async { tokio::join!(http, zmq) } => {}
             // Clients that do not hang up are not waited for.
-            () = late => Ok(()),
-        };
+            () = late => {}
+        }
         sweeper.abort();
+        renewal.abort();
         writer.abort();
         let last = move || {
             stopping.jobs.stop(GRACE);
             flush(&stopping);
         };
         let _ = tokio::task::spawn_blocking(last).await;
-        done
+        Ok(())
     }
 }
 
@@ -215,6 +227,24 @@ fn flush(shared: &Shared) {
         tracing::error!("counters of worlds could not be stored: {e}");
     }
 }
+
+/// Reads the certificate again whenever SIGHUP says that it was renewed.
+#[cfg(unix)]
+async fn renew(tls: Option<Arc<http::Tls>>) {
+    use tokio::signal::unix::{SignalKind, signal};
+    let Some(tls) = tls else { return };
+    let Ok(mut renewed) = signal(SignalKind::hangup()) else { return };
+    while renewed.recv().await.is_some() {
+        match tls.reload() {
+            Ok(()) => tracing::info!("the certificate was read again"),
+            Err(e) => tracing::error!("the certificate cannot be read again, the one before stays: {e}"),
+        }
+    }
+}
+
+/// There is no such signal.
+#[cfg(not(unix))]
+async fn renew(_: Option<Arc<http::Tls>>) {}
 
 /// Ready once the process is told to stop.
 #[cfg(unix)]

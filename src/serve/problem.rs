@@ -71,6 +71,12 @@ impl Problem {
         Problem::too_large(format!("body: at most {limit} bytes at a time; send it in parts"))
     }
 
+    /// A body that takes too long to come.
+    pub fn slow(seconds: f64) -> Problem {
+        let detail = format!("body: not there within {seconds} s; send it faster, or in parts");
+        Problem::new(StatusCode::REQUEST_TIMEOUT, "slow", "The body takes too long", detail)
+    }
+
     /// More than is taken at a time.
     pub fn too_large(detail: String) -> Problem {
         Problem::new(StatusCode::PAYLOAD_TOO_LARGE, "too-large", "Too much at a time", detail)

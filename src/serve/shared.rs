@@ -9,10 +9,11 @@ use std::time::Duration;
 use tokio::sync::Semaphore;
 
 use super::config::{Clock, ServeConfig};
+use super::limits::Limits;
 use super::metrics::Metrics;
 use super::problem::explain;
 use crate::access::Keyring;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::job::{Recipes, Runner, RunnerConfig};
 use crate::session::{Catalogue, Registry, RegistryConfig};
 use crate::store::Store;
@@ -47,8 +48,7 @@ pub struct Shared {
     pub busy: AtomicUsize,
     pub at_work: Arc<Semaphore>,
     pub streamed: Arc<Semaphore>,
-    /// How long a request may take.
-    pub request: Duration,
+    pub limits: Limits,
     /// Distinguishes this server's world ids from those of earlier ones.
     nonce: u32,
     made: AtomicU64,
@@ -66,6 +66,15 @@ const STREAMED: usize = 32;
 pub const THREADS: usize = AT_WORK + STREAMED + 8;
 
 impl Shared {
+    /// How long a request may go on; `asked` is what its client grants it, s, as it was sent.
+    pub fn span(&self, field: &str, asked: Option<&str>) -> Result<Duration> {
+        let most = self.limits.request_seconds;
+        let Some(asked) = asked else { return Ok(Limits::span(most)) };
+        let seconds = asked.trim().parse().ok().filter(|s: &f64| *s >= 0.001 && *s <= most);
+        let allowed = format!("seconds, from 0.001 to {most}");
+        seconds.map(Limits::span).ok_or_else(|| Error::input(field, format!("{asked:?}"), allowed))
+    }
+
     /// Opens the store, assembles the tasks and makes the default worlds. `recipes` make the work of jobs.
     pub fn new(
         config: &ServeConfig,
@@ -78,9 +87,17 @@ impl Shared {
             None => Store::in_memory()?,
         });
         let catalogue = Catalogue::new();
-        let limits = RegistryConfig { limit: config.worlds, idle: config.idle };
-        let runner = RunnerConfig { workers: config.workers, queue: config.queue, threads: 0, explain };
-        let worlds = Registry::new(limits, &catalogue, store.clone())?;
+        let limits = &config.limits;
+        let idle = Limits::span(limits.world_idle_seconds);
+        let registry = RegistryConfig { limit: limits.worlds, idle, request: limits.of_request() };
+        let runner = RunnerConfig {
+            workers: limits.jobs_running,
+            queue: limits.jobs_waiting,
+            threads: 0,
+            most: limits.job_seconds.map(Limits::span),
+            explain,
+        };
+        let worlds = Registry::new(registry, &catalogue, store.clone())?;
         let common = Common { catalogue, metrics: Metrics::default(), clock: config.clock.clone() };
         let base = Arc::new(Base { common, worlds, store: store.clone() });
         Ok(Shared {
@@ -94,7 +111,7 @@ impl Shared {
             busy: AtomicUsize::new(0),
             at_work: Arc::new(Semaphore::new(AT_WORK)),
             streamed: Arc::new(Semaphore::new(STREAMED)),
-            request: config.request,
+            limits: config.limits.clone(),
             nonce: nonce(),
             made: AtomicU64::new(0),
         })

@@ -10,6 +10,7 @@ use std::time::Duration;
 
 use super::catalogue::Catalogue;
 use super::config::{Kind, WorldConfig};
+use super::limits::RequestLimits;
 use super::saved::SavedWorld;
 use super::state::lock;
 use super::world::World;
@@ -27,6 +28,8 @@ pub struct RegistryConfig {
     pub limit: usize,
     /// A world made by a client goes after not being used for so long.
     pub idle: Duration,
+    /// What one request may cost in any of them.
+    pub request: RequestLimits,
 }
 
 /// All worlds of a server.
@@ -56,9 +59,10 @@ impl Registry {
     /// A registry of the store's worlds, and of a simulated and a real world of every family: `bowling-sim`,
     /// `bowling-real`, ...
     pub fn new(config: RegistryConfig, catalogue: &Catalogue, store: Arc<Store>) -> Result<Registry> {
+        let limits = config.request;
         let registry = Registry { config, store, worlds: Mutex::default() };
         for row in registry.store.worlds()? {
-            match again(&row, catalogue) {
+            match again(&row, catalogue, config.request) {
                 Ok(world) => drop(registry.insert(&row.id, world, row.owner.as_deref(), Duration::ZERO)),
                 // Kept for a version that can make it.
                 Err(e) => tracing::warn!("the stored world {} cannot be made again: {e}", row.id),
@@ -83,7 +87,7 @@ impl Registry {
                 };
                 registry.store.remove_worlds(std::slice::from_ref(&id))?;
                 registry.store.add_world(&id, &text(&SavedWorld::of(&config))?, None, None)?;
-                registry.insert(&id, World::new(config)?, None, Duration::ZERO);
+                registry.insert(&id, World::within(limits, config)?, None, Duration::ZERO);
             }
         }
         Ok(registry)
@@ -101,7 +105,7 @@ impl Registry {
     ) -> Result<Arc<World>> {
         self.sweep(now)?;
         let saved = text(&SavedWorld::of(&config))?;
-        let world = World::new(config)?;
+        let world = World::within(self.config.request, config)?;
         if lock(&self.worlds).len() >= self.config.limit {
             return Err(self.full());
         }
@@ -127,7 +131,7 @@ impl Registry {
         for (id, seed) in ids.iter().zip(seeds) {
             let config = WorldConfig { seed: *seed, ..config.clone() };
             rows.push((id.as_str(), text(&SavedWorld::of(&config))?));
-            let world = Arc::new(World::new(config)?.kept_in(self.store.clone(), id));
+            let world = Arc::new(World::within(self.config.request, config)?.kept_in(self.store.clone(), id));
             made.push(Listed { id: id.clone(), world });
         }
         self.store.add_worlds(&rows, owner, answered(&made).as_ref())?;
@@ -266,10 +270,10 @@ fn resident(family: &str, kind: Kind) -> String {
 }
 
 /// A stored world, made again.
-fn again(row: &WorldRow, catalogue: &Catalogue) -> Result<World> {
+fn again(row: &WorldRow, catalogue: &Catalogue, limits: RequestLimits) -> Result<World> {
     let saved: SavedWorld = json::parse(&row.config)?;
     let latents = row.latents.as_deref().map(json::parse).transpose()?;
-    Ok(World::new(saved.config(catalogue)?)?.with_past(row.interactions, latents))
+    Ok(World::within(limits, saved.config(catalogue)?)?.with_past(row.interactions, latents))
 }
 
 fn text(saved: &SavedWorld) -> Result<String> {

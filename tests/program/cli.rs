@@ -362,7 +362,8 @@ fn an_address_that_others_reach_is_refused_without_tokens() {
     assert!(said.contains("`--http` is 0.0.0.0") && said.contains("iplw token new"), "{said}");
     let (code, _, said) = run(&["serve", "--http", "127.0.0.1:0", "--zmq", "tcp://*:*"], "");
     assert!(code == 2 && said.contains("`--zmq`"), "{code} {said}");
-    let (code, token, said) = run(&["token", "new", "ann", "--may", "act", "--expires", "30d", "--data-dir", &data], "");
+    let (code, token, said) =
+        run(&["token", "new", "ann", "--may", "act", "--expires", "30d", "--data-dir", &data], "");
     assert!(code == 0 && token.starts_with("iplw_") && token.trim().len() == 48, "{said}");
     assert!(said.contains("ann may act until 20") && !said.contains(token.trim()), "{said}");
     let (code, _, said) = run(&["token", "new", "ann", "--may", "read", "--data-dir", &data], "");

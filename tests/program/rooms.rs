@@ -37,7 +37,7 @@ const ROOMS: [&str; 21] = [
 const LAST: &str = "serve";
 
 /// A crate and the only places that may name it.
-const HOMES: [(&str, &[&str]); 14] = [
+const HOMES: [(&str, &[&str]); 17] = [
     ("rapier2d", &["world"]),
     ("dfdx", &["policy"]),
     ("safetensors", &["policy"]),
@@ -49,7 +49,10 @@ const HOMES: [(&str, &[&str]); 14] = [
     ("rmp_serde", &["serve"]),
     ("serde_transcode", &["serve"]),
     ("rusqlite", &["store"]),
-    ("ring", &["access"]),
+    ("ring", &["access", "serve"]),
+    ("rustls", &["serve"]),
+    ("hyper", &["serve"]),
+    ("hyper_util", &["serve"]),
     ("plotters", &["picture"]),
     ("resvg", &["picture"]),
 ];

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use iplw::serve::{ServeConfig, Server};
+use iplw::serve::{Limits, ServeConfig, Server};
 use reqwest::Method;
 use reqwest::blocking::{Client, Response};
 use serde_json::{Value, json};
@@ -56,20 +56,20 @@ impl Running {
         Ok(Running { url, zmq, client, stop: Some(stop), thread: Some(thread) })
     }
 
-    fn send(&self, method: Method, path: &str, body: impl Into<reqwest::blocking::Body>) -> Response {
+    pub fn send(&self, method: Method, path: &str, body: impl Into<reqwest::blocking::Body>) -> Response {
         self.client.request(method, format!("{}{path}", self.url)).body(body).send().unwrap()
     }
 
-    fn get(&self, path: &str) -> Value {
+    pub fn get(&self, path: &str) -> Value {
         ok(self.send(Method::GET, path, ""), 200)
     }
 
-    fn post(&self, path: &str, body: &Value, status: u16) -> Value {
+    pub fn post(&self, path: &str, body: &Value, status: u16) -> Value {
         ok(self.send(Method::POST, path, body.to_string()), status)
     }
 
     /// Waits for a job's end by its events; returns it.
-    fn finish(&self, job: &Value) -> Value {
+    pub fn finish(&self, job: &Value) -> Value {
         let events = self.events(job["id"].as_str().unwrap(), None);
         let (_, name, last) = events.last().unwrap();
         assert_eq!(name, "done");
@@ -825,7 +825,11 @@ fn estimation_counts_on_its_world_and_tells_its_progress() {
 
 #[test]
 fn jobs_are_cancelled_and_their_queue_is_bounded() {
-    let server = Running::with(ServeConfig { workers: 1, queue: 1, ..ServeConfig::default() }).unwrap();
+    let server = Running::with(ServeConfig {
+        limits: Limits { jobs_running: 1, jobs_waiting: 1, ..Limits::default() },
+        ..ServeConfig::default()
+    })
+    .unwrap();
     let endless = json!({"task": "bowling", "rounds": 1000, "actions": 50, "samples": 1000});
     let running = server.post("/v1/iplw", &endless, 202);
     let path = format!("/v1/jobs/{}", running["id"].as_str().unwrap());
@@ -1148,8 +1152,7 @@ fn worlds_idle_out_and_have_a_limit() {
     let now = Arc::new(AtomicU64::new(0));
     let clock = now.clone();
     let server = Running::with(ServeConfig {
-        idle: Duration::from_secs(600),
-        worlds: 6,
+        limits: Limits { world_idle_seconds: 600.0, worlds: 6, ..Limits::default() },
         clock: Arc::new(move || Duration::from_secs(clock.load(Ordering::SeqCst))),
         ..ServeConfig::default()
     })

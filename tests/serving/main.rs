@@ -6,7 +6,9 @@ mod worlds;
 
 mod access;
 mod http;
+mod limits;
 mod openapi;
 mod peer;
 mod survive;
+mod tls;
 mod transports;

@@ -64,7 +64,12 @@ impl Peer {
 
     /// What is answered to one request, as JSON; arrays that follow are dropped.
     pub fn ask(&mut self, op: &str, args: &Value) -> Value {
-        let head = serde_json::json!({"v": 1, "id": 1, "op": op, "args": args});
+        self.ask_within(op, args, None)
+    }
+
+    /// The same, which may take so many seconds.
+    pub fn ask_within(&mut self, op: &str, args: &Value, deadline: Option<f64>) -> Value {
+        let head = serde_json::json!({"v": 1, "id": 1, "op": op, "args": args, "deadline": deadline});
         self.send(&rmp_serde::to_vec_named(&head).unwrap());
         self.answer()
     }

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `guard` | who asks, and whether they may |
 //! | `browser` | what pages may do, and what answers tell browsers |
+//! | `listen` `timed` `tls` | connections: taken, timed, encrypted |
 //! | `route` | a request to what was asked, and what is answered to a response |
 //! | `body` | bodies within their limit |
 //! | `accept` | which form of an answer is wanted |
@@ -15,8 +16,11 @@ mod body;
 mod browser;
 mod document;
 mod guard;
+mod listen;
 mod route;
 mod stream;
+mod timed;
+mod tls;
 
 use std::any::Any;
 use std::sync::Arc;
@@ -37,6 +41,8 @@ use super::wire::{Form, pack};
 pub use browser::Callers;
 pub use document::document;
 use guard::Guard;
+pub use listen::serve;
+pub use tls::Tls;
 
 /// The whole service.
 pub fn service(shared: Arc<Shared>, operations: &'static [Operation], callers: Callers) -> Router {

@@ -31,7 +31,11 @@ pub fn of(operation: &'static Operation) -> MethodRouter<Arc<Shared>> {
     };
     let asked = move |State(shared): State<Arc<Shared>>, Extension(who): Extension<Who>, request: Request| {
         let from_page = request.extensions().get::<FromPage>().is_some_and(|page| page.0);
-        answer(operation, Arc::new(App::new(&shared, who)), request, from_page)
+        async move {
+            let asked = request.headers().get("x-deadline").map(|v| v.to_str().unwrap_or_default());
+            let app = App::new(&shared, who, shared.span("X-Deadline", asked)?);
+            answer(operation, Arc::new(app), request, from_page).await
+        }
     };
     on(method, asked)
 }
@@ -50,7 +54,7 @@ async fn answer(
         if from_page {
             declared(operation, &parts.headers, &sent.kind)?;
         }
-        sent.body = body::read(body).await?;
+        sent.body = body::read(body, app.shared().limits.body_seconds).await?;
     }
     let key = parts.headers.get("idempotency-key").filter(|_| operation.keyed);
     let once = key.map(|key| {

@@ -181,6 +181,7 @@ impl Described {
         let body = self.body.get_or_insert_with(RequestBody::new);
         body.required = Some(Required::True);
         body.content.insert(kind.into(), content(schema));
+        self.problem(408, "The body takes too long");
         self.problem(415, "A page sends a body of another type");
     }
 

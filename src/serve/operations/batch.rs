@@ -61,7 +61,7 @@ fn step(app: &App, Body(body): Body<StepWorlds>) -> Result<WorldsStepped> {
     let worlds = app.worlds().get_many(&body.worlds)?;
     let autoreset = body.autoreset.map_or(Autoreset::Disabled, Autoreset::from);
     let actions: Vec<Action> = body.actions.into_iter().map(Action::from).collect();
-    let turned = step_many(&worlds, &actions, autoreset, body.split.map(|s| s.into()))?;
+    let turned = step_many(&worlds, &actions, autoreset, body.split.map(|s| s.into()), app.budget())?;
     let mut interactions = Vec::with_capacity(worlds.len());
     let mut attempted = [0, 0];
     for (world, one) in worlds.iter().zip(&turned) {

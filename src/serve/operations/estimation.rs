@@ -15,6 +15,7 @@ use serde_json::Value;
 
 use super::surface;
 use super::text::{json, text};
+use crate::budget::Endless;
 use crate::error::{Error, Result};
 use crate::estimate::Surface;
 use crate::experiment::{Answer, Asked, EstimateConfig, Proposal, ResidualKind, Round, Workflow};
@@ -317,7 +318,7 @@ fn measure(
             let row = |(p, r): (&&Proposal, &Tried)| Ok((p.number, r.as_ref().ok().map(text).transpose()?));
             keep(&of_it.iter().zip(results).map(row).collect::<Result<Measured>>()?, interactions)
         };
-        world.attempts(task, &actions, Some(&rows))?;
+        world.attempts(task, &actions, Some(&rows), &Endless)?;
         made += of_it.len() as u64;
     }
     Ok(())

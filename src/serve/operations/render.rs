@@ -128,7 +128,7 @@ fn render(app: &App, (Id(id), picture): (Id, Picture)) -> Result<Media> {
     let svg = match (picture.view, &picture.action) {
         (View::Filmstrip, Some(action)) | (View::Animation, Some(action)) => {
             app.needs(Scope::Act)?;
-            let (scene, trajectory) = world.film(picture.task.as_deref(), action)?;
+            let (scene, trajectory) = world.film(picture.task.as_deref(), action, app.budget())?;
             app.metrics.attempted(world.kind(), 1);
             match picture.view {
                 View::Filmstrip => filmstrip_svg(&scene, &trajectory, &style),

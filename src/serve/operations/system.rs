@@ -23,6 +23,9 @@ pub fn operations() -> Vec<Operation> {
             .answers_media(200, "", &["text/plain"])
             .only_http()
             .does(metrics),
+        get("get_limits", "/v1/limits", "system", READ)
+            .about("What the server takes, and for how long.")
+            .weighed(|_, ()| Weight::Light, |app, ()| Ok(app.shared().limits.clone())),
         get("openapi", "/openapi.json", "system", READ)
             .about("This document.")
             .does(|app, ()| Ok(Document(app.shared().document))),

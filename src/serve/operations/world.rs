@@ -78,7 +78,7 @@ fn reset(app: &App, (Id(id), Body(body)): (Id, Body<ResetIn>)) -> Result<ResetOu
 
 fn step(app: &App, (Id(id), Body(body)): (Id, Body<StepIn>)) -> Result<StepOut> {
     let world = app.worlds().get(&id)?;
-    let step = world.step(&body.action.into())?;
+    let step = world.step(&body.action.into(), app.budget())?;
     app.metrics.attempted(world.kind(), u64::from(step.invalid.is_none()));
     Ok(step.into())
 }
@@ -93,7 +93,7 @@ fn set_latents(app: &App, (Id(id), Body(body)): (Id, Body<LatentsIn>)) -> Result
 fn rollout(app: &App, (Id(id), Body(body), Raw(raw)): (Id, Body<RolloutIn>, Raw)) -> Result<BatchOut> {
     let world = app.worlds().get(&id)?;
     let batch = Batch::from(body);
-    let rolled = world.rollout(&batch)?;
+    let rolled = world.rollout(&batch, app.budget())?;
     app.metrics.attempted(world.kind(), rolled.valid);
     Ok(BatchOut::new(rolled, batch.trajectories, raw))
 }

@@ -14,6 +14,7 @@ use super::message::{self, NIL, Request, Written, written};
 use super::zmtp::{self, MOST_BYTES, MOST_FRAMES, Received, Receiver};
 use crate::access::{Digest, Scope, Who, now};
 use crate::serve::app::App;
+use crate::serve::leave::Leave;
 use crate::serve::operation::{Operation, Weight};
 use crate::serve::operations::operation;
 use crate::serve::problem::{Answer, Problem};
@@ -37,23 +38,27 @@ pub async fn serve(shared: Arc<Shared>, token: Option<Digest>, mut receiver: Rec
         under_way: Mutex::default(),
         last: Mutex::default(),
     });
-    loop {
+    let left = loop {
         // Nothing large is kept for somebody who is not known.
         receiver.at_most(if peer.who().is_ok() { MOST_BYTES } else { MOST_UNKNOWN });
         let received = tokio::select! {
             received = receiver.receive() => received,
-            _ = stopping.wait_for(|s| *s) => break,
+            _ = stopping.wait_for(|s| *s) => break false,
         };
         match received {
             Ok(Some(Received::Message(frames))) => peer.take(frames).await,
             Ok(Some(Received::TooLarge(frames))) => peer.refuse_large(frames).await,
             Ok(Some(Received::Ping(context))) => peer.pong(&context).await,
-            Ok(None) => break,
+            Ok(None) => break true,
             Err(e) => {
                 tracing::info!("a ZeroMQ client was hung up on: {e}");
-                break;
+                break true;
             }
         }
+    };
+    if left {
+        // Nobody sees what would be simulated.
+        lock(&peer.under_way).values().for_each(|flight| flight.leave.end());
     }
     // A client that sent its last wish and hung up has it carried out.
     let _ = peer.places.acquire_many(MOST_UNDER_WAY as u32).await;
@@ -82,6 +87,8 @@ struct Flight {
     cancel: Option<oneshot::Sender<()>>,
     /// Set once nobody waits for it.
     dropped: Arc<AtomicBool>,
+    /// Ended, so that a simulation stops in the middle.
+    leave: Arc<Leave>,
 }
 
 impl Peer {
@@ -114,13 +121,21 @@ impl Peer {
         }
     }
 
-    async fn start(self: &Arc<Self>, operation: &'static Operation, request: Request, to: Address) {
+    /// The server as this client sees it, for one request.
+    fn app(&self, operation: &Operation, request: &Request) -> Answer<App> {
         let who = match self.who() {
             Ok(who) => who,
             Err(_) if operation.needs.is_none() => Who { name: None, scope: Scope::Read },
+            Err(problem) => return Err(problem),
+        };
+        Ok(App::new(&self.shared, who, self.shared.span("deadline", request.deadline.as_deref())?))
+    }
+
+    async fn start(self: &Arc<Self>, operation: &'static Operation, request: Request, to: Address) {
+        let app = match self.app(operation, &request) {
+            Ok(app) => Arc::new(app),
             Err(problem) => return self.answer(&to, operation.name, Err(problem)).await,
         };
-        let app = Arc::new(App::new(&self.shared, who));
         let Ok(place) = self.places.clone().try_acquire_owned() else {
             return self.answer(&to, operation.name, Err(Problem::busy(MOST_UNDER_WAY))).await;
         };
@@ -143,7 +158,8 @@ impl Peer {
             let mut under_way = lock(&self.under_way);
             let twice = under_way.contains_key(&to.id);
             if !twice {
-                let flight = Flight { cancel: Some(cancel), dropped: dropped.clone() };
+                let (dropped, leave) = (dropped.clone(), app.leave().clone());
+                let flight = Flight { cancel: Some(cancel), dropped, leave };
                 under_way.insert(to.id.clone(), flight);
             }
             twice
