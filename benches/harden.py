@@ -32,7 +32,7 @@ def server(binary: str, *arguments: str, limits: dict[str, float] | None = None)
         file = Path(place, "limits.json")
         file.write_text(json.dumps(limits or {}))
         command = [binary, "serve", "--http", "127.0.0.1:0", "--limits", str(file), *arguments]
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
         try:
             assert process.stdout is not None
             yield int(process.stdout.readline().rsplit(":", 1)[1]), process.pid
@@ -160,6 +160,29 @@ def half_open(port: int, count: int) -> tuple[int, float, float]:
     return still, quiet, meanwhile
 
 
+def cost(binary: str) -> float:
+    """How much longer a step takes with a token and a line of the log; medians, in turns."""
+    with tempfile.TemporaryDirectory() as place:
+        new = [binary, "token", "new", "bench", "--may", "act", "--data-dir", place]
+        token = subprocess.run(new, check=True, capture_output=True, text=True).stdout.strip()
+        with contextlib.ExitStack() as stack:
+            plain, _ = stack.enter_context(server(binary))
+            guarded, _ = stack.enter_context(server(binary, "--data-dir", place, "--log", "json"))
+            ways = {
+                "plain": (http.client.HTTPConnection("127.0.0.1", plain), {}),
+                "guarded": (http.client.HTTPConnection("127.0.0.1", guarded), {"Authorization": f"Bearer {token}"}),
+            }
+            times: dict[str, list[float]] = {"plain": [], "guarded": []}
+            for _ in range(30):
+                for name, (connection, headers) in ways.items():
+                    for _ in range(50):
+                        ask(connection, "POST", "/v1/worlds/bowling-sim/reset", {"seed": 1}, **headers)
+                        begun = time.perf_counter()
+                        ask(connection, "POST", "/v1/worlds/bowling-sim/step", {"action": [0.5, 0.8, 0.3]}, **headers)
+                        times[name].append(time.perf_counter() - begun)
+            return statistics.median(times["guarded"]) / statistics.median(times["plain"]) - 1
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--binary", default="target/release/iplw")
@@ -172,6 +195,7 @@ def main() -> None:
         print(f"core freed after the client is gone: {1000 * freed(port, pid):.0f} ms")
         still, quiet, meanwhile = half_open(port, arguments.half_open)
         print(f"{arguments.half_open} half-open connections, still open after the header's time: {still}")
+        print(f"cost of a token and a line of the log on a step: {100 * cost(arguments.binary):.1f} %")
         print(f"p99 of another client's step: quiet {1000 * quiet:.2f} ms, meanwhile {1000 * meanwhile:.2f} ms")
 
 

@@ -3,9 +3,10 @@
 use std::io::Read;
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use iplw::error::{Error, Result};
-use iplw::serve::{Limits, ServeConfig, openapi, serve_blocking};
+use iplw::serve::{Limits, Log, LogForm, ServeConfig, openapi, serve_blocking};
 use tracing_subscriber::filter::Targets;
 use tracing_subscriber::prelude::*;
 
@@ -57,6 +58,9 @@ pub struct Args {
     /// The origin of pages that may ask, such as https://lab.example; may be given several times.
     #[arg(long, value_name = "ORIGIN")]
     allow_origin: Vec<String>,
+    /// Write a line for each request and each job that ends to standard error: json or text.
+    #[arg(long, value_name = "FORM")]
+    log: Option<String>,
     /// Stop when standard input closes: the server ends with the program that started it.
     #[arg(long)]
     exit_with_stdin: bool,
@@ -85,6 +89,10 @@ pub fn run(args: &Args) -> Result<()> {
             std::process::exit(0);
         });
     }
+    let log = match &args.log {
+        None => Log::default(),
+        Some(form) => Log::new(LogForm::from_name("--log", form)?, Arc::new(|line| eprintln!("{line}"))),
+    };
     // What the server notices goes to stderr; RUST_LOG says how much of it.
     let asked = std::env::var("RUST_LOG").ok().and_then(|text| text.parse::<Targets>().ok());
     let filter = asked.unwrap_or_else(|| Targets::new().with_default(tracing::Level::WARN));
@@ -95,6 +103,7 @@ pub fn run(args: &Args) -> Result<()> {
         zmq: args.zmq.clone(),
         data_dir: args.data_dir.clone(),
         limits,
+        log,
         token_file: args.token_file.clone(),
         tokens: environment("IPLW_TOKENS")?,
         tls: args.tls_cert.clone().zip(args.tls_key.clone()),

@@ -9,7 +9,7 @@ use serde_json::Value;
 
 use super::live::Live;
 use super::record::{Deleted, Job, number, unknown};
-use super::shared::{RunnerConfig, Shared};
+use super::shared::{RunnerConfig, Shared, Told};
 use super::watch::Watcher;
 use super::work::Recipes;
 use crate::error::{Error, Result};
@@ -33,12 +33,13 @@ pub struct Runner {
 }
 
 impl Runner {
-    /// Starts the workers and queues what an earlier server left unfinished.
-    pub fn start(store: Arc<Store>, recipes: Recipes, config: RunnerConfig) -> Result<Runner> {
+    /// Starts the workers and queues what an earlier server left unfinished. `told` hears of every job that ends.
+    pub fn start(store: Arc<Store>, recipes: Recipes, config: RunnerConfig, told: Told) -> Result<Runner> {
         let shared = Arc::new(Shared {
             store,
             recipes,
             config,
+            told,
             state: Mutex::default(),
             wake: Condvar::new(),
             stopping: AtomicBool::new(false),
@@ -230,7 +231,10 @@ mod tests {
         });
         let explain = |e: &Error| json!({"detail": e.to_string()});
         let config = RunnerConfig { workers: 1, queue, threads: 1, most: None, explain };
-        (Runner::start(store.clone(), Recipes::from([("act", recipe)]), config).unwrap(), wait)
+        (
+            Runner::start(store.clone(), Recipes::from([("act", recipe)]), config, Box::new(|_| {})).unwrap(),
+            wait,
+        )
     }
 
     fn runner(queue: usize) -> (Runner, mpsc::Receiver<()>) {

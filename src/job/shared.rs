@@ -30,6 +30,9 @@ pub struct RunnerConfig {
     pub explain: fn(&Error) -> Value,
 }
 
+/// Hears of a job that has ended.
+pub type Told = Box<dyn Fn(&JobRow) + Send + Sync>;
+
 /// Starts without progress after which a job fails.
 pub const MOST_STARTS: u32 = 5;
 
@@ -38,6 +41,7 @@ pub struct Shared {
     pub store: Arc<Store>,
     pub recipes: Recipes,
     pub config: RunnerConfig,
+    pub told: Told,
     pub state: Mutex<State>,
     /// Told when there is work or the runner stops.
     pub wake: Condvar,
@@ -205,6 +209,7 @@ impl Shared {
             tracing::error!("job {number} could not be stored: {e}");
         }
         live.emit(None);
+        (self.told)(&live.row);
         // Once stored, an ended job is kept here only for its events; forget the oldest.
         let ended: Vec<i64> =
             state.live.iter().filter(|(_, l)| l.row.state.ended()).map(|(n, _)| *n).collect();

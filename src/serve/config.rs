@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::limits::Limits;
+use super::log::Log;
 
 /// How a server is run.
 #[derive(Clone)]
@@ -32,6 +33,8 @@ pub struct ServeConfig {
     pub allow_host: Vec<String>,
     /// Origins of pages that may ask.
     pub allow_origin: Vec<String>,
+    /// Where a line goes for each request and each job that ends.
+    pub log: Log,
     /// What time it is.
     pub clock: Clock,
 }
@@ -54,6 +57,7 @@ impl Default for ServeConfig {
             open_to_network: false,
             allow_host: Vec::new(),
             allow_origin: Vec::new(),
+            log: Log::default(),
             clock: Arc::new(move || start.elapsed()),
         }
     }

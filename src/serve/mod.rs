@@ -12,7 +12,7 @@
 //! | `exposure` | who could reach the server, and what is asked for before they can |
 //! | `leave` | how long a request may go on |
 //! | `limits` | what is taken, and for how long |
-//! | `metrics` | counters |
+//! | `metrics` `log` | what happened: counters and times, a line for each request and job |
 //! | `config` | how a server is run |
 //!
 //! An action on its way: `http/route` (or `zmq/peer`) makes an `Asked` of what was sent; the operation's declaration
@@ -30,6 +30,7 @@ mod exposure;
 mod http;
 mod leave;
 mod limits;
+mod log;
 mod metrics;
 mod operation;
 mod operations;
@@ -50,6 +51,7 @@ use crate::error::{Error, Result};
 use app::App;
 pub use config::{Clock, ServeConfig};
 pub use limits::Limits;
+pub use log::{Log, LogForm, Sink};
 use operations::OPERATIONS;
 use shared::Shared;
 

@@ -10,6 +10,7 @@ use tokio::sync::Semaphore;
 
 use super::config::{Clock, ServeConfig};
 use super::limits::Limits;
+use super::log::Log;
 use super::metrics::Metrics;
 use super::problem::explain;
 use crate::access::Keyring;
@@ -49,9 +50,11 @@ pub struct Shared {
     pub at_work: Arc<Semaphore>,
     pub streamed: Arc<Semaphore>,
     pub limits: Limits,
+    pub log: Log,
     /// Distinguishes this server's world ids from those of earlier ones.
     nonce: u32,
     made: AtomicU64,
+    asked: AtomicU64,
 }
 
 /// Requests taken in at a time; more are told to come back.
@@ -100,8 +103,9 @@ impl Shared {
         let worlds = Registry::new(registry, &catalogue, store.clone())?;
         let common = Common { catalogue, metrics: Metrics::default(), clock: config.clock.clone() };
         let base = Arc::new(Base { common, worlds, store: store.clone() });
+        let log = config.log.clone();
         Ok(Shared {
-            jobs: Runner::start(store, recipes(&base), runner)?,
+            jobs: Runner::start(store, recipes(&base), runner, Box::new(move |row| log.job(row)))?,
             base,
             keyring,
             document,
@@ -112,9 +116,16 @@ impl Shared {
             at_work: Arc::new(Semaphore::new(AT_WORK)),
             streamed: Arc::new(Semaphore::new(STREAMED)),
             limits: config.limits.clone(),
+            log: config.log.clone(),
             nonce: nonce(),
             made: AtomicU64::new(0),
+            asked: AtomicU64::new(0),
         })
+    }
+
+    /// A request's id: no other of this or an earlier server has it.
+    pub fn request_id(&self) -> String {
+        format!("{:08x}-{}", self.nonce, self.asked.fetch_add(1, Ordering::Relaxed))
     }
 
     /// An id that no world of this or an earlier server has.

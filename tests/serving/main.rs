@@ -7,6 +7,7 @@ mod worlds;
 mod access;
 mod http;
 mod limits;
+mod log;
 mod openapi;
 mod peer;
 mod survive;

@@ -116,9 +116,10 @@ impl Callers {
 }
 
 /// Headers that a page may send.
-const TAKEN: &str = "Authorization, Content-Type, Accept, Idempotency-Key, Last-Event-ID, X-Deadline";
+const TAKEN: &str = "Authorization, Content-Type, Accept, Idempotency-Key, Last-Event-ID, X-Deadline, \
+    X-Request-Id, Traceparent";
 /// Headers that a page may read.
-const SHOWN: &str = "Location, Retry-After, Idempotent-Replayed";
+const SHOWN: &str = "Location, Retry-After, Idempotent-Replayed, X-Request-Id";
 /// Nothing in an answer runs or loads anything; a picture may say how it looks.
 const OF_ANSWERS: &str = "default-src 'none'; style-src 'unsafe-inline'; frame-ancestors 'none'; sandbox";
 /// The documentation is a page of ours.

@@ -35,9 +35,12 @@ pub async fn admitted(State(guard): State<Guard>, mut request: Request, next: Ne
         Err(_) if guard.is_open(&request) => Who { name: None, scope: Scope::Read },
         Err(unknown) => return Problem::unauthorized(unknown).into_response(),
     };
-    request.extensions_mut().insert(who);
+    request.extensions_mut().insert(who.clone());
     request.extensions_mut().insert(page);
-    next.run(request).await
+    let mut response = next.run(request).await;
+    // For the log.
+    response.extensions_mut().insert(who);
+    response
 }
 
 impl Guard {

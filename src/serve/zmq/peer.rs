@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use serde_json::json;
 use tokio::io::{AsyncRead, AsyncWrite};
@@ -15,6 +15,7 @@ use super::zmtp::{self, MOST_BYTES, MOST_FRAMES, Received, Receiver};
 use crate::access::{Digest, Scope, Who, now};
 use crate::serve::app::App;
 use crate::serve::leave::Leave;
+use crate::serve::log::{RequestLine, slug};
 use crate::serve::operation::{Operation, Weight};
 use crate::serve::operations::operation;
 use crate::serve::problem::{Answer, Problem};
@@ -104,7 +105,7 @@ impl Peer {
             frames.remove(0);
         }
         let (id, request) = message::read(frames);
-        let to = Address { id, delimited };
+        let to = Address { id, delimited, since: Instant::now() };
         match request {
             Err(e) => self.answer(&to, "none", Err(Problem::malformed(e))).await,
             Ok(request) => match request.op.as_str() {
@@ -237,7 +238,7 @@ impl Peer {
             "a message has at most {MOST_BYTES} bytes in at most {MOST_FRAMES} frames; send it in parts"
         );
         let refused = known.err().unwrap_or_else(|| Problem::too_large(detail));
-        self.answer(&Address { id, delimited }, "none", Err(refused)).await;
+        self.answer(&Address { id, delimited, since: Instant::now() }, "none", Err(refused)).await;
     }
 
     async fn pong(&self, context: &[u8]) {
@@ -246,9 +247,27 @@ impl Peer {
         }
     }
 
-    async fn answer(&self, to: &Address, name: &str, answer: Answer<Written>) {
+    /// Takes a request down in the log and in the metrics.
+    fn note(&self, to: &Address, name: &'static str, status: u16, refused: Option<&Problem>) {
+        let seconds = to.since.elapsed().as_secs_f64();
+        let who = self.who().ok();
+        self.shared.log.request(&RequestLine {
+            request: &self.shared.request_id(),
+            transport: "zmq",
+            operation: name,
+            who: who.as_ref().and_then(Who::owner),
+            status,
+            problem: refused.map(|p| slug(&p.kind)),
+            seconds,
+            trace: None,
+        });
+        self.shared.base.metrics.took("zmq", name, status, seconds);
+    }
+
+    async fn answer(&self, to: &Address, name: &'static str, answer: Answer<Written>) {
         let status = answer.as_ref().map_or_else(|problem| problem.status, |_| 200);
         self.shared.base.metrics.answered("ZMQ", name, status);
+        self.note(to, name, status, answer.as_ref().err());
         let mut frames = match answer {
             Ok(written) => written.frames(&to.id),
             Err(problem) => message::refusal(&to.id, &problem),
@@ -271,6 +290,8 @@ impl Peer {
 struct Address {
     /// As msgpack.
     id: Vec<u8>,
+    /// When its request came.
+    since: Instant,
     /// Whether the client puts an empty frame in front, as a REQ does.
     delimited: bool,
 }
