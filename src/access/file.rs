@@ -153,7 +153,11 @@ mod tests {
         let file = TokenFile::of_directory(&place.path().join("data"));
         assert!(file.read().unwrap().is_none());
         let (secret, kept) = token("ann", Some(99));
-        file.change(|all| Ok(all.push(kept.clone()))).unwrap();
+        file.change(|all| {
+            all.push(kept.clone());
+            Ok(())
+        })
+        .unwrap();
         let text = std::fs::read_to_string(file.path()).unwrap();
         assert!(!text.contains(&secret) && text.contains(&kept.digest.hex()), "{text}");
         let again = &file.read().unwrap().unwrap()[0];
@@ -175,7 +179,11 @@ mod tests {
                 let path = place.path();
                 scope.spawn(move || {
                     let file = TokenFile::of_directory(path);
-                    file.change(|all| Ok(all.push(token(&format!("n{i}"), None).1))).unwrap();
+                    file.change(|all| {
+                        all.push(token(&format!("n{i}"), None).1);
+                        Ok(())
+                    })
+                    .unwrap();
                 });
             }
         });

@@ -123,11 +123,21 @@ mod tests {
         let file = || TokenFile::of_directory(place.path());
         let ring = Keyring::new(Some(file()), None).unwrap();
         assert!(!ring.asks() && ring.who(None, 0).unwrap() == Who::anybody());
-        file().change(|all| Ok(all.push(kept("ann", "one", Scope::Admin, None)))).unwrap();
+        file()
+            .change(|all| {
+                all.push(kept("ann", "one", Scope::Admin, None));
+                Ok(())
+            })
+            .unwrap();
         ring.refresh().unwrap();
         assert_eq!(ring.who(None, 0), Err(Unknown::Missing));
         assert!(ring.who(Some(&digest(b"one")), 0).is_ok());
-        file().change(|all| Ok(all.push(kept("bob", "two", Scope::Read, None)))).unwrap();
+        file()
+            .change(|all| {
+                all.push(kept("bob", "two", Scope::Read, None));
+                Ok(())
+            })
+            .unwrap();
         ring.refresh().unwrap();
         assert!(ring.who(Some(&digest(b"two")), 0).is_ok());
         std::fs::write(file().path(), "no JSON").unwrap();

@@ -58,7 +58,12 @@ fn guarded(directory: &Path) -> Running {
         kept("root", Scope::Admin, None),
         kept("old", Scope::Admin, Some(1)),
     ];
-    TokenFile::of_directory(directory).change(|tokens| Ok(tokens.extend(all))).unwrap();
+    TokenFile::of_directory(directory)
+        .change(|tokens| {
+            tokens.extend(all);
+            Ok(())
+        })
+        .unwrap();
     let zmq = Some("tcp://127.0.0.1:*".into());
     Running::with(ServeConfig { data_dir: Some(directory.into()), zmq, ..ServeConfig::default() }).unwrap()
 }

@@ -23,7 +23,12 @@ fn told(form: LogForm) -> (Running, Arc<Mutex<Vec<String>>>, tempfile::TempDir) 
         made: 0,
         expires: None,
     };
-    TokenFile::of_directory(place.path()).change(|all| Ok(all.push(ann))).unwrap();
+    TokenFile::of_directory(place.path())
+        .change(|all| {
+            all.push(ann);
+            Ok(())
+        })
+        .unwrap();
     let lines = Arc::new(Mutex::new(Vec::new()));
     let to = lines.clone();
     let log = Log::new(form, Arc::new(move |line| to.lock().unwrap().push(line.to_string())));

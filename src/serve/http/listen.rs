@@ -79,13 +79,12 @@ where
     let connection = http1::Builder::new().serve_connection(TokioIo::new(stream), service);
     let mut connection = std::pin::pin!(connection);
     let mut stopping = shared.stopping.subscribe();
-    let told = tokio::select! {
+    tokio::select! {
         // What a client breaks off is its own affair.
         _ = connection.as_mut() => return,
         () = watch.evicted() => return,
         _ = stopping.wait_for(|s| *s) => connection.as_mut().graceful_shutdown(),
-    };
-    let () = told;
+    }
     tokio::select! {
         _ = connection => {}
         () = watch.evicted() => {}
