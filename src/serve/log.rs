@@ -188,7 +188,7 @@ mod tests {
         assert_eq!((&json["event"], &json["seconds"]), (&"request".into(), &0.25.into()));
         assert_eq!(json["trace"]["parent_id"], "b7ad6b7169203331");
         assert!(json.get("problem").is_none());
-        assert!(seen[1].contains(" request ") && seen[1].contains(" who=ann "), "{}", seen[1]);
+        assert!(seen[1].contains(" request ") && seen[1].ends_with(" who=ann"), "{}", seen[1]);
         assert!(seen[1].contains(" trace_id=0af7651916cd43dd8448eb211c80319c"), "{}", seen[1]);
     }
 
