@@ -29,9 +29,15 @@ pub enum Error {
     /// No room for more of something.
     #[error("{what}: at most {limit}; {advice}")]
     Capacity { what: &'static str, limit: usize, advice: &'static str },
+    /// Whoever asks may not do this.
+    #[error("{reason}")]
+    Denied { reason: String },
     /// The work was cancelled by its owner.
     #[error("cancelled")]
     Cancelled,
+    /// The time that the work was given is over.
+    #[error("not done within {seconds} s, the time there is for it; ask for less at a time")]
+    Deadline { seconds: f64 },
     /// The server stopped before the work was done.
     #[error("{reason}")]
     Interrupted { reason: String },

@@ -4,7 +4,7 @@
 //!
 //! | room | what it does |
 //! |---|---|
-//! | `error` `json` `rng` `progress` `trajectory` | the words everybody speaks |
+//! | `error` `json` `rng` `progress` `budget` `trajectory` | the words everybody speaks |
 //! | `distribution` | Fisher's and Student's, for intervals |
 //! | `task/` | what is asked: scenes, actions, goals; plain data |
 //! | `world/` | what physics does: scene + latents + effects -> trajectory; sole home of rapier2d |
@@ -16,7 +16,7 @@
 //! | `policy/` | scoring actions; sole home of dfdx |
 //! | `picture/` | scenes, films and plots as SVG and PNG |
 //! | `experiment` | the main path: explore -> measure -> estimate -> train -> transfer -> report |
-//! | `store/` `job/` | what lasts, and work that takes long |
+//! | `store/` `access/` `job/` | what lasts, who may do what, and work that takes long |
 //! | `session/` | Gymnasium's reset and step over a task and a world |
 //! | `serve/` | HTTP and ZeroMQ: thin adapters; sole home of axum; knows no physics |
 //!
@@ -28,6 +28,8 @@
 //! estimator to read a hidden world's latents; threads of our own (rayon for physics, tokio for serving), but for one
 //! a running job.
 
+pub mod access;
+pub mod budget;
 pub mod discover;
 pub mod distribution;
 pub mod error;

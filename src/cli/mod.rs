@@ -15,6 +15,7 @@ mod rollout;
 mod serve;
 mod surface;
 mod tasks;
+mod token;
 mod tracks;
 mod train;
 
@@ -42,6 +43,8 @@ enum Command {
     Experiment(experiment::ExperimentArgs),
     /// Serve worlds over HTTP.
     Serve(serve::Args),
+    /// Make, list and revoke the tokens by which a server knows who asks.
+    Token(token::Args),
     /// Roll scenes out: one scene a line in, one result a line out.
     Rollout(rollout::Args),
     /// List tasks, splits and action spaces.
@@ -86,6 +89,7 @@ pub fn main() -> ExitCode {
         Command::Run(args) => experiment::run(&args),
         Command::Experiment(args) => experiment::experiment(&args),
         Command::Serve(args) => serve::run(&args),
+        Command::Token(args) => token::run(&args),
         Command::Openapi => serve::print_openapi(),
         Command::Rollout(args) => rollout::run(&args),
         Command::Tasks(args) => tasks::run(&args),
@@ -126,7 +130,9 @@ fn exit_code(error: &Error) -> u8 {
         | Error::Budget { .. }
         | Error::Capacity { .. }
         | Error::Interrupted { .. }
+        | Error::Denied { .. }
         | Error::Cancelled
+        | Error::Deadline { .. }
         | Error::Failed(_) => 1,
         Error::Entry { error, .. } => exit_code(error),
     }

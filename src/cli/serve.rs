@@ -3,10 +3,10 @@
 use std::io::Read;
 use std::net::SocketAddr;
 use std::path::PathBuf;
-use std::time::Duration;
+use std::sync::Arc;
 
 use iplw::error::{Error, Result};
-use iplw::serve::{ServeConfig, openapi, serve_blocking};
+use iplw::serve::{Limits, Log, LogForm, ServeConfig, openapi, serve_blocking};
 use tracing_subscriber::filter::Targets;
 use tracing_subscriber::prelude::*;
 
@@ -26,12 +26,41 @@ pub struct Args {
     /// Directory for jobs and policies; without it they last as long as the server.
     #[arg(long, value_name = "DIR")]
     data_dir: Option<PathBuf>,
-    /// Seconds after which a world that a client made and no longer uses goes.
-    #[arg(long, default_value_t = 1800)]
-    idle: u64,
-    /// Most worlds at a time.
-    #[arg(long, default_value_t = 4096)]
-    worlds: usize,
+    /// Limits other than the usual ones: a JSON file of some of those that /v1/limits shows.
+    #[arg(long, value_name = "FILE")]
+    limits: Option<PathBuf>,
+    /// Seconds after which a world that a client made and no longer uses goes [default: 1800]
+    #[arg(long)]
+    idle: Option<u64>,
+    /// Most worlds at a time [default: 4096]
+    #[arg(long)]
+    worlds: Option<usize>,
+    /// Tokens of a file instead of the data directory's (`iplw token new NAME --may act --token-file FILE`). Rows of
+    /// such a file may come in the environment variable IPLW_TOKENS as well.
+    #[arg(long, value_name = "FILE")]
+    token_file: Option<PathBuf>,
+    /// Encrypt HTTP: a PEM file of certificates, the server's own first. Read again on SIGHUP.
+    #[arg(long, value_name = "FILE", requires = "tls_key")]
+    tls_cert: Option<PathBuf>,
+    /// The private key of the first certificate, PEM.
+    #[arg(long, value_name = "FILE", requires = "tls_cert")]
+    tls_key: Option<PathBuf>,
+    /// Let tokens cross the network in clear: something in front of the server (a proxy, a tunnel) encrypts.
+    #[arg(long)]
+    plaintext: bool,
+    /// Let anybody who can reach the server do anything.
+    #[arg(long)]
+    open_to_network: bool,
+    /// A name that clients call the server by, besides localhost and its addresses; may be given several times. `*` is
+    /// any, which gives up what protects from pages that turn their name into this address.
+    #[arg(long, value_name = "NAME")]
+    allow_host: Vec<String>,
+    /// The origin of pages that may ask, such as https://lab.example; may be given several times.
+    #[arg(long, value_name = "ORIGIN")]
+    allow_origin: Vec<String>,
+    /// Write a line for each request and each job that ends to standard error: json or text.
+    #[arg(long, value_name = "FORM")]
+    log: Option<String>,
     /// Stop when standard input closes: the server ends with the program that started it.
     #[arg(long)]
     exit_with_stdin: bool,
@@ -45,8 +74,14 @@ pub fn run(args: &Args) -> Result<()> {
             "an address and port such as 127.0.0.1:8080",
         ));
     };
-    iplw::error::within("--idle", args.idle as f64, 1.0, 1e9)?;
-    iplw::error::within("--worlds", args.worlds as f64, 4.0, 1e6)?;
+    let mut limits = args.limits.as_deref().map_or_else(|| Ok(Limits::default()), Limits::read)?;
+    if let Some(idle) = args.idle {
+        limits.world_idle_seconds = iplw::error::within("--idle", idle as f64, 1.0, 1e9)?;
+    }
+    if let Some(worlds) = args.worlds {
+        iplw::error::within("--worlds", worlds as f64, 4.0, 1e6)?;
+        limits.worlds = worlds;
+    }
     if args.exit_with_stdin {
         std::thread::spawn(|| {
             // Whatever comes is of no interest; the end is.
@@ -54,20 +89,39 @@ pub fn run(args: &Args) -> Result<()> {
             std::process::exit(0);
         });
     }
+    let log = match &args.log {
+        None => Log::default(),
+        Some(form) => Log::new(LogForm::from_name("--log", form)?, Arc::new(|line| eprintln!("{line}"))),
+    };
     // What the server notices goes to stderr; RUST_LOG says how much of it.
     let asked = std::env::var("RUST_LOG").ok().and_then(|text| text.parse::<Targets>().ok());
     let filter = asked.unwrap_or_else(|| Targets::new().with_default(tracing::Level::WARN));
     let lines = tracing_subscriber::fmt::layer().with_writer(std::io::stderr);
     tracing_subscriber::registry().with(lines).with(filter).init();
-    let idle = Duration::from_secs(args.idle);
     serve_blocking(ServeConfig {
         http,
         zmq: args.zmq.clone(),
         data_dir: args.data_dir.clone(),
-        idle,
-        worlds: args.worlds,
+        limits,
+        log,
+        token_file: args.token_file.clone(),
+        tokens: environment("IPLW_TOKENS")?,
+        tls: args.tls_cert.clone().zip(args.tls_key.clone()),
+        plaintext: args.plaintext,
+        open_to_network: args.open_to_network,
+        allow_host: args.allow_host.clone(),
+        allow_origin: args.allow_origin.clone(),
         ..ServeConfig::default()
     })
+}
+
+/// A variable of the environment, if it is set to something.
+fn environment(name: &str) -> Result<Option<String>> {
+    match std::env::var(name) {
+        Ok(value) => Ok(Some(value).filter(|v| !v.trim().is_empty())),
+        Err(std::env::VarError::NotPresent) => Ok(None),
+        Err(e) => Err(Error::input(name, e, "text in UTF-8")),
+    }
 }
 
 /// Prints the OpenAPI document that the server serves.

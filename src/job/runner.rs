@@ -9,7 +9,7 @@ use serde_json::Value;
 
 use super::live::Live;
 use super::record::{Deleted, Job, number, unknown};
-use super::shared::{RunnerConfig, Shared};
+use super::shared::{RunnerConfig, Shared, Told};
 use super::watch::Watcher;
 use super::work::Recipes;
 use crate::error::{Error, Result};
@@ -33,12 +33,13 @@ pub struct Runner {
 }
 
 impl Runner {
-    /// Starts the workers and queues what an earlier server left unfinished.
-    pub fn start(store: Arc<Store>, recipes: Recipes, config: RunnerConfig) -> Result<Runner> {
+    /// Starts the workers and queues what an earlier server left unfinished. `told` hears of every job that ends.
+    pub fn start(store: Arc<Store>, recipes: Recipes, config: RunnerConfig, told: Told) -> Result<Runner> {
         let shared = Arc::new(Shared {
             store,
             recipes,
             config,
+            told,
             state: Mutex::default(),
             wake: Condvar::new(),
             stopping: AtomicBool::new(false),
@@ -64,8 +65,13 @@ impl Runner {
         Ok(Runner { shared, workers: Mutex::new(workers) })
     }
 
-    /// Queues a job. What `answered` makes of it is kept in the same transaction: the answer to the request.
-    pub fn submit(&self, new: New, answered: &dyn Fn(Job) -> Option<Answered>) -> Result<Job> {
+    /// Queues a job of `owner`'s. What `answered` makes of it is kept in the same transaction: the answer to the request.
+    pub fn submit(
+        &self,
+        new: New,
+        owner: Option<&str>,
+        answered: &dyn Fn(Job) -> Option<Answered>,
+    ) -> Result<Job> {
         let work = self.shared.make(new.kind, new.plan)?;
         let mut state = self.shared.state();
         if self.shared.stopping.load(Ordering::SeqCst) {
@@ -78,7 +84,7 @@ impl Runner {
             return Err(Error::Capacity { what: "waiting jobs", limit: self.shared.config.queue, advice });
         }
         let of = |row: &JobRow| answered(Job::of(row.clone()));
-        let row = self.shared.store.add_job(new.kind, new.config, new.plan, new.seed, &of)?;
+        let row = self.shared.store.add_job(new.kind, new.config, new.plan, new.seed, owner, &of)?;
         state.queue.push_back(row.number);
         state.live.insert(row.number, Live::new(row.clone(), Some(work)));
         drop(state);
@@ -86,7 +92,7 @@ impl Runner {
         Ok(Job::of(row))
     }
 
-    /// The job called `id`.
+    /// The job called `id`, whosever it is.
     pub fn get(&self, id: &str) -> Result<Job> {
         let number = number(id)?;
         if let Some(live) = self.shared.state().live.get(&number) {
@@ -95,9 +101,19 @@ impl Runner {
         self.shared.store.job(number)?.map(Job::of).ok_or_else(|| unknown(id))
     }
 
-    /// At most `limit` jobs, oldest first, those after number `after`.
-    pub fn list(&self, after: i64, limit: usize) -> Result<Vec<Job>> {
-        let rows = self.shared.store.jobs(after, limit)?;
+    /// The same; one that is not `owner`'s, if one is given, is as good as none.
+    pub fn of(&self, id: &str, owner: Option<&str>) -> Result<Job> {
+        let job = self.get(id)?;
+        if owner.is_none_or(|owner| job.row.owner.as_deref() == Some(owner)) {
+            Ok(job)
+        } else {
+            Err(unknown(id))
+        }
+    }
+
+    /// At most `limit` jobs, oldest first, those after number `after`; one owner's, or everybody's.
+    pub fn list(&self, after: i64, limit: usize, owner: Option<&str>) -> Result<Vec<Job>> {
+        let rows = self.shared.store.jobs(after, limit, owner)?;
         let (state, now) = (self.shared.state(), self.shared.now());
         let live = |row: JobRow| state.live.get(&row.number).map_or_else(|| Job::of(row), |l| l.job(now));
         Ok(rows.into_iter().map(live).collect())
@@ -214,8 +230,11 @@ mod tests {
             }))
         });
         let explain = |e: &Error| json!({"detail": e.to_string()});
-        let config = RunnerConfig { workers: 1, queue, threads: 1, explain };
-        (Runner::start(store.clone(), Recipes::from([("act", recipe)]), config).unwrap(), wait)
+        let config = RunnerConfig { workers: 1, queue, threads: 1, most: None, explain };
+        (
+            Runner::start(store.clone(), Recipes::from([("act", recipe)]), config, Box::new(|_| {})).unwrap(),
+            wait,
+        )
     }
 
     fn runner(queue: usize) -> (Runner, mpsc::Receiver<()>) {
@@ -252,7 +271,7 @@ mod tests {
     });
 
     fn submit(runner: &Runner, act: &str) -> Result<Job> {
-        runner.submit(New { kind: "act", config: &json!({}), plan: &json!(act), seed: 0 }, &|_| None)
+        runner.submit(New { kind: "act", config: &json!({}), plan: &json!(act), seed: 0 }, None, &|_| None)
     }
 
     /// The job once it is in this state.
@@ -352,13 +371,13 @@ mod tests {
     fn a_job_that_ends_every_server_fails_and_one_that_got_on_does_not() {
         let store = Arc::new(Store::in_memory().unwrap());
         let add = |act: &str| {
-            let row = store.add_job("act", &json!({}), &json!(act), 0, &|_| None).unwrap();
+            let row = store.add_job("act", &json!({}), &json!(act), 0, None, &|_| None).unwrap();
             (0..MOST_STARTS).for_each(|_| store.begin_job(row.number).unwrap());
             row.number
         };
         let (stuck, moving) = (add("one"), add("one"));
         store.open_round(moving, 0, "").unwrap();
-        let gone = store.add_job("knitting", &json!({}), &json!(1), 0, &|_| None).unwrap().number;
+        let gone = store.add_job("knitting", &json!({}), &json!(1), 0, None, &|_| None).unwrap().number;
         let (runner, _) = on(&store, 4);
         reach(&runner, &id(moving), JobState::Succeeded);
         for (number, word) in [(stuck, "5 times"), (gone, "start it again")] {

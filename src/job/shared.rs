@@ -24,9 +24,14 @@ pub struct RunnerConfig {
     pub queue: usize,
     /// Threads a running job computes with; 0 for all cores.
     pub threads: usize,
+    /// Longest a job may compute from when it is begun until it ends or waits.
+    pub most: Option<Duration>,
     /// What a job's owner is told about an error.
     pub explain: fn(&Error) -> Value,
 }
+
+/// Hears of a job that has ended.
+pub type Told = Box<dyn Fn(&JobRow) + Send + Sync>;
 
 /// Starts without progress after which a job fails.
 pub const MOST_STARTS: u32 = 5;
@@ -36,6 +41,7 @@ pub struct Shared {
     pub store: Arc<Store>,
     pub recipes: Recipes,
     pub config: RunnerConfig,
+    pub told: Told,
     pub state: Mutex<State>,
     /// Told when there is work or the runner stops.
     pub wake: Condvar,
@@ -108,10 +114,10 @@ impl Shared {
 
     /// A worker's life.
     pub fn work(&self, pool: &rayon::ThreadPool) {
-        while let Some((number, work, cancel)) = self.take() {
+        while let Some((number, work, cancel, owner)) = self.take() {
             let id = id(number);
-            let stage = Running { shared: self, number, cancel: &cancel };
-            let context = Context { id: &id, number, stage: &stage };
+            let stage = Running { shared: self, number, cancel: &cancel, begun: Instant::now() };
+            let context = Context { id: &id, number, owner: owner.as_deref(), stage: &stage };
             let result = catch_unwind(AssertUnwindSafe(|| pool.install(|| work(&context))))
                 .unwrap_or_else(|_| Err(Error::Failed("the program has a defect: the work panicked".into())));
             let mut state = self.state();
@@ -133,7 +139,7 @@ impl Shared {
     }
 
     /// The next job, made running; `None` when the runner stops.
-    fn take(&self) -> Option<(i64, Work, Arc<AtomicBool>)> {
+    fn take(&self) -> Option<(i64, Work, Arc<AtomicBool>, Option<String>)> {
         let mut state = self.state();
         loop {
             if self.stopping.load(Ordering::SeqCst) {
@@ -150,7 +156,7 @@ impl Shared {
                         // The job still runs; only a start that ends the server would not be counted.
                         tracing::error!("the start of job {number} could not be stored: {e}");
                     }
-                    Some((number, work, live.cancel.clone()))
+                    Some((number, work, live.cancel.clone(), live.row.owner.clone()))
                 });
                 if taken.is_some() {
                     return taken;
@@ -203,6 +209,7 @@ impl Shared {
             tracing::error!("job {number} could not be stored: {e}");
         }
         live.emit(None);
+        (self.told)(&live.row);
         // Once stored, an ended job is kept here only for its events; forget the oldest.
         let ended: Vec<i64> =
             state.live.iter().filter(|(_, l)| l.row.state.ended()).map(|(n, _)| *n).collect();
@@ -221,12 +228,16 @@ struct Running<'a> {
     number: i64,
     /// Set by its owner.
     cancel: &'a AtomicBool,
+    begun: Instant,
 }
 
 impl Stage for Running<'_> {
     fn report(&self, stage: &str, done: u64, total: u64) -> Result<()> {
         if self.cancel.load(Ordering::SeqCst) || self.shared.stopping.load(Ordering::SeqCst) {
             return Err(Error::Cancelled);
+        }
+        if let Some(most) = self.shared.config.most.filter(|most| self.begun.elapsed() > *most) {
+            return Err(Error::Deadline { seconds: most.as_secs_f64() });
         }
         let mut state = self.shared.state();
         if let Some(live) = state.live.get_mut(&self.number) {

@@ -30,6 +30,8 @@ pub struct Context<'a> {
     pub id: &'a str,
     /// Its number in the store.
     pub number: i64,
+    /// Name of the token it was queued with.
+    pub owner: Option<&'a str>,
     pub(super) stage: &'a dyn Stage,
 }
 

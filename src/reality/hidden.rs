@@ -4,12 +4,13 @@ use rand_distr::{Distribution, Normal};
 use serde::{Deserialize, Serialize};
 
 use super::{Attempt, Reality};
+use crate::budget::{Budget, Endless};
 use crate::error::{Error, Result, within};
 use crate::rng;
 use crate::task::scene::EffectTerm;
 use crate::task::{Family, Placement, Scene, Task, ValidAction};
 use crate::trajectory::Trajectory;
-use crate::world::{Engine, Latents, Rollout, effect, simulate, simulate_mixed};
+use crate::world::{Engine, Latents, Rollout, effect, simulate_mixed, simulate_within};
 
 /// What a hidden world is made of. Whoever makes one knows this; whoever measures it does not.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -52,9 +53,11 @@ pub struct HiddenWorld {
     interactions: u64,
 }
 
-/// Carries out one placed action in each of many worlds, as one batch. All budgets are looked at before anything is
-/// done; an error says which world it is of, if it is of one.
+/// Carries out one placed action in each of many worlds, as one batch. All budgets of interactions are looked at before
+/// anything is done; an error says which world it is of, if it is of one. What is stopped in the middle was begun: it
+/// counts.
 pub fn measure_each(
+    budget: &dyn Budget,
     worlds: &mut [(&mut HiddenWorld, &Scene)],
 ) -> std::result::Result<Vec<Trajectory>, (Option<usize>, Error)> {
     for (i, (world, _)) in worlds.iter().enumerate() {
@@ -62,12 +65,20 @@ pub fn measure_each(
     }
     let rollouts: Vec<(Engine, Rollout)> =
         worlds.iter().map(|(w, scene)| (w.config.engine, w.rollout(scene))).collect();
-    let mut observed = simulate_mixed(&rollouts, |_, t| t).map_err(|e| (None, e))?;
+    let observed = simulate_mixed(budget, &rollouts, |_, t| t);
+    if !observed.as_ref().is_err_and(|e| !is_stop(e)) {
+        worlds.iter_mut().for_each(|(world, _)| world.interactions += 1);
+    }
+    let mut observed = observed.map_err(|e| (None, e))?;
     for (trajectory, (world, scene)) in observed.iter_mut().zip(worlds) {
-        world.observe(trajectory, scene, world.interactions);
-        world.interactions += 1;
+        world.observe(trajectory, scene, world.interactions - 1);
     }
     Ok(observed)
+}
+
+/// Whether work was stopped from outside: what had been begun then was done, though nobody saw it.
+fn is_stop(error: &Error) -> bool {
+    matches!(error, Error::Cancelled | Error::Deadline { .. })
 }
 
 /// The standard real world of a family: the paper's latents, with damping 0.8 per second.
@@ -145,7 +156,28 @@ impl HiddenWorld {
 
 impl Reality for HiddenWorld {
     fn measure(&mut self, task: &Task, actions: &[ValidAction]) -> Result<Vec<Attempt>> {
-        let placements: Vec<Placement> = actions.iter().map(|a| task.place(a)).collect();
+        self.measure_within(&Endless, task, actions)
+    }
+
+    fn interactions(&self) -> u64 {
+        self.interactions
+    }
+
+    fn budget(&self) -> Option<u64> {
+        self.config.budget
+    }
+}
+
+impl HiddenWorld {
+    /// [`Reality::measure`] within a budget of time. What is stopped in the middle was begun: it counts.
+    pub fn measure_within(
+        &mut self,
+        budget: &dyn Budget,
+        task: &Task,
+        actions: &[ValidAction],
+    ) -> Result<Vec<Attempt>> {
+        let place = |a| budget.look().map(|()| task.place(a));
+        let placements: Vec<Placement> = actions.iter().map(place).collect::<Result<_>>()?;
         let rollouts: Vec<Rollout> = placements
             .iter()
             .filter_map(|p| match p {
@@ -155,7 +187,13 @@ impl Reality for HiddenWorld {
             .collect();
         let asked = rollouts.len() as u64;
         self.afford(asked)?;
-        let mut observed = simulate(&rollouts, self.config.engine)?;
+        let mut observed = match simulate_within(budget, &rollouts, self.config.engine, |_, t| t) {
+            Ok(observed) => observed,
+            Err(e) => {
+                self.interactions += if is_stop(&e) { asked } else { 0 };
+                return Err(e);
+            }
+        };
         for (i, (trajectory, rollout)) in observed.iter_mut().zip(&rollouts).enumerate() {
             self.observe(trajectory, rollout.scene, self.interactions + i as u64);
         }
@@ -168,13 +206,5 @@ impl Reality for HiddenWorld {
                 Placement::Invalid(reason) => Attempt { placement: Err(reason), trajectory: None },
             })
             .collect())
-    }
-
-    fn interactions(&self) -> u64 {
-        self.interactions
-    }
-
-    fn budget(&self) -> Option<u64> {
-        self.config.budget
     }
 }

@@ -5,6 +5,9 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use super::limits::Limits;
+use super::log::Log;
+
 /// How a server is run.
 #[derive(Clone)]
 pub struct ServeConfig {
@@ -14,14 +17,24 @@ pub struct ServeConfig {
     pub zmq: Option<String>,
     /// Where jobs, worlds and policies are kept; in memory if absent.
     pub data_dir: Option<PathBuf>,
-    /// A world made by a client goes after not being used for so long.
-    pub idle: Duration,
-    /// Most worlds at a time.
-    pub worlds: usize,
-    /// Jobs running at a time.
-    pub workers: usize,
-    /// Most jobs queued.
-    pub queue: usize,
+    /// What it takes, and for how long.
+    pub limits: Limits,
+    /// Tokens beside those of the data directory: a file of them.
+    pub token_file: Option<PathBuf>,
+    /// The same: rows of such a file as JSON.
+    pub tokens: Option<String>,
+    /// Certificates and their key, PEM: HTTP is encrypted.
+    pub tls: Option<(PathBuf, PathBuf)>,
+    /// Whether tokens may cross a network in clear, because something in front encrypts.
+    pub plaintext: bool,
+    /// Whether anybody on the network may do anything.
+    pub open_to_network: bool,
+    /// Names that clients may call the server by besides its addresses.
+    pub allow_host: Vec<String>,
+    /// Origins of pages that may ask.
+    pub allow_origin: Vec<String>,
+    /// Where a line goes for each request and each job that ends.
+    pub log: Log,
     /// What time it is.
     pub clock: Clock,
 }
@@ -36,10 +49,15 @@ impl Default for ServeConfig {
             http: SocketAddr::from(([127, 0, 0, 1], 8080)),
             zmq: None,
             data_dir: None,
-            idle: Duration::from_secs(30 * 60),
-            worlds: 4096,
-            workers: 2,
-            queue: 64,
+            limits: Limits::default(),
+            token_file: None,
+            tokens: None,
+            tls: None,
+            plaintext: false,
+            open_to_network: false,
+            allow_host: Vec::new(),
+            allow_origin: Vec::new(),
+            log: Log::default(),
             clock: Arc::new(move || start.elapsed()),
         }
     }

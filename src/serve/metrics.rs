@@ -12,9 +12,23 @@ use crate::store::JobState;
 #[derive(Default)]
 pub struct Metrics {
     requests: Mutex<Requests>,
+    times: Mutex<BTreeMap<(&'static str, &'static str, &'static str), Histogram>>,
     rollouts: AtomicU64,
     /// Valid attempts in simulated and in real worlds.
     interactions: [AtomicU64; 2],
+}
+
+/// Upper bounds of a histogram's buckets, s: from a light step to a request's usual deadline.
+const BUCKETS: [f64; 14] =
+    [5e-4, 1e-3, 2.5e-3, 5e-3, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 10.0, 30.0];
+
+/// How long things took.
+#[derive(Clone, Default)]
+struct Histogram {
+    /// In each bucket alone; the last is what took longer.
+    counts: [u64; BUCKETS.len() + 1],
+    /// s
+    sum: f64,
 }
 
 /// By method, route and status; ZeroMQ counts as a method, its operations as routes.
@@ -32,6 +46,20 @@ impl Metrics {
         }
     }
 
+    /// An operation was answered after so many seconds.
+    pub fn took(&self, transport: &'static str, operation: &'static str, status: u16, seconds: f64) {
+        let outcome = match status {
+            0..400 => "ok",
+            400..500 => "refused",
+            _ => "failed",
+        };
+        let mut times = self.times.lock().unwrap_or_else(PoisonError::into_inner);
+        let histogram = times.entry((transport, operation, outcome)).or_default();
+        let bucket = BUCKETS.iter().position(|most| seconds <= *most).unwrap_or(BUCKETS.len());
+        histogram.counts[bucket] += 1;
+        histogram.sum += seconds;
+    }
+
     /// `valid` attempts were made in a world of this kind.
     pub fn attempted(&self, kind: Kind, valid: u64) {
         self.rollouts.fetch_add(valid, Ordering::Relaxed);
@@ -41,6 +69,25 @@ impl Metrics {
     /// Rollouts were simulated in a job, in no client's world.
     pub fn simulated(&self, rollouts: u64) {
         self.rollouts.fetch_add(rollouts, Ordering::Relaxed);
+    }
+
+    fn times_text(&self, out: &mut String) {
+        let name = "iplw_request_seconds";
+        head(out, name, "histogram", "Time from a request's head to its answer, by operation and outcome.");
+        let times = self.times.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        for ((transport, operation, outcome), histogram) in &times {
+            let labels = [("transport", *transport), ("operation", *operation), ("outcome", *outcome)];
+            let mut within = 0;
+            let bounds = BUCKETS.iter().map(f64::to_string).chain(["+Inf".into()]);
+            for (bound, count) in bounds.zip(histogram.counts) {
+                within += count;
+                let of = [&labels[..], &[("le", bound.as_str())]].concat();
+                line(out, "iplw_request_seconds_bucket", &of, within);
+            }
+            let of: Vec<String> = labels.iter().map(|(k, v)| format!("{k}=\"{v}\"")).collect();
+            let _ = writeln!(out, "iplw_request_seconds_sum{{{}}} {}", of.join(","), histogram.sum);
+            line(out, "iplw_request_seconds_count", &labels, within);
+        }
     }
 
     /// Everything, in Prometheus' text format.
@@ -70,6 +117,9 @@ impl Metrics {
             let n = requests.iter().filter(|(_, _, status, _)| range.contains(status)).map(|(.., n)| n).sum();
             line(&mut out, "iplw_errors_total", &[("class", class)], n);
         }
+        self.times_text(&mut out);
+        head(&mut out, "iplw_requests_under_way", "gauge", "Requests worked on or waiting to be.");
+        line(&mut out, "iplw_requests_under_way", &[], gauges.under_way);
         head(&mut out, "iplw_worlds", "gauge", "Worlds there are.");
         for (kind, n) in [Kind::Sim, Kind::Real].into_iter().zip(gauges.worlds) {
             line(&mut out, "iplw_worlds", &[("kind", kind.name())], n);
@@ -95,6 +145,8 @@ impl Metrics {
 
 /// What there is at the moment.
 pub struct Gauges {
+    /// Requests worked on or waiting to be.
+    pub under_way: u64,
     /// Simulated and real worlds.
     pub worlds: [u64; 2],
     /// Jobs by state.

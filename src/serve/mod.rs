@@ -8,8 +8,11 @@
 //! | `zmq/` | the same over ZeroMQ: connections, frames, order |
 //! | `wire/` | JSON and msgpack in and out |
 //! | `problem` | errors as RFC 9457 |
-//! | `app` | what operations share; work runs off the async threads |
-//! | `metrics` | counters |
+//! | `shared` `app` | what requests share, and what one of them sees of it; work runs off the async threads |
+//! | `exposure` | who could reach the server, and what is asked for before they can |
+//! | `leave` | how long a request may go on |
+//! | `limits` | what is taken, and for how long |
+//! | `metrics` `log` | what happened: counters and times, a line for each request and job |
 //! | `config` | how a server is run |
 //!
 //! An action on its way: `http/route` (or `zmq/peer`) makes an `Asked` of what was sent; the operation's declaration
@@ -23,11 +26,16 @@
 
 mod app;
 mod config;
+mod exposure;
 mod http;
+mod leave;
+mod limits;
+mod log;
 mod metrics;
 mod operation;
 mod operations;
 mod problem;
+mod shared;
 mod wire;
 mod zmq;
 
@@ -36,21 +44,26 @@ use std::net::SocketAddr;
 use std::sync::{Arc, LazyLock};
 use std::time::Duration;
 
-use axum::serve::ListenerExt;
 use tokio::net::TcpListener;
 
+use crate::access::Who;
 use crate::error::{Error, Result};
 use app::App;
 pub use config::{Clock, ServeConfig};
+pub use limits::Limits;
+pub use log::{Log, LogForm, Sink};
 use operations::OPERATIONS;
+use shared::Shared;
 
 /// A server that listens and does not answer yet.
 pub struct Server {
-    app: Arc<App>,
+    shared: Arc<Shared>,
     listener: TcpListener,
     address: SocketAddr,
     zmq: Option<zmq::Endpoint>,
     idle: Duration,
+    callers: http::Callers,
+    tls: Option<Arc<http::Tls>>,
 }
 
 /// Serves until SIGINT or SIGTERM. Once it listens, `listening on http://HOST:PORT` stands alone on a line of
@@ -60,7 +73,7 @@ pub async fn serve(config: ServeConfig) -> Result<()> {
     let server = Server::bind(config).await?;
     use std::io::Write;
     let mut out = std::io::stdout().lock();
-    let mut told = format!("listening on http://{}\n", server.address());
+    let mut told = format!("listening on {}://{}\n", server.scheme(), server.address());
     if let Some(address) = server.zmq_address() {
         told += &format!("listening on {address}\n");
     }
@@ -74,7 +87,7 @@ pub async fn serve(config: ServeConfig) -> Result<()> {
 pub fn serve_blocking(config: ServeConfig) -> Result<()> {
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .enable_all()
-        .max_blocking_threads(app::THREADS)
+        .max_blocking_threads(shared::THREADS)
         .build()
         .map_err(|e| Error::Failed(format!("no threads to serve with: {e}")))?;
     let done = runtime.block_on(serve(config));
@@ -102,21 +115,33 @@ impl Server {
             Some(address) => Some(zmq::Endpoint::bind(address).await?),
             None => None,
         };
-        let idle = config.idle;
+        config.limits.validate()?;
+        let idle = Limits::span(config.limits.world_idle_seconds);
+        let files = config.tls.as_ref();
+        let tls = files.map(|(cert, key)| http::Tls::read(cert, key)).transpose()?.map(Arc::new);
+        let callers = http::Callers::new(address.ip(), &config.allow_host, &config.allow_origin);
+        let zmq_at = zmq.as_ref().and_then(zmq::Endpoint::ip);
         let made = move || {
-            let app = App::new(&config, operations::recipes, &DOCUMENT)?;
-            operations::asked::catch_up(&app)?;
-            Ok(app)
+            let keyring = exposure::keyring(&config)?;
+            exposure::allowed(&config, &keyring, address.ip(), zmq_at)?;
+            let shared = Arc::new(Shared::new(&config, keyring, operations::recipes, &DOCUMENT)?);
+            operations::asked::catch_up(&App::new(&shared, Who::anybody(), Duration::from_secs(86_400)))?;
+            Ok(shared)
         };
-        let app = tokio::task::spawn_blocking(made)
+        let shared = tokio::task::spawn_blocking(made)
             .await
             .map_err(|e| Error::Failed(format!("the server could not be made: {e}")))??;
-        Ok(Server { app: Arc::new(app), listener, address, zmq, idle })
+        Ok(Server { shared, listener, address, zmq, idle, callers, tls })
     }
 
     /// Where it listens.
     pub fn address(&self) -> SocketAddr {
         self.address
+    }
+
+    /// `http` or `https`.
+    pub fn scheme(&self) -> &'static str {
+        if self.tls.is_some() { "https" } else { "http" }
     }
 
     /// Where it listens for ZeroMQ, if it does.
@@ -127,43 +152,44 @@ impl Server {
     /// Answers until `stop` is ready; then ends what it is doing. Jobs it has not finished are left to the next
     /// server on the same directory.
     pub async fn run(self, stop: impl Future<Output = ()> + Send + 'static) -> Result<()> {
-        let Server { app, listener, address, zmq, idle } = self;
-        let sweeper = tokio::spawn(sweep(app.clone(), idle));
-        let writer = tokio::spawn(write(app.clone()));
-        let (told, stopping) = (app.clone(), app.clone());
-        let service = http::service(app.clone(), &OPERATIONS);
+        let Server { shared, listener, zmq, idle, callers, tls, .. } = self;
+        let sweeper = tokio::spawn(sweep(shared.clone(), idle));
+        let writer = tokio::spawn(write(shared.clone()));
+        let (told, stopping) = (shared.clone(), shared.clone());
+        let service = http::service(shared.clone(), &OPERATIONS, callers);
+        let renewal = tokio::spawn(renew(tls.clone()));
         let graceful = async move {
             stop.await;
             told.stopping.send_replace(true);
             // Off the async threads: waits for jobs to notice.
             tokio::task::spawn_blocking(move || told.jobs.stop(GRACE));
         };
-        let mut ended = app.stopping.subscribe();
+        let mut ended = shared.stopping.subscribe();
         let late = async move {
             let _ = ended.wait_for(|s| *s).await;
             tokio::time::sleep(GRACE).await;
         };
-        // An answer's last bytes do not wait for the client's word on those before.
-        let prompt = listener.tap_io(|stream| drop(stream.set_nodelay(true)));
-        let http = async { axum::serve(prompt, service).with_graceful_shutdown(graceful).await };
+        let http = http::serve(listener, service, shared.clone(), tls);
         let zmq = async {
             if let Some(endpoint) = zmq {
-                endpoint.run(app.clone()).await;
+                endpoint.run(shared.clone()).await;
             }
         };
-        let done = tokio::select! {
-            (done, ()) = async { tokio::join!(http, zmq) } => done.map_err(|e| Error::Io { path: address.to_string(), message: e.to_string() }),
+        tokio::spawn(graceful);
+        tokio::select! {
+            ((), ()) = async { tokio::join!(http, zmq) } => {}
             // Clients that do not hang up are not waited for.
-            () = late => Ok(()),
-        };
+            () = late => {}
+        }
         sweeper.abort();
+        renewal.abort();
         writer.abort();
         let last = move || {
             stopping.jobs.stop(GRACE);
             flush(&stopping);
         };
         let _ = tokio::task::spawn_blocking(last).await;
-        done
+        Ok(())
     }
 }
 
@@ -171,32 +197,56 @@ impl Server {
 const GRACE: Duration = Duration::from_secs(5);
 
 /// Forgets idle worlds from time to time, also when nobody asks.
-async fn sweep(app: Arc<App>, idle: Duration) {
+async fn sweep(shared: Arc<Shared>, idle: Duration) {
     let pause = (idle / 4).clamp(Duration::from_millis(100), Duration::from_secs(10));
     loop {
         tokio::time::sleep(pause).await;
-        let app = app.clone();
-        let swept = tokio::task::spawn_blocking(move || app.worlds.sweep(app.now())).await;
+        let base = shared.base.clone();
+        let swept = tokio::task::spawn_blocking(move || base.worlds.sweep(base.now())).await;
         if let Ok(Err(e)) = swept {
             tracing::error!("idle worlds could not be forgotten: {e}");
         }
     }
 }
 
-/// Writes down from time to time what need not last at once: counters of simulated worlds.
-async fn write(app: Arc<App>) {
+/// Every second writes down what need not last at once (counters of simulated worlds), and looks at the tokens.
+async fn write(shared: Arc<Shared>) {
     loop {
         tokio::time::sleep(Duration::from_secs(1)).await;
-        let app = app.clone();
-        let _ = tokio::task::spawn_blocking(move || flush(&app)).await;
+        let shared = shared.clone();
+        let now_and_then = move || {
+            flush(&shared);
+            if let Err(e) = shared.keyring.refresh() {
+                tracing::error!("tokens cannot be read, those read before stay: {e}");
+            }
+        };
+        let _ = tokio::task::spawn_blocking(now_and_then).await;
     }
 }
 
-fn flush(app: &App) {
-    if let Err(e) = app.store.flush_worlds() {
+fn flush(shared: &Shared) {
+    if let Err(e) = shared.base.store.flush_worlds() {
         tracing::error!("counters of worlds could not be stored: {e}");
     }
 }
+
+/// Reads the certificate again whenever SIGHUP says that it was renewed.
+#[cfg(unix)]
+async fn renew(tls: Option<Arc<http::Tls>>) {
+    use tokio::signal::unix::{SignalKind, signal};
+    let Some(tls) = tls else { return };
+    let Ok(mut renewed) = signal(SignalKind::hangup()) else { return };
+    while renewed.recv().await.is_some() {
+        match tls.reload() {
+            Ok(()) => tracing::info!("the certificate was read again"),
+            Err(e) => tracing::error!("the certificate cannot be read again, the one before stays: {e}"),
+        }
+    }
+}
+
+/// There is no such signal.
+#[cfg(not(unix))]
+async fn renew(_: Option<Arc<http::Tls>>) {}
 
 /// Ready once the process is told to stop.
 #[cfg(unix)]

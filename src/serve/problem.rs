@@ -5,6 +5,7 @@ use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use crate::access::Unknown;
 use crate::error::Error;
 
 /// What went wrong (`application/problem+json`, RFC 9457).
@@ -70,6 +71,12 @@ impl Problem {
         Problem::too_large(format!("body: at most {limit} bytes at a time; send it in parts"))
     }
 
+    /// A body that takes too long to come.
+    pub fn slow(seconds: f64) -> Problem {
+        let detail = format!("body: not there within {seconds} s; send it faster, or in parts");
+        Problem::new(StatusCode::REQUEST_TIMEOUT, "slow", "The body takes too long", detail)
+    }
+
     /// More than is taken at a time.
     pub fn too_large(detail: String) -> Problem {
         Problem::new(StatusCode::PAYLOAD_TOO_LARGE, "too-large", "Too much at a time", detail)
@@ -103,6 +110,57 @@ impl Problem {
     pub fn unwritable(e: impl std::fmt::Display) -> Problem {
         tracing::error!("an answer cannot be written: {e}");
         Problem::defect()
+    }
+
+    /// Nobody is known by what was presented.
+    pub fn unauthorized(why: Unknown) -> Problem {
+        let detail = match why {
+            Unknown::Missing => {
+                "this server asks for a token: `Authorization: Bearer TOKEN`, or as the password of ZeroMQ's PLAIN"
+            }
+            Unknown::Wrong => {
+                "the token is not one of this server's, or no longer; ask whoever runs it for one"
+            }
+            Unknown::Expired => "the token has expired; ask whoever runs the server for another",
+        };
+        Problem::new(StatusCode::UNAUTHORIZED, "unauthorized", "Not known", detail)
+    }
+
+    /// A request for somebody else, as its `Host` says.
+    pub fn misdirected(host: &str) -> Problem {
+        let detail = "this server is not called so; `iplw serve --allow-host NAME` lets it be";
+        let problem =
+            Problem::new(StatusCode::MISDIRECTED_REQUEST, "misdirected", "Not for this server", detail);
+        let allowed = "localhost, an address this server listens at, or a name of --allow-host";
+        Problem {
+            field: Some("Host".into()),
+            value: Some(host.into()),
+            allowed: Some(allowed.into()),
+            ..problem
+        }
+    }
+
+    /// A request that a page sends which may not; `said` where it says so.
+    pub fn foreign_page(said: &str, value: &str) -> Problem {
+        let detail =
+            "a page from elsewhere may not ask this server; `iplw serve --allow-origin ORIGIN` lets it";
+        let problem = Problem::new(StatusCode::FORBIDDEN, "foreign-page", "Not from this page", detail);
+        let allowed = "absent, the server's own, or one of --allow-origin";
+        Problem {
+            field: Some(said.into()),
+            value: Some(value.into()),
+            allowed: Some(allowed.into()),
+            ..problem
+        }
+    }
+
+    /// A page's body of a type that the operation does not declare.
+    pub fn media_type(kind: &str, declared: &[String]) -> Problem {
+        let detail = "a page has to say of what type its body is, as the operation declares it";
+        let title = "Not a type that is taken";
+        let problem = Problem::new(StatusCode::UNSUPPORTED_MEDIA_TYPE, "media-type", title, detail);
+        let (value, allowed) = (Some(format!("{kind:?}")), Some(declared.join(", ")));
+        Problem { field: Some("Content-Type".into()), value, allowed, ..problem }
     }
 
     /// A path that leads nowhere.
@@ -144,7 +202,11 @@ impl From<Error> for Problem {
                 problem(StatusCode::TOO_MANY_REQUESTS, "budget-spent", "The budget is spent")
             }
             Error::Capacity { .. } => problem(StatusCode::TOO_MANY_REQUESTS, "capacity", "No room for more"),
+            Error::Denied { .. } => problem(StatusCode::FORBIDDEN, "forbidden", "Not allowed"),
             Error::Cancelled => problem(StatusCode::CONFLICT, "cancelled", "Cancelled"),
+            Error::Deadline { .. } => {
+                problem(StatusCode::SERVICE_UNAVAILABLE, "deadline", "The deadline has passed")
+            }
             Error::Interrupted { .. } => {
                 problem(StatusCode::SERVICE_UNAVAILABLE, "interrupted", "The server stopped")
             }
@@ -165,6 +227,10 @@ impl IntoResponse for Problem {
         let mut response = (status, [(header::CONTENT_TYPE, kind)], body).into_response();
         if status == StatusCode::TOO_MANY_REQUESTS && self.kind.ends_with("/busy") {
             response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from_static("1"));
+        }
+        if status == StatusCode::UNAUTHORIZED {
+            let how = HeaderValue::from_static("Bearer realm=\"iplw\"");
+            response.headers_mut().insert(header::WWW_AUTHENTICATE, how);
         }
         // For whoever wants it in another form.
         response.extensions_mut().insert(self);

@@ -1,15 +1,17 @@
 //! Attempts: actions in a world's physics, counted.
 
+use std::sync::Mutex;
+
 use super::action::Action;
 use super::config::Kind;
-use super::limits::{MOST_ACTIONS, affordable};
 use super::state::lock;
 use super::world::World;
+use crate::budget::Budget;
 use crate::error::{Error, Result};
-use crate::reality::Reality;
+use crate::reality::{HiddenWorld, Reality};
 use crate::task::{Placement, Task, ValidAction};
 use crate::trajectory::Trajectory;
-use crate::world::{Latents, Rollout, chosen, simulate_map};
+use crate::world::{Latents, Rollout, chosen, simulate_within};
 
 /// A batch of attempts outside any episode.
 #[derive(Clone, Debug, PartialEq)]
@@ -39,21 +41,23 @@ pub struct Rolled {
 /// What became of an action: a trajectory, or why it could not be placed.
 pub type Tried = std::result::Result<Trajectory, String>;
 
+/// What is attempted, and how.
+pub(super) struct Trial<'a> {
+    pub task: &'a Task,
+    pub actions: &'a [ValidAction],
+    pub latents: Latents,
+    /// Whether a rollout ends when the goal is reached.
+    pub stop: bool,
+}
+
 /// Keeps results together with the world's counter after them.
 pub type Keep<'a> = &'a dyn Fn(&[Tried], u64) -> Result<()>;
 
 impl World {
     /// Attempts many actions on a task, leaving the episode as it is.
-    pub fn rollout(&self, batch: &Batch) -> Result<Rolled> {
+    pub fn rollout(&self, batch: &Batch, budget: &dyn Budget) -> Result<Rolled> {
         let (task, latents) = self.task_or_current(batch.task.as_deref())?;
-        if batch.actions.len() > MOST_ACTIONS {
-            return Err(Error::TooLarge {
-                what: "actions",
-                asked: batch.actions.len() as u64,
-                limit: MOST_ACTIONS as u64,
-                advice: "send several batches",
-            });
-        }
+        self.limits.countable("actions", batch.actions.len())?;
         if self.kind == Kind::Real && !batch.stop {
             return Err(Error::input("stop", false, "true: a real world ends with its goal"));
         }
@@ -64,14 +68,19 @@ impl World {
             .map(|(i, a)| a.resolve(task.actions(), &format!("actions[{i}]")))
             .collect::<Result<_>>()?;
         // A real world keeps all samples while it measures.
-        affordable(&task.scene, actions.len() as u64, batch.trajectories || self.kind == Kind::Real)?;
+        self.limits.affordable(
+            &task.scene,
+            actions.len() as u64,
+            batch.trajectories || self.kind == Kind::Real,
+        )?;
         let keep = |mut t: Trajectory| {
             if !batch.trajectories {
                 (t.times, t.bodies, t.events) = Default::default();
             }
             t
         };
-        let (results, interactions) = self.attempt(task, &actions, latents, batch.stop, keep, None)?;
+        let trial = Trial { task, actions: &actions, latents, stop: batch.stop };
+        let (results, interactions) = self.attempt(&trial, keep, None, budget)?;
         Ok(Rolled {
             engine: self.engine_for(task, &actions),
             task: task.id.clone(),
@@ -83,45 +92,31 @@ impl World {
 
     /// Attempts actions in this world's physics and counts the valid ones. `store` is given the results and the
     /// counter before anybody else is, and keeps both or neither; what it cannot keep is not given out.
-    pub fn attempts(&self, task: &Task, actions: &[ValidAction], store: Option<Keep>) -> Result<Vec<Tried>> {
+    pub fn attempts(
+        &self,
+        task: &Task,
+        actions: &[ValidAction],
+        store: Option<Keep>,
+        budget: &dyn Budget,
+    ) -> Result<Vec<Tried>> {
         let latents = lock(&self.state).latents;
-        Ok(self.attempt(task, actions, latents, true, |t| t, store)?.0)
+        Ok(self.attempt(&Trial { task, actions, latents, stop: true }, |t| t, store, budget)?.0)
     }
 
     /// Results in the order of the actions, and the count of valid attempts after them.
     pub(super) fn attempt(
         &self,
-        task: &Task,
-        actions: &[ValidAction],
-        latents: Latents,
-        stop: bool,
+        trial: &Trial,
         keep: impl Fn(Trajectory) -> Trajectory + Sync,
         store: Option<Keep>,
+        budget: &dyn Budget,
     ) -> Result<(Vec<Tried>, u64)> {
+        let Trial { task, actions, latents, stop } = *trial;
         if let Some(hidden) = &self.hidden {
-            let mut hidden = lock(hidden);
-            let attempts = hidden.measure(task, actions)?;
-            let interactions = hidden.interactions();
-            lock(&self.state).interactions = interactions;
-            let results = attempts.into_iter().map(|a| match (a.placement, a.trajectory) {
-                (Err(reason), _) => Err(reason),
-                (Ok(_), Some(trajectory)) => Ok(keep(trajectory)),
-                (Ok(_), None) => Err("nothing was observed".into()),
-            });
-            let results: Vec<Tried> = results.collect();
-            match store {
-                // The world stays locked, so that what is counted is what is kept.
-                Some(store) => store(&results, interactions)?,
-                None => {
-                    drop(hidden);
-                    if let Some(account) = &self.account {
-                        account.store.count_world(&account.id, interactions)?;
-                    }
-                }
-            }
-            return Ok((results, interactions));
+            return self.measured(hidden, trial, keep, store, budget);
         }
-        let placements: Vec<Placement> = actions.iter().map(|a| task.place(a)).collect();
+        let place = |a| budget.look().map(|()| task.place(a));
+        let placements: Vec<Placement> = actions.iter().map(place).collect::<Result<_>>()?;
         let rollouts: Vec<Rollout> = placements
             .iter()
             .filter_map(|p| match p {
@@ -130,7 +125,7 @@ impl World {
             })
             .collect();
         let valid = rollouts.len() as u64;
-        let mut simulated = simulate_map(&rollouts, self.engine, |_, t| keep(t))?.into_iter();
+        let mut simulated = simulate_within(budget, &rollouts, self.engine, |_, t| keep(t))?.into_iter();
         let results: Vec<Tried> = placements
             .iter()
             .map(|p| match p {
@@ -148,6 +143,50 @@ impl World {
         }
         if let Some(store) = store {
             store(&results, interactions)?;
+        }
+        Ok((results, interactions))
+    }
+
+    /// [`World::attempt`] in a real world.
+    fn measured(
+        &self,
+        hidden: &Mutex<HiddenWorld>,
+        trial: &Trial,
+        keep: impl Fn(Trajectory) -> Trajectory + Sync,
+        store: Option<Keep>,
+        budget: &dyn Budget,
+    ) -> Result<(Vec<Tried>, u64)> {
+        let mut hidden = lock(hidden);
+        let before = hidden.interactions();
+        let measured = hidden.measure_within(budget, trial.task, trial.actions);
+        let interactions = hidden.interactions();
+        lock(&self.state).interactions = interactions;
+        let attempts = match measured {
+            Ok(attempts) => attempts,
+            Err(e) => {
+                drop(hidden);
+                // Stopped in the middle: nobody sees what came of it, and it counts.
+                if let Some(account) = self.account.as_ref().filter(|_| interactions > before) {
+                    account.store.count_world(&account.id, interactions)?;
+                }
+                return Err(e);
+            }
+        };
+        let results = attempts.into_iter().map(|a| match (a.placement, a.trajectory) {
+            (Err(reason), _) => Err(reason),
+            (Ok(_), Some(trajectory)) => Ok(keep(trajectory)),
+            (Ok(_), None) => Err("nothing was observed".into()),
+        });
+        let results: Vec<Tried> = results.collect();
+        match store {
+            // The world stays locked, so that what is counted is what is kept.
+            Some(store) => store(&results, interactions)?,
+            None => {
+                drop(hidden);
+                if let Some(account) = &self.account {
+                    account.store.count_world(&account.id, interactions)?;
+                }
+            }
         }
         Ok((results, interactions))
     }

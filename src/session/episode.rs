@@ -5,10 +5,12 @@ use std::sync::Arc;
 use rand::RngExt;
 
 use super::action::Action;
+use super::attempt::Trial;
 use super::catalogue::Posed;
 use super::observation::Layout;
 use super::state::{Phase, lock, refused};
 use super::world::World;
+use crate::budget::Budget;
 use crate::error::{Error, Result};
 use crate::rng;
 use crate::task::Split;
@@ -129,12 +131,13 @@ impl World {
     }
 
     /// Carries out one action; see the table of phases.
-    pub fn step(&self, action: &Action) -> Result<Step> {
+    pub fn step(&self, action: &Action, budget: &dyn Budget) -> Result<Step> {
         let _turn = lock(&self.turn);
         let (posed, latents) = self.ready()?;
         let task = posed.task;
         let action = action.resolve(task.actions(), "action")?;
-        let (mut results, interactions) = self.attempt(task, &[action], latents, true, |t| t, None)?;
+        let trial = Trial { task, actions: &[action], latents, stop: true };
+        let (mut results, interactions) = self.attempt(&trial, |t| t, None, budget)?;
         let result = results.pop().ok_or_else(|| Error::Failed("an attempt without a result".into()))?;
         Ok(self.stepped(posed, result.map(|t| Seen::of(posed.layout, &t)), interactions))
     }

@@ -1,7 +1,9 @@
 //! What a world looks like: its scene, and one action's way through it.
 
 use super::action::{Action, unplaceable};
+use super::attempt::Trial;
 use super::world::World;
+use crate::budget::Budget;
 use crate::error::{Error, Result};
 use crate::task::{Placement, Scene};
 use crate::trajectory::Trajectory;
@@ -23,11 +25,17 @@ impl World {
     }
 
     /// The placed scene and the trajectory of one action, for a film; an attempt like any other.
-    pub fn film(&self, task: Option<&str>, action: &Action) -> Result<(Scene, Trajectory)> {
+    pub fn film(
+        &self,
+        task: Option<&str>,
+        action: &Action,
+        budget: &dyn Budget,
+    ) -> Result<(Scene, Trajectory)> {
         let (task, latents) = self.task_or_current(task)?;
         let scene = self.scene(Some(&task.id), Some(action))?;
         let resolved = action.resolve(task.actions(), "action")?;
-        let (mut results, _) = self.attempt(task, &[resolved], latents, true, |t| t, None)?;
+        let trial = Trial { task, actions: &[resolved], latents, stop: true };
+        let (mut results, _) = self.attempt(&trial, |t| t, None, budget)?;
         match results.pop() {
             Some(Ok(trajectory)) => Ok((scene, trajectory)),
             Some(Err(reason)) => Err(unplaceable(action, &reason)),

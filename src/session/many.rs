@@ -10,10 +10,11 @@ use rayon::prelude::*;
 use super::action::Action;
 use super::catalogue::Posed;
 use super::episode::{Drawn, Reset, Seen, Start, Step};
-use super::limits::{MOST_ACTIONS, bearable};
+use super::limits::RequestLimits;
 use super::observation::{self, Layout};
 use super::state::{Phase, lock};
 use super::world::World;
+use crate::budget::Budget;
 use crate::error::{Error, Result};
 use crate::reality::{HiddenWorld, measure_each};
 use crate::task::{Placement, Scene, Split, ValidAction};
@@ -47,6 +48,7 @@ pub fn step_many(
     actions: &[Action],
     autoreset: Autoreset,
     split: Option<Split>,
+    budget: &dyn Budget,
 ) -> Result<Vec<Turned>> {
     if actions.len() != worlds.len() {
         let allowed = format!("{}, one for each world", worlds.len());
@@ -59,15 +61,16 @@ pub fn step_many(
     for (i, (world, action)) in worlds.iter().zip(actions).enumerate() {
         plans.push(plan(world, action, autoreset, split, i)?);
     }
-    bearable(plans.iter().map(Plan::work).fold(0, u64::saturating_add))?;
+    limits(worlds).bearable(plans.iter().map(Plan::work).fold(0, u64::saturating_add))?;
     let few = plans.len() <= 8;
+    let place = |plan: &Plan| budget.look().map(|()| plan.place());
     let placed: Vec<Option<Placement>> = if few {
-        plans.iter().map(Plan::place).collect()
+        plans.iter().map(place).collect::<Result<_>>()?
     } else {
-        plans.par_iter().map(Plan::place).collect()
+        plans.par_iter().map(place).collect::<Result<_>>()?
     };
     // From here on only the engine or the disk can fail.
-    let mut brought = attempt(worlds, &plans, &placed)?.into_iter();
+    let mut brought = attempt(worlds, &plans, &placed, budget)?.into_iter();
     let mut turned = Vec::with_capacity(worlds.len());
     for ((world, plan), placement) in worlds.iter().zip(plans).zip(placed) {
         turned.push(match (plan, placement) {
@@ -166,7 +169,12 @@ fn again(world: &World, split: Option<Split>) -> Reset {
 
 /// Simulates what could be placed, counts it and sees to it that the count of real worlds lasts. One result for each
 /// valid placement, with the world's counter after it.
-fn attempt(worlds: &[Arc<World>], plans: &[Plan], placed: &[Option<Placement>]) -> Result<Vec<(Seen, u64)>> {
+fn attempt(
+    worlds: &[Arc<World>],
+    plans: &[Plan],
+    placed: &[Option<Placement>],
+    budget: &dyn Budget,
+) -> Result<Vec<(Seen, u64)>> {
     let (mut simulated, mut measured): (Vec<Valid>, Vec<Valid>) = (Vec::new(), Vec::new());
     let mut slots = 0;
     for (i, (plan, placement)) in plans.iter().zip(placed).enumerate() {
@@ -185,9 +193,9 @@ fn attempt(worlds: &[Arc<World>], plans: &[Plan], placed: &[Option<Placement>]) 
             (world.engine, rollout)
         })
         .collect();
-    let seen = simulate_mixed(&rollouts, |k, trajectory| Seen::of(simulated[k].layout, &trajectory))?;
+    let seen = simulate_mixed(budget, &rollouts, |k, trajectory| Seen::of(simulated[k].layout, &trajectory))?;
     // A spent budget refuses here, when nothing has been counted yet.
-    measure(worlds, &measured, &mut brought)?;
+    measure(worlds, &measured, &mut brought, budget)?;
     for (v, seen) in simulated.iter().zip(seen) {
         let world = &worlds[v.i];
         let interactions = {
@@ -215,7 +223,12 @@ struct Valid<'a> {
 }
 
 /// The part of [`attempt`] that is carried out in real worlds.
-fn measure(worlds: &[Arc<World>], valid: &[Valid], brought: &mut [Option<(Seen, u64)>]) -> Result<()> {
+fn measure(
+    worlds: &[Arc<World>],
+    valid: &[Valid],
+    brought: &mut [Option<(Seen, u64)>],
+    budget: &dyn Budget,
+) -> Result<()> {
     let mut order: Vec<usize> = (0..valid.len()).collect();
     order.sort_by_key(|k| Arc::as_ptr(&worlds[valid[*k].i]) as usize);
     let mut guards: Vec<(usize, MutexGuard<HiddenWorld>)> = order
@@ -224,26 +237,30 @@ fn measure(worlds: &[Arc<World>], valid: &[Valid], brought: &mut [Option<(Seen, 
         .collect();
     let mut batch: Vec<(&mut HiddenWorld, &Scene)> =
         guards.iter_mut().map(|(k, hidden)| (&mut **hidden, valid[*k].scene)).collect();
-    let observed = measure_each(&mut batch);
-    let observed = observed.map_err(|(at, e)| match at {
-        Some(at) => e.of_entry(&format!("worlds[{}]", valid[guards[at].0].i)),
-        None => e,
-    })?;
+    let observed = measure_each(budget, &mut batch);
+    // Also what was stopped in the middle counts.
     let mut to_write = None;
-    for ((k, hidden), trajectory) in guards.iter().zip(&observed) {
+    for (k, hidden) in &guards {
         use crate::reality::Reality;
-        let (v, interactions) = (&valid[*k], hidden.interactions());
-        let world = &worlds[v.i];
-        lock(&world.state).interactions = interactions;
-        if let Some(account) = &world.account {
+        let (world, interactions) = (&worlds[valid[*k].i], hidden.interactions());
+        let before = std::mem::replace(&mut lock(&world.state).interactions, interactions);
+        if let Some(account) = world.account.as_ref().filter(|_| interactions > before) {
             account.store.note_world(&account.id, interactions, None);
             to_write = Some(&account.store);
         }
-        brought[v.slot] = Some((Seen::of(v.layout, trajectory), interactions));
+    }
+    let observed = observed.map_err(|(at, e)| match at {
+        Some(at) => e.of_entry(&format!("worlds[{}]", valid[guards[at].0].i)),
+        None => e,
+    });
+    for ((k, _), trajectory) in guards.iter().zip(observed.iter().flatten()) {
+        let v = &valid[*k];
+        brought[v.slot] = Some((Seen::of(v.layout, trajectory), worlds[v.i].interactions()));
     }
     drop(guards);
     // Written together, before a result is given out.
-    to_write.map_or(Ok(()), |store| store.flush_worlds())
+    to_write.map_or(Ok(()), |store| store.flush_worlds())?;
+    observed.map(drop)
 }
 
 /// Every world's turn, taken in one order everywhere so that batches that share worlds do not wait in a circle.
@@ -253,12 +270,14 @@ fn turns(worlds: &[Arc<World>]) -> Vec<MutexGuard<'_, ()>> {
     order.into_iter().map(|w| lock(&w.turn)).collect()
 }
 
+/// What one request may cost; all worlds of a server are held to the same.
+fn limits(worlds: &[Arc<World>]) -> RequestLimits {
+    worlds.first().map_or(RequestLimits::STANDARD, |w| w.limits)
+}
+
 /// Errors unless the worlds are different ones, and not too many.
 fn different(worlds: &[Arc<World>]) -> Result<()> {
-    if worlds.len() > MOST_ACTIONS {
-        let (asked, limit) = (worlds.len() as u64, MOST_ACTIONS as u64);
-        return Err(Error::TooLarge { what: "worlds", asked, limit, advice: "send several batches" });
-    }
+    limits(worlds).countable("worlds", worlds.len())?;
     let mut order: Vec<(usize, usize)> =
         worlds.iter().enumerate().map(|(i, w)| (Arc::as_ptr(w) as usize, i)).collect();
     order.sort_unstable();

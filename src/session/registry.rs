@@ -10,6 +10,7 @@ use std::time::Duration;
 
 use super::catalogue::Catalogue;
 use super::config::{Kind, WorldConfig};
+use super::limits::RequestLimits;
 use super::saved::SavedWorld;
 use super::state::lock;
 use super::world::World;
@@ -27,6 +28,8 @@ pub struct RegistryConfig {
     pub limit: usize,
     /// A world made by a client goes after not being used for so long.
     pub idle: Duration,
+    /// What one request may cost in any of them.
+    pub request: RequestLimits,
 }
 
 /// All worlds of a server.
@@ -44,6 +47,8 @@ pub struct Listed {
 
 struct Entry {
     world: Arc<World>,
+    /// Name of the token it was made with.
+    owner: Option<String>,
     /// There from the start; never idles out.
     resident: bool,
     /// When it was last used.
@@ -54,10 +59,11 @@ impl Registry {
     /// A registry of the store's worlds, and of a simulated and a real world of every family: `bowling-sim`,
     /// `bowling-real`, ...
     pub fn new(config: RegistryConfig, catalogue: &Catalogue, store: Arc<Store>) -> Result<Registry> {
+        let limits = config.request;
         let registry = Registry { config, store, worlds: Mutex::default() };
         for row in registry.store.worlds()? {
-            match again(&row, catalogue) {
-                Ok(world) => drop(registry.insert(&row.id, world, Duration::ZERO)),
+            match again(&row, catalogue, config.request) {
+                Ok(world) => drop(registry.insert(&row.id, world, row.owner.as_deref(), Duration::ZERO)),
                 // Kept for a version that can make it.
                 Err(e) => tracing::warn!("the stored world {} cannot be made again: {e}", row.id),
             }
@@ -80,8 +86,8 @@ impl Registry {
                     seed: 0,
                 };
                 registry.store.remove_worlds(std::slice::from_ref(&id))?;
-                registry.store.add_world(&id, &text(&SavedWorld::of(&config))?, None)?;
-                registry.insert(&id, World::new(config)?, Duration::ZERO);
+                registry.store.add_world(&id, &text(&SavedWorld::of(&config))?, None, None)?;
+                registry.insert(&id, World::within(limits, config)?, None, Duration::ZERO);
             }
         }
         Ok(registry)
@@ -93,17 +99,18 @@ impl Registry {
         &self,
         id: &str,
         config: WorldConfig,
+        owner: Option<&str>,
         now: Duration,
         answered: &dyn Fn(&World) -> Option<Answered>,
     ) -> Result<Arc<World>> {
         self.sweep(now)?;
         let saved = text(&SavedWorld::of(&config))?;
-        let world = World::new(config)?;
+        let world = World::within(self.config.request, config)?;
         if lock(&self.worlds).len() >= self.config.limit {
             return Err(self.full());
         }
-        self.store.add_world(id, &saved, answered(&world).as_ref())?;
-        Ok(self.insert(id, world, now))
+        self.store.add_world(id, &saved, owner, answered(&world).as_ref())?;
+        Ok(self.insert(id, world, owner, now))
     }
 
     /// Makes and takes in many worlds alike, with the seeds given, all or none of them; as [`Registry::make`].
@@ -112,6 +119,7 @@ impl Registry {
         ids: &[String],
         config: &WorldConfig,
         seeds: &[u64],
+        owner: Option<&str>,
         now: Duration,
         answered: &dyn Fn(&[Listed]) -> Option<Answered>,
     ) -> Result<Vec<Listed>> {
@@ -123,34 +131,51 @@ impl Registry {
         for (id, seed) in ids.iter().zip(seeds) {
             let config = WorldConfig { seed: *seed, ..config.clone() };
             rows.push((id.as_str(), text(&SavedWorld::of(&config))?));
-            let world = Arc::new(World::new(config)?.kept_in(self.store.clone(), id));
+            let world = Arc::new(World::within(self.config.request, config)?.kept_in(self.store.clone(), id));
             made.push(Listed { id: id.clone(), world });
         }
-        self.store.add_worlds(&rows, answered(&made).as_ref())?;
+        self.store.add_worlds(&rows, owner, answered(&made).as_ref())?;
         let mut worlds = lock(&self.worlds);
         for l in &made {
-            worlds.insert(l.id.clone(), Entry { world: l.world.clone(), resident: false, used: now });
+            let owner = owner.map(String::from);
+            worlds.insert(l.id.clone(), Entry { world: l.world.clone(), owner, resident: false, used: now });
         }
         Ok(made)
     }
 
-    /// The world called `id`; counts as use.
+    /// The world called `id`, whosever it is; counts as use.
     pub fn get(&self, id: &str, now: Duration) -> Result<Arc<World>> {
-        self.used(&mut lock(&self.worlds), id, now)
+        self.of(id, None, now)
+    }
+
+    /// The same; one that is neither `owner`'s, if one is given, nor everybody's is as good as none.
+    pub fn of(&self, id: &str, owner: Option<&str>, now: Duration) -> Result<Arc<World>> {
+        self.used(&mut lock(&self.worlds), id, owner, now)
+    }
+
+    /// Whether the world called `id` is there from the start, for everybody.
+    pub fn is_resident(&self, id: &str) -> bool {
+        lock(&self.worlds).get(id).is_some_and(|entry| entry.resident)
     }
 
     /// The worlds with these ids, different ones; counts as use. Errors name `worlds[i]`.
-    pub fn get_many(&self, ids: &[String], now: Duration) -> Result<Vec<Arc<World>>> {
+    pub fn get_many(&self, ids: &[String], owner: Option<&str>, now: Duration) -> Result<Vec<Arc<World>>> {
         once_each(ids)?;
         let mut worlds = lock(&self.worlds);
         let one = |(i, id): (usize, &String)| {
-            self.used(&mut worlds, id, now).map_err(|e| e.of_entry(&format!("worlds[{i}]")))
+            self.used(&mut worlds, id, owner, now).map_err(|e| e.of_entry(&format!("worlds[{i}]")))
         };
         ids.iter().enumerate().map(one).collect()
     }
 
-    fn used(&self, worlds: &mut BTreeMap<String, Entry>, id: &str, now: Duration) -> Result<Arc<World>> {
-        let entry = worlds.get_mut(id).ok_or_else(|| unknown(id))?;
+    fn used(
+        &self,
+        worlds: &mut BTreeMap<String, Entry>,
+        id: &str,
+        owner: Option<&str>,
+        now: Duration,
+    ) -> Result<Arc<World>> {
+        let entry = worlds.get_mut(id).filter(|e| e.seen_by(owner)).ok_or_else(|| unknown(id))?;
         if self.idled_out(entry, now) {
             // Gone for everybody; the next sweep clears it away.
             return Err(unknown(id));
@@ -159,18 +184,18 @@ impl Registry {
         Ok(entry.world.clone())
     }
 
-    /// At most `limit` worlds in order of id, those after `after`.
-    pub fn list(&self, after: &str, limit: usize, now: Duration) -> Result<Vec<Listed>> {
+    /// At most `limit` worlds in order of id, those after `after`; one owner's and those that everybody shares, or all.
+    pub fn list(&self, after: &str, limit: usize, owner: Option<&str>, now: Duration) -> Result<Vec<Listed>> {
         self.sweep(now)?;
         let worlds = lock(&self.worlds);
         let from = (Bound::Excluded(after.to_string()), Bound::Unbounded);
         let listed = |(id, e): (&String, &Entry)| Listed { id: id.clone(), world: e.world.clone() };
-        Ok(worlds.range(from).take(limit).map(listed).collect())
+        Ok(worlds.range(from).filter(|(_, e)| e.seen_by(owner)).take(limit).map(listed).collect())
     }
 
     /// Forgets a world; work under way on it ends as it would have.
-    pub fn remove(&self, id: &str) -> Result<()> {
-        if !lock(&self.worlds).contains_key(id) {
+    pub fn remove(&self, id: &str, owner: Option<&str>) -> Result<()> {
+        if !lock(&self.worlds).get(id).is_some_and(|e| e.seen_by(owner)) {
             return Err(unknown(id));
         }
         self.store.remove_worlds(&[id.to_string()])?;
@@ -178,11 +203,11 @@ impl Registry {
     }
 
     /// Forgets worlds, all of them or none.
-    pub fn remove_many(&self, ids: &[String]) -> Result<()> {
+    pub fn remove_many(&self, ids: &[String], owner: Option<&str>) -> Result<()> {
         once_each(ids)?;
         {
             let worlds = lock(&self.worlds);
-            if let Some(i) = ids.iter().position(|id| !worlds.contains_key(id)) {
+            if let Some(i) = ids.iter().position(|id| !worlds.get(id).is_some_and(|e| e.seen_by(owner))) {
                 return Err(unknown(&ids[i]).of_entry(&format!("worlds[{i}]")));
             }
         }
@@ -222,12 +247,20 @@ impl Registry {
         Error::Capacity { what: "worlds", limit: self.config.limit, advice }
     }
 
-    fn insert(&self, id: &str, world: World, now: Duration) -> Arc<World> {
+    fn insert(&self, id: &str, world: World, owner: Option<&str>, now: Duration) -> Arc<World> {
         let world = Arc::new(world.kept_in(self.store.clone(), id));
         let resident =
             FAMILIES.iter().any(|f| [Kind::Sim, Kind::Real].iter().any(|k| resident(f.name, *k) == id));
-        lock(&self.worlds).insert(id.into(), Entry { world: world.clone(), resident, used: now });
+        let owner = owner.map(String::from);
+        lock(&self.worlds).insert(id.into(), Entry { world: world.clone(), owner, resident, used: now });
         world
+    }
+}
+
+impl Entry {
+    /// Whether `owner` sees it; `None` sees everything.
+    fn seen_by(&self, owner: Option<&str>) -> bool {
+        owner.is_none_or(|owner| self.resident || self.owner.as_deref() == Some(owner))
     }
 }
 
@@ -237,10 +270,10 @@ fn resident(family: &str, kind: Kind) -> String {
 }
 
 /// A stored world, made again.
-fn again(row: &WorldRow, catalogue: &Catalogue) -> Result<World> {
+fn again(row: &WorldRow, catalogue: &Catalogue, limits: RequestLimits) -> Result<World> {
     let saved: SavedWorld = json::parse(&row.config)?;
     let latents = row.latents.as_deref().map(json::parse).transpose()?;
-    Ok(World::new(saved.config(catalogue)?)?.with_past(row.interactions, latents))
+    Ok(World::within(limits, saved.config(catalogue)?)?.with_past(row.interactions, latents))
 }
 
 fn text(saved: &SavedWorld) -> Result<String> {

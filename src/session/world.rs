@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex, TryLockError};
 
 use super::catalogue::TaskSet;
 use super::config::{Kind, WorldConfig};
-use super::limits::{LIGHT, affordable};
+use super::limits::{LIGHT, RequestLimits};
 use super::observation;
 use super::state::{Phase, State, lock, refused};
 use crate::error::{Error, Result, within};
@@ -30,6 +30,8 @@ pub struct World {
     /// Body-time-steps of the longest rollout.
     pub(super) longest: u64,
     pub(super) hidden: Option<Mutex<HiddenWorld>>,
+    /// What one request may cost.
+    pub(super) limits: RequestLimits,
     /// Where the counter is kept, if anywhere.
     pub(super) account: Option<Account>,
     /// Held through a whole reset or step, so that one action ends one episode.
@@ -72,9 +74,14 @@ pub struct Description {
 impl World {
     /// Makes a world; errors name what in `config` is out of range.
     pub fn new(config: WorldConfig) -> Result<World> {
+        World::within(RequestLimits::STANDARD, config)
+    }
+
+    /// [`World::new`], held to what one request may cost.
+    pub fn within(limits: RequestLimits, config: WorldConfig) -> Result<World> {
         let sealed = config.sealed.unwrap_or(config.kind == Kind::Real);
         for task in config.tasks.tasks.iter() {
-            affordable(&task.scene, 1, true)?;
+            limits.affordable(&task.scene, 1, true)?;
         }
         config.latents.validate()?;
         runs(&config)?;
@@ -124,6 +131,7 @@ impl World {
             budget: config.budget,
             effects,
             hidden,
+            limits,
             account: None,
             turn: Mutex::new(()),
             state: Mutex::new(State {

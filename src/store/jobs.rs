@@ -33,6 +33,8 @@ pub struct JobRow {
     pub total: u64,
     /// Id of its last event.
     pub events: u64,
+    /// Name of the token it was queued with.
+    pub owner: Option<String>,
 }
 
 /// Where a job stands.
@@ -55,14 +57,15 @@ impl Store {
         config: &Value,
         plan: &Value,
         seed: u64,
+        owner: Option<&str>,
         answered: &dyn Fn(&JobRow) -> Option<Answered>,
     ) -> Result<JobRow> {
         let version = env!("CARGO_PKG_VERSION");
         self.atomically(|t| {
             t.execute(
-                "INSERT INTO job (kind, state, config, plan, seed, version, events) \
-                 VALUES (?1, 'queued', ?2, ?3, ?4, ?5, 1)",
-                params![kind, config.to_string(), plan.to_string(), seed.to_string(), version],
+                "INSERT INTO job (kind, state, config, plan, seed, version, events, owner) \
+                 VALUES (?1, 'queued', ?2, ?3, ?4, ?5, 1, ?6)",
+                params![kind, config.to_string(), plan.to_string(), seed.to_string(), version, owner],
             )?;
             let row = JobRow {
                 number: t.last_insert_rowid(),
@@ -79,6 +82,7 @@ impl Store {
                 done: 0,
                 total: 0,
                 events: 1,
+                owner: owner.map(String::from),
             };
             keep(t, answered(&row).as_ref())?;
             Ok(row)
@@ -138,9 +142,10 @@ impl Store {
             .map_err(sql)
     }
 
-    /// At most `limit` jobs in order of number, those after number `after`.
-    pub fn jobs(&self, after: i64, limit: usize) -> Result<Vec<JobRow>> {
-        self.select("WHERE number > ?1 ORDER BY number LIMIT ?2", params![after, limit as i64])
+    /// At most `limit` jobs in order of number, those after number `after`; one owner's, or everybody's.
+    pub fn jobs(&self, after: i64, limit: usize, owner: Option<&str>) -> Result<Vec<JobRow>> {
+        let which = "WHERE number > ?1 AND (?3 IS NULL OR owner = ?3) ORDER BY number LIMIT ?2";
+        self.select(which, params![after, limit as i64, owner])
     }
 
     /// Every job that has not ended, in order of number.
@@ -174,8 +179,7 @@ impl Store {
     }
 }
 
-const COLUMNS: &str =
-    "number, kind, state, config, result, error, seed, version, stage, done, total, events, plan, starts";
+const COLUMNS: &str = "number, kind, state, config, result, error, seed, version, stage, done, total, events, plan, starts, owner";
 
 fn row(row: &Row) -> rusqlite::Result<JobRow> {
     let text = |i: usize| row.get::<_, String>(i);
@@ -196,6 +200,7 @@ fn row(row: &Row) -> rusqlite::Result<JobRow> {
         events: count(11)?,
         plan: optional(12)?.unwrap_or_default(),
         starts: row.get(13)?,
+        owner: row.get(14)?,
     })
 }
 
@@ -238,7 +243,7 @@ mod tests {
     use serde_json::json;
 
     fn add(store: &Store, kind: &str, seed: u64) -> JobRow {
-        store.add_job(kind, &json!({"a": 1}), &json!({"b": 2}), seed, &|_| None).unwrap()
+        store.add_job(kind, &json!({"a": 1}), &json!({"b": 2}), seed, None, &|_| None).unwrap()
     }
 
     #[test]
@@ -262,8 +267,8 @@ mod tests {
         assert_eq!(store.unfinished().unwrap(), std::slice::from_ref(&open));
         let counts = store.jobs_by_state().unwrap();
         assert_eq!(counts, BTreeMap::from([("succeeded".into(), 1), ("waiting".into(), 1)]));
-        assert_eq!(store.jobs(0, 1).unwrap(), [done]);
-        assert_eq!(store.jobs(1, 9).unwrap(), [open]);
+        assert_eq!(store.jobs(0, 1, None).unwrap(), [done]);
+        assert_eq!(store.jobs(1, 9, None).unwrap(), [open]);
     }
 
     #[test]

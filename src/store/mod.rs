@@ -34,7 +34,7 @@ pub use policies::PolicyRow;
 pub use requests::Answered;
 pub use rounds::{Measured, RoundRow};
 pub use surfaces::SurfaceRow;
-pub use whole::write_whole;
+pub use whole::{write_private, write_whole};
 pub use worlds::WorldRow;
 
 /// An open store.
@@ -50,7 +50,7 @@ pub struct Store {
 }
 
 /// What makes the tables, step by step; a file that has had the first n is of version n.
-const STEPS: [&str; 3] = [
+const STEPS: [&str; 4] = [
     "
     CREATE TABLE job (
         number INTEGER PRIMARY KEY AUTOINCREMENT,
@@ -127,6 +127,11 @@ const STEPS: [&str; 3] = [
         version TEXT NOT NULL,
         UNIQUE (task, config)
     ) STRICT;
+",
+    "
+    ALTER TABLE job ADD COLUMN owner TEXT;
+    ALTER TABLE policy ADD COLUMN owner TEXT;
+    ALTER TABLE world ADD COLUMN owner TEXT;
 ",
 ];
 

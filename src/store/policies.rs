@@ -4,7 +4,7 @@ use rusqlite::{OptionalExtension, Row, params};
 use serde_json::Value;
 
 use super::{Store, json, sql};
-use crate::error::Result;
+use crate::error::{Error, Result};
 
 /// One policy as stored.
 #[derive(Clone, Debug, PartialEq)]
@@ -25,24 +25,34 @@ pub struct PolicyRow {
     pub version: String,
     /// Size of its weights.
     pub bytes: u64,
+    /// Name of the token it was stored with.
+    pub owner: Option<String>,
 }
 
 impl Store {
-    /// Stores a policy and its weights under `policy.id`, or replaces those there; whether it is new.
-    pub fn put_policy(&self, policy: &PolicyRow, weights: &[u8]) -> Result<bool> {
+    /// Stores a policy and its weights under `policy.id`, or replaces those there, which stay their owner's; whether it
+    /// is new. Refuses to replace what is not the owner's `of`, if one is given.
+    pub fn put_policy(&self, policy: &PolicyRow, weights: &[u8], of: Option<&str>) -> Result<bool> {
         // A fresh name each time: until the row changes, the old weights stay whole and readable.
         let c = self.connection();
         let next: i64 =
             c.query_row("SELECT coalesce(max(number), 0) + 1 FROM policy", [], |r| r.get(0)).map_err(sql)?;
         let old = c
-            .query_row("SELECT blob FROM policy WHERE id = ?1", [&policy.id], |r| r.get::<_, String>(0))
+            .query_row("SELECT blob, owner FROM policy WHERE id = ?1", [&policy.id], |r| {
+                Ok((r.get::<_, String>(0)?, r.get::<_, Option<String>>(1)?))
+            })
             .optional()
             .map_err(sql)?;
+        let owner = old.as_ref().map_or(policy.owner.as_deref(), |(_, owner)| owner.as_deref());
+        if old.is_some() && of.is_some_and(|of| owner != Some(of)) {
+            let reason = format!("a policy named {} is somebody else's; take another name", policy.id);
+            return Err(Error::Refused { reason });
+        }
         let blob = format!("{}.{next}.safetensors", policy.id);
         self.blobs.write(&blob, weights)?;
         c.execute(
-            "INSERT OR REPLACE INTO policy (number, id, task, training, about, config, job, version, blob, bytes) \
-             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10)",
+            "INSERT OR REPLACE INTO policy (number, id, task, training, about, config, job, version, blob, bytes, \
+             owner) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11)",
             params![
                 next,
                 policy.id,
@@ -54,11 +64,12 @@ impl Store {
                 env!("CARGO_PKG_VERSION"),
                 blob,
                 weights.len() as i64,
+                owner,
             ],
         )
         .map_err(sql)?;
         let new = old.is_none();
-        if let Some(old) = old {
+        if let Some((old, _)) = old {
             self.blobs.retain(|name| name != old)?;
         }
         Ok(new)
@@ -83,15 +94,16 @@ impl Store {
         blob.map(|name| self.blobs.read(&name)).transpose()
     }
 
-    /// At most `limit` policies with their numbers, in order of number, those after number `after`. A policy
-    /// whose weights are replaced gets a new number.
-    pub fn policies(&self, after: i64, limit: usize) -> Result<Vec<(i64, PolicyRow)>> {
+    /// At most `limit` policies with their numbers, in order of number, those after number `after`; one owner's,
+    /// or everybody's. A policy whose weights are replaced gets a new number.
+    pub fn policies(&self, after: i64, limit: usize, owner: Option<&str>) -> Result<Vec<(i64, PolicyRow)>> {
         let c = self.connection();
-        let select =
-            format!("SELECT {COLUMNS}, number FROM policy WHERE number > ?1 ORDER BY number LIMIT ?2");
+        let which = "number > ?1 AND (?3 IS NULL OR owner = ?3)";
+        let select = format!("SELECT {COLUMNS}, number FROM policy WHERE {which} ORDER BY number LIMIT ?2");
         let mut query = c.prepare(&select).map_err(sql)?;
-        let rows =
-            query.query_map(params![after, limit as i64], |r| Ok((r.get(8)?, row(r)?))).map_err(sql)?;
+        let rows = query
+            .query_map(params![after, limit as i64, owner], |r| Ok((r.get(9)?, row(r)?)))
+            .map_err(sql)?;
         rows.collect::<rusqlite::Result<_>>().map_err(sql)
     }
 
@@ -118,7 +130,7 @@ impl Store {
     }
 }
 
-const COLUMNS: &str = "id, task, training, about, config, job, version, bytes";
+const COLUMNS: &str = "id, task, training, about, config, job, version, bytes, owner";
 
 fn row(row: &Row) -> rusqlite::Result<PolicyRow> {
     Ok(PolicyRow {
@@ -130,6 +142,7 @@ fn row(row: &Row) -> rusqlite::Result<PolicyRow> {
         job: row.get(5)?,
         version: row.get(6)?,
         bytes: row.get::<_, i64>(7)? as u64,
+        owner: row.get(8)?,
     })
 }
 
@@ -147,6 +160,7 @@ mod tests {
             job: None,
             version: env!("CARGO_PKG_VERSION").into(),
             bytes: 3,
+            owner: None,
         }
     }
 
@@ -155,9 +169,9 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         {
             let store = Store::open(dir.path()).unwrap();
-            assert!(store.put_policy(&named("a"), &[1, 2, 3]).unwrap());
-            assert!(store.put_policy(&named("b"), &[9]).unwrap());
-            assert!(!store.put_policy(&named("a"), &[4, 5, 6]).unwrap());
+            assert!(store.put_policy(&named("a"), &[1, 2, 3], None).unwrap());
+            assert!(store.put_policy(&named("b"), &[9], None).unwrap());
+            assert!(!store.put_policy(&named("a"), &[4, 5, 6], None).unwrap());
         }
         // What a crash may leave behind is swept.
         std::fs::write(dir.path().join("policies/c.9.safetensors.part"), [0]).unwrap();
@@ -167,7 +181,21 @@ mod tests {
         assert_eq!(std::fs::read_dir(dir.path().join("policies")).unwrap().count(), 2);
         assert!(store.remove_policy("b").unwrap() && !store.remove_policy("b").unwrap());
         assert_eq!(store.weights("b").unwrap(), None);
-        assert_eq!(store.policies(0, 9).unwrap(), [(3, named("a"))]);
-        assert_eq!(store.policies(3, 9).unwrap(), []);
+        assert_eq!(store.policies(0, 9, None).unwrap(), [(3, named("a"))]);
+        assert_eq!(store.policies(3, 9, None).unwrap(), []);
+    }
+
+    #[test]
+    fn only_its_owner_replaces_a_policy_and_it_stays_the_owners() {
+        let store = Store::in_memory().unwrap();
+        let of = |owner: &str| PolicyRow { owner: Some(owner.into()), ..named("a") };
+        assert!(store.put_policy(&of("ann"), &[1], Some("ann")).unwrap());
+        let refused = store.put_policy(&of("bob"), &[2], Some("bob")).unwrap_err().to_string();
+        assert!(refused.contains("somebody else's"), "{refused}");
+        assert_eq!(store.weights("a").unwrap().unwrap(), [1]);
+        assert!(!store.put_policy(&of("root"), &[3], None).unwrap());
+        assert_eq!(store.policy("a").unwrap().unwrap().owner.as_deref(), Some("ann"));
+        assert_eq!(store.policies(0, 9, Some("bob")).unwrap(), []);
+        assert_eq!(store.policies(0, 9, Some("ann")).unwrap().len(), 1);
     }
 }

@@ -61,9 +61,12 @@ mod tests {
             location: Some("/here".into()),
             body: body.into(),
         };
-        store.add_world("w1", "{}", Some(&answered("first"))).unwrap();
+        store.add_world("w1", "{}", None, Some(&answered("first"))).unwrap();
         assert_eq!(store.answered("k").unwrap(), Some(answered("first")));
-        assert!(store.add_world("w2", "{}", Some(&answered("second"))).is_err(), "a key has one answer");
+        assert!(
+            store.add_world("w2", "{}", None, Some(&answered("second"))).is_err(),
+            "a key has one answer"
+        );
         assert_eq!(store.worlds().unwrap().len(), 1, "and its effect is gone too");
         assert_eq!(store.answered("other").unwrap(), None);
     }

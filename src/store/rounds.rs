@@ -117,8 +117,8 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let job = {
             let store = Store::open(dir.path()).unwrap();
-            store.add_world("w", "{}", None).unwrap();
-            let job = store.add_job("iplw", &json!({}), &json!({}), 0, &|_| None).unwrap();
+            store.add_world("w", "{}", None, None).unwrap();
+            let job = store.add_job("iplw", &json!({}), &json!({}), 0, None, &|_| None).unwrap();
             (0..4).for_each(|_| store.begin_job(job.number).unwrap());
             store.open_round(job.number, 0, "[0, 1]").unwrap();
             let some = Measured::from([(0, Some("a".into())), (1, None)]);

@@ -17,11 +17,33 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
             let opened = fs::OpenOptions::new().write(true).open(path);
             opened.and_then(|mut sink| sink.write_all(bytes)).map_err(|e| Error::io(path, e))
         }
-        _ => written(path, bytes, synced),
+        _ => written(path, bytes, &|p| File::create(p), synced),
     }
 }
 
-fn written(path: &Path, bytes: &[u8], sync: impl Fn(&Path) -> io::Result<()>) -> Result<()> {
+/// [`write_whole`] for what only its owner may read.
+pub fn write_private(path: &Path, bytes: &[u8]) -> Result<()> {
+    written(path, bytes, &private, synced)
+}
+
+#[cfg(unix)]
+fn private(path: &Path) -> io::Result<File> {
+    use std::os::unix::fs::OpenOptionsExt;
+    fs::OpenOptions::new().write(true).create(true).truncate(true).mode(0o600).open(path)
+}
+
+/// Who may read it is up to the directory.
+#[cfg(not(unix))]
+fn private(path: &Path) -> io::Result<File> {
+    File::create(path)
+}
+
+fn written(
+    path: &Path,
+    bytes: &[u8],
+    create: &dyn Fn(&Path) -> io::Result<File>,
+    sync: impl Fn(&Path) -> io::Result<()>,
+) -> Result<()> {
     let directory = match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
@@ -29,7 +51,7 @@ fn written(path: &Path, bytes: &[u8], sync: impl Fn(&Path) -> io::Result<()>) ->
     fs::create_dir_all(directory).map_err(|e| Error::io(directory, e))?;
     let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let part = path.with_file_name(format!(".{name}.{}.part", std::process::id()));
-    let done = File::create(&part)
+    let done = create(&part)
         .and_then(|mut file| file.write_all(bytes).and_then(|()| file.sync_all()))
         .and_then(|()| fs::rename(&part, path))
         .and_then(|()| sync(directory));
@@ -66,7 +88,7 @@ mod tests {
             seen.borrow_mut().push((directory.to_path_buf(), fs::read(&path)?));
             synced(directory)
         };
-        written(&path, b"whole", sync).unwrap();
+        written(&path, b"whole", &|p| File::create(p), sync).unwrap();
         assert_eq!(*seen.borrow(), [(place.path().join("new"), b"whole".to_vec())], "once it has its name");
         write_whole(&path, b"newer").unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"newer");

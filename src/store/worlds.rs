@@ -20,20 +20,33 @@ pub struct WorldRow {
     /// Latent factors as they were set since.
     pub latents: Option<String>,
     pub interactions: u64,
+    /// Name of the token it was made with.
+    pub owner: Option<String>,
 }
 
 impl Store {
     /// Takes in a world.
-    pub fn add_world(&self, id: &str, config: &str, answered: Option<&Answered>) -> Result<()> {
-        self.add_worlds(&[(id, config.to_string())], answered)
+    pub fn add_world(
+        &self,
+        id: &str,
+        config: &str,
+        owner: Option<&str>,
+        answered: Option<&Answered>,
+    ) -> Result<()> {
+        self.add_worlds(&[(id, config.to_string())], owner, answered)
     }
 
     /// Takes in worlds, (id, config) each, all or none of them.
-    pub fn add_worlds(&self, worlds: &[(&str, String)], answered: Option<&Answered>) -> Result<()> {
+    pub fn add_worlds(
+        &self,
+        worlds: &[(&str, String)],
+        owner: Option<&str>,
+        answered: Option<&Answered>,
+    ) -> Result<()> {
         self.atomically(|t| {
-            let mut insert = t.prepare_cached("INSERT INTO world (id, config) VALUES (?1, ?2)")?;
+            let mut insert = t.prepare_cached("INSERT INTO world (id, config, owner) VALUES (?1, ?2, ?3)")?;
             for (id, config) in worlds {
-                insert.execute(params![id, config])?;
+                insert.execute(params![id, config, owner])?;
             }
             keep(t, answered)
         })
@@ -42,7 +55,7 @@ impl Store {
     /// All worlds in order of making.
     pub fn worlds(&self) -> Result<Vec<WorldRow>> {
         let c = self.connection();
-        let select = "SELECT id, config, latents, interactions FROM world ORDER BY number";
+        let select = "SELECT id, config, latents, interactions, owner FROM world ORDER BY number";
         let mut query = c.prepare(select).map_err(sql)?;
         let row = |r: &rusqlite::Row| {
             Ok(WorldRow {
@@ -50,6 +63,7 @@ impl Store {
                 config: r.get(1)?,
                 latents: r.get(2)?,
                 interactions: r.get::<_, i64>(3)? as u64,
+                owner: r.get(4)?,
             })
         };
         query.query_map([], row).map_err(sql)?.collect::<rusqlite::Result<_>>().map_err(sql)
@@ -154,8 +168,8 @@ mod tests {
     #[test]
     fn counters_last_when_counted_and_notes_when_flushed() {
         let store = Store::in_memory().unwrap();
-        store.add_world("real", "{}", None).unwrap();
-        store.add_world("sim", "{}", None).unwrap();
+        store.add_world("real", "{}", None, None).unwrap();
+        store.add_world("sim", "{}", None, None).unwrap();
         let counts = || store.worlds().unwrap().iter().map(|w| w.interactions).collect::<Vec<_>>();
         store.note_world("sim", 5, Some("l1".into()));
         assert_eq!(counts(), [0, 0]);
@@ -175,7 +189,7 @@ mod tests {
     fn many_writers_at_once_are_all_counted() {
         let store = Store::in_memory().unwrap();
         for w in 0..4 {
-            store.add_world(&format!("w{w}"), "{}", None).unwrap();
+            store.add_world(&format!("w{w}"), "{}", None, None).unwrap();
         }
         std::thread::scope(|scope| {
             for w in 0..4 {

@@ -23,6 +23,7 @@ mod rollout;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use crate::budget::{Budget, Endless};
 use crate::error::{Error, Result};
 use crate::trajectory::Trajectory;
 pub use coordinates::{Coordinates, DRAG, EffectParameter, Sample};
@@ -65,6 +66,16 @@ pub fn simulate_map<T: Send>(
     simulate_map_at(Level::best(), rollouts, engine, keep)
 }
 
+/// [`simulate_map`] within a budget, at which it looks about every millisecond; an error of the budget ends it.
+pub fn simulate_within<T: Send>(
+    budget: &dyn Budget,
+    rollouts: &[Rollout],
+    engine: Engine,
+    keep: impl Fn(usize, Trajectory) -> T + Sync,
+) -> Result<Vec<T>> {
+    run_all(Settings { level: Level::best(), end_at_rest: true }, budget, rollouts, engine, keep)
+}
+
 /// [`simulate_map`] with the batched engine held to a set of instructions; the results are the same for each.
 pub fn simulate_map_at<T: Send>(
     level: Level,
@@ -82,20 +93,32 @@ pub fn simulate_map_set<T: Send>(
     engine: Engine,
     keep: impl Fn(usize, Trajectory) -> T + Sync,
 ) -> Result<Vec<T>> {
-    let work = divide(rollouts, engine)?;
+    run_all(settings, &Endless, rollouts, engine, keep)
+}
+
+fn run_all<T: Send>(
+    settings: Settings,
+    budget: &dyn Budget,
+    rollouts: &[Rollout],
+    engine: Engine,
+    keep: impl Fn(usize, Trajectory) -> T + Sync,
+) -> Result<Vec<T>> {
+    let work = divide(rollouts, engine, budget)?;
     let run = |part: Part| -> Result<Vec<(usize, T)>> {
+        budget.look()?;
         match part {
             Part::Rapier(index) => {
                 let prepared = prepare(&rollouts[index])?;
-                let truth = rapier::run(&prepared)?;
+                let truth = rapier::run(&prepared, budget)?;
                 Ok(vec![(index, keep(index, seen(prepared.view.as_ref(), truth)))])
             }
             Part::Lanes(indices) => {
                 let kept = Vec::with_capacity(indices.len());
                 let indices = indices.into_iter();
-                let mut feed = Chunk { rollouts, indices, keep: &keep, kept, views: Vec::new() };
+                let views = Vec::new();
+                let mut feed = Chunk { rollouts, indices, keep: &keep, kept, views, budget, ended: None };
                 lanes::run(&mut feed, settings);
-                Ok(feed.kept)
+                feed.ended.map_or(Ok(feed.kept), Err)
             }
         }
     };
@@ -113,8 +136,9 @@ pub fn simulate_map_set<T: Send>(
     results.into_iter().map(|r| r.ok_or_else(|| Error::Failed("a rollout was lost".into()))).collect()
 }
 
-/// [`simulate_map`] for rollouts that engines of several names are to run: a batch for each.
+/// [`simulate_within`] for rollouts that engines of several names are to run: a batch for each.
 pub fn simulate_mixed<T: Send>(
+    budget: &dyn Budget,
     rollouts: &[(Engine, Rollout)],
     keep: impl Fn(usize, Trajectory) -> T + Sync,
 ) -> Result<Vec<T>> {
@@ -122,7 +146,7 @@ pub fn simulate_mixed<T: Send>(
     for engine in [Engine::Auto, Engine::Rapier, Engine::Lanes] {
         let here: Vec<usize> = (0..rollouts.len()).filter(|i| rollouts[*i].0 == engine).collect();
         let batch: Vec<Rollout> = here.iter().map(|i| rollouts[*i].1).collect();
-        let done = simulate_map(&batch, engine, |k, trajectory| keep(here[k], trajectory))?;
+        let done = simulate_within(budget, &batch, engine, |k, trajectory| keep(here[k], trajectory))?;
         for (i, value) in here.iter().zip(done) {
             kept[*i] = Some(value);
         }
@@ -172,11 +196,12 @@ const FEW: usize = effect::LANES;
 
 /// Checks every rollout, so that bad input is refused before any work is done, and divides the work. How it is
 /// divided changes no result. Nothing prepared is kept: memory stays flat however many rollouts there are.
-fn divide(rollouts: &[Rollout], engine: Engine) -> Result<Vec<Part>> {
+fn divide(rollouts: &[Rollout], engine: Engine, budget: &dyn Budget) -> Result<Vec<Part>> {
     let look = |(chunk, rollouts): (usize, &[Rollout])| -> Result<Vec<Group>> {
         let mut groups: Vec<Group> = Vec::new();
         // The group that the rollout before went to.
         let mut last = 0;
+        budget.look()?;
         for (i, rollout) in rollouts.iter().enumerate() {
             if i > 0 && prepare::is_like(rollout, &rollouts[i - 1]) {
                 groups[last].1.push(chunk * PART[1] + i);
@@ -228,6 +253,9 @@ struct Chunk<'a, K, T> {
     kept: Vec<(usize, T)>,
     /// The sensors of the rollouts at work that have any, by number.
     views: Vec<(usize, View)>,
+    budget: &'a dyn Budget,
+    /// Why it was not finished.
+    ended: Option<Error>,
 }
 
 impl<T, K: Fn(usize, Trajectory) -> T> lanes::Feed for Chunk<'_, K, T> {
@@ -237,6 +265,11 @@ impl<T, K: Fn(usize, Trajectory) -> T> lanes::Feed for Chunk<'_, K, T> {
         let mut prepared = prepare(&self.rollouts[index]).ok()?;
         self.views.extend(prepared.view.take().map(|view| (index, view)));
         Some((index, prepared))
+    }
+
+    fn goes_on(&mut self) -> bool {
+        self.ended = self.budget.look().err();
+        self.ended.is_none()
     }
 
     fn done(&mut self, index: usize, truth: Trajectory) {

@@ -23,20 +23,28 @@ use super::effect::{Answer, Meeting, Moving, rolled_off};
 use super::goal::{self, Watch};
 use super::prepare::{Prepared, PreparedBody};
 use super::record::{Recorder, State};
+use crate::budget::Budget;
 use crate::error::{Error, Result};
 use crate::task::geometry::Convex;
 use crate::task::solid::Solid;
 use crate::trajectory::{End, Trajectory};
 
+/// Body-time-steps between two looks at the budget: about a millisecond.
+const WORK_A_LOOK: usize = 1024;
+
 /// Integrates one rollout.
-pub fn run(prepared: &Prepared) -> Result<Trajectory> {
+pub fn run(prepared: &Prepared, budget: &dyn Budget) -> Result<Trajectory> {
     let mut world = World::build(prepared)?;
     let mut recorder = Recorder::new(prepared);
     let mut watch = Watch::default();
     let needed = prepared.goal.as_ref().map_or(0, |g| g.hold_steps(prepared.time_step));
     recorder.observe(0, &world.states());
     let mut due = prepared.schedule.after(0);
+    let steps_a_look = (WORK_A_LOOK / prepared.bodies.len().max(1)).max(1) as u32;
     for step in 1..=prepared.steps {
+        if step % steps_a_look == 0 {
+            budget.look()?;
+        }
         world.kick(prepared, step - 1);
         let before = world.velocities();
         if prepared.touches.is_empty() {

@@ -346,3 +346,39 @@ fn a_surface_goes_from_its_command_to_the_estimation() {
     refused(&["surface", "--related", "noise=0.1"], "", "--related");
     refused(&["surface", "--from", &json, "--points", "5"], "", "--from");
 }
+
+/// Who could reach a server is asked who they are; tokens are made, listed and taken back.
+#[test]
+fn an_address_that_others_reach_is_refused_without_tokens() {
+    let place = tempfile::tempdir().unwrap();
+    let data = place.path().join("data").display().to_string();
+    let run = |args: &[&str], input: &str| {
+        let out = iplw(args, input);
+        let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
+        (out.status.code().unwrap(), text(out.stdout), text(out.stderr))
+    };
+    let (code, _, said) = run(&["serve", "--http", "0.0.0.0:0"], "");
+    assert_eq!(code, 2, "{said}");
+    assert!(said.contains("`--http` is 0.0.0.0") && said.contains("iplw token new"), "{said}");
+    let (code, _, said) = run(&["serve", "--http", "127.0.0.1:0", "--zmq", "tcp://*:*"], "");
+    assert!(code == 2 && said.contains("`--zmq`"), "{code} {said}");
+    let (code, token, said) =
+        run(&["token", "new", "ann", "--may", "act", "--expires", "30d", "--data-dir", &data], "");
+    assert!(code == 0 && token.starts_with("iplw_") && token.trim().len() == 48, "{said}");
+    assert!(said.contains("ann may act until 20") && !said.contains(token.trim()), "{said}");
+    let (code, _, said) = run(&["token", "new", "ann", "--may", "read", "--data-dir", &data], "");
+    assert!(code == 2 && said.contains("ann"), "{said}");
+    let (code, _, said) = run(&["token", "new", "bob", "--may", "fly", "--data-dir", &data], "");
+    assert!(code == 2 && said.contains("read, act or admin"), "{said}");
+    let (code, listed, _) = run(&["token", "list", "--data-dir", &data], "");
+    assert!(code == 0 && listed.starts_with("ann ") && listed.contains("expires 20"), "{listed}");
+    assert!(!listed.contains(token.trim()));
+    // With tokens, but in clear.
+    let (code, _, said) = run(&["serve", "--http", "0.0.0.0:0", "--data-dir", &data], "");
+    assert!(code == 2 && said.contains("--plaintext"), "{said}");
+    assert_eq!(run(&["token", "revoke", "ann", "--data-dir", &data], "").0, 0);
+    let (code, _, said) = run(&["token", "revoke", "ann", "--data-dir", &data], "");
+    assert!(code == 2 && said.contains("no token named `ann`"), "{said}");
+    let (code, _, row) = run(&["token", "new", "ci", "--may", "act"], "");
+    assert!(code == 0 && row.starts_with("IPLW_TOKENS='[{"), "{row}");
+}

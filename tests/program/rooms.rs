@@ -10,11 +10,12 @@ const MOST_LINES: usize = 70;
 const EXEMPT: [&str; 1] = ["src/discover/launch.rs"];
 
 /// Rooms in order: each may use itself and those before it.
-const ROOMS: [&str; 19] = [
+const ROOMS: [&str; 21] = [
     "error",
     "json",
     "rng",
     "progress",
+    "budget",
     "trajectory",
     "distribution",
     "task",
@@ -28,6 +29,7 @@ const ROOMS: [&str; 19] = [
     "picture",
     "experiment",
     "store",
+    "access",
     "job",
     "session",
 ];
@@ -35,7 +37,7 @@ const ROOMS: [&str; 19] = [
 const LAST: &str = "serve";
 
 /// A crate and the only places that may name it.
-const HOMES: [(&str, &[&str]); 13] = [
+const HOMES: [(&str, &[&str]); 17] = [
     ("rapier2d", &["world"]),
     ("dfdx", &["policy"]),
     ("safetensors", &["policy"]),
@@ -47,6 +49,10 @@ const HOMES: [(&str, &[&str]); 13] = [
     ("rmp_serde", &["serve"]),
     ("serde_transcode", &["serve"]),
     ("rusqlite", &["store"]),
+    ("ring", &["access", "serve"]),
+    ("rustls", &["serve"]),
+    ("hyper", &["serve"]),
+    ("hyper_util", &["serve"]),
     ("plotters", &["picture"]),
     ("resvg", &["picture"]),
 ];

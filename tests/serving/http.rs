@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use iplw::serve::{ServeConfig, Server};
+use iplw::serve::{Limits, ServeConfig, Server};
 use reqwest::Method;
 use reqwest::blocking::{Client, Response};
 use serde_json::{Value, json};
@@ -15,9 +15,11 @@ use serde_json::{Value, json};
 use crate::worlds;
 
 /// A server in this process, stopped when dropped.
-struct Running {
-    url: String,
-    client: Client,
+pub struct Running {
+    pub url: String,
+    /// Where ZeroMQ is, if it is anywhere.
+    pub zmq: Option<String>,
+    pub client: Client,
     stop: Option<tokio::sync::oneshot::Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
@@ -31,7 +33,7 @@ impl Running {
         Running::with(ServeConfig { data_dir: Some(directory.into()), ..ServeConfig::default() })
     }
 
-    fn with(config: ServeConfig) -> iplw::error::Result<Running> {
+    pub fn with(config: ServeConfig) -> iplw::error::Result<Running> {
         let config = ServeConfig { http: "127.0.0.1:0".parse().unwrap(), ..config };
         let (told, address) = std::sync::mpsc::channel();
         let (stop, stopped) = tokio::sync::oneshot::channel();
@@ -40,7 +42,7 @@ impl Running {
             runtime.block_on(async {
                 match Server::bind(config).await {
                     Ok(server) => {
-                        told.send(Ok(server.address())).unwrap();
+                        told.send(Ok((server.address(), server.zmq_address().map(String::from)))).unwrap();
                         let stop = async move { drop(stopped.await) };
                         server.run(stop).await.unwrap();
                     }
@@ -48,25 +50,26 @@ impl Running {
                 }
             });
         });
-        let url = format!("http://{}", address.recv().unwrap()?);
+        let (address, zmq) = address.recv().unwrap()?;
+        let url = format!("http://{address}");
         let client = Client::builder().timeout(Duration::from_secs(120)).build().unwrap();
-        Ok(Running { url, client, stop: Some(stop), thread: Some(thread) })
+        Ok(Running { url, zmq, client, stop: Some(stop), thread: Some(thread) })
     }
 
-    fn send(&self, method: Method, path: &str, body: impl Into<reqwest::blocking::Body>) -> Response {
+    pub fn send(&self, method: Method, path: &str, body: impl Into<reqwest::blocking::Body>) -> Response {
         self.client.request(method, format!("{}{path}", self.url)).body(body).send().unwrap()
     }
 
-    fn get(&self, path: &str) -> Value {
+    pub fn get(&self, path: &str) -> Value {
         ok(self.send(Method::GET, path, ""), 200)
     }
 
-    fn post(&self, path: &str, body: &Value, status: u16) -> Value {
+    pub fn post(&self, path: &str, body: &Value, status: u16) -> Value {
         ok(self.send(Method::POST, path, body.to_string()), status)
     }
 
     /// Waits for a job's end by its events; returns it.
-    fn finish(&self, job: &Value) -> Value {
+    pub fn finish(&self, job: &Value) -> Value {
         let events = self.events(job["id"].as_str().unwrap(), None);
         let (_, name, last) = events.last().unwrap();
         assert_eq!(name, "done");
@@ -111,7 +114,7 @@ impl Drop for Running {
 }
 
 /// The JSON of an answer that must have this status.
-fn ok(response: Response, status: u16) -> Value {
+pub fn ok(response: Response, status: u16) -> Value {
     let (got, url) = (response.status().as_u16(), response.url().clone());
     let text = response.text().unwrap();
     assert_eq!(got, status, "{url}: {text}");
@@ -119,7 +122,7 @@ fn ok(response: Response, status: u16) -> Value {
 }
 
 /// Checks that an answer is a problem of this status and kind; returns it.
-fn problem(response: Response, status: u16, slug: &str) -> Value {
+pub fn problem(response: Response, status: u16, slug: &str) -> Value {
     let kind = response.headers().get("content-type").map(|v| v.to_str().unwrap().to_string());
     let value = ok(response, status);
     assert_eq!(kind.as_deref(), Some("application/problem+json"), "{value}");
@@ -822,7 +825,11 @@ fn estimation_counts_on_its_world_and_tells_its_progress() {
 
 #[test]
 fn jobs_are_cancelled_and_their_queue_is_bounded() {
-    let server = Running::with(ServeConfig { workers: 1, queue: 1, ..ServeConfig::default() }).unwrap();
+    let server = Running::with(ServeConfig {
+        limits: Limits { jobs_running: 1, jobs_waiting: 1, ..Limits::default() },
+        ..ServeConfig::default()
+    })
+    .unwrap();
     let endless = json!({"task": "bowling", "rounds": 1000, "actions": 50, "samples": 1000});
     let running = server.post("/v1/iplw", &endless, 202);
     let path = format!("/v1/jobs/{}", running["id"].as_str().unwrap());
@@ -1145,8 +1152,7 @@ fn worlds_idle_out_and_have_a_limit() {
     let now = Arc::new(AtomicU64::new(0));
     let clock = now.clone();
     let server = Running::with(ServeConfig {
-        idle: Duration::from_secs(600),
-        worlds: 6,
+        limits: Limits { world_idle_seconds: 600.0, worlds: 6, ..Limits::default() },
         clock: Arc::new(move || Duration::from_secs(clock.load(Ordering::SeqCst))),
         ..ServeConfig::default()
     })

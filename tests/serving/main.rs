@@ -4,7 +4,12 @@
 #[allow(dead_code, reason = "shared with others, which use the rest")]
 mod worlds;
 
+mod access;
 mod http;
+mod limits;
+mod log;
 mod openapi;
+mod peer;
 mod survive;
+mod tls;
 mod transports;

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use iplw::budget::Endless;
 use iplw::serve::{ServeConfig, Server};
 use iplw::session::{
     Action, Autoreset, Batch, Catalogue, Kind, Reset, TaskSet, World, WorldConfig, reset_many, step_many,
@@ -41,11 +42,11 @@ mod batches {
                 for (world, start) in single.iter().zip(&starts) {
                     assert_eq!(world.reset(&Reset::default()).unwrap(), *start.as_ref().unwrap());
                 }
-                let turned = step_many(&batch, &actions, Autoreset::Disabled, None).unwrap();
+                let turned = step_many(&batch, &actions, Autoreset::Disabled, None, &Endless).unwrap();
                 let valid = turned.iter().filter(|t| t.step.as_ref().unwrap().invalid.is_none()).count();
                 assert!(valid > n as usize / 3, "{valid} of {n} show too little");
                 for ((world, action), one) in single.iter().zip(&actions).zip(turned) {
-                    assert_eq!(world.step(action).unwrap(), one.step.unwrap(), "round {round}");
+                    assert_eq!(world.step(action, &Endless).unwrap(), one.step.unwrap(), "round {round}");
                     assert_eq!(one.start, None);
                 }
             }
@@ -61,18 +62,18 @@ mod batches {
             reset_many(worlds, &first).unwrap();
         }
         let actions: Vec<Action> = (0..8).map(|i| Action::Index(100 + i)).collect();
-        let steps: Vec<_> = single.iter().zip(&actions).map(|(w, a)| w.step(a).unwrap()).collect();
+        let steps: Vec<_> = single.iter().zip(&actions).map(|(w, a)| w.step(a, &Endless).unwrap()).collect();
         let again: Vec<_> = single
             .iter()
             .zip(&steps)
             .map(|(w, s)| s.terminated.then(|| w.reset(&Reset::default()).unwrap()))
             .collect();
         assert!(again.iter().flatten().count() > 1);
-        let turned = step_many(&same, &actions, Autoreset::SameStep, None).unwrap();
+        let turned = step_many(&same, &actions, Autoreset::SameStep, None, &Endless).unwrap();
         for ((one, step), start) in turned.iter().zip(&steps).zip(&again) {
             assert_eq!((one.step.as_ref(), &one.start), (Some(step), start));
         }
-        let turned = step_many(&next, &actions, Autoreset::NextStep, None).unwrap();
+        let turned = step_many(&next, &actions, Autoreset::NextStep, None, &Endless).unwrap();
         assert!(
             turned
                 .iter()
@@ -84,13 +85,14 @@ mod batches {
             .iter()
             .map(|a| if a.is_some() { Action::Index(u64::MAX) } else { Action::Index(5) })
             .collect();
-        let turned = step_many(&next, &any, Autoreset::NextStep, None).unwrap();
+        let turned = step_many(&next, &any, Autoreset::NextStep, None, &Endless).unwrap();
         for (one, start) in turned.iter().zip(&again) {
             assert_eq!((&one.start, one.step.is_none()), (start, start.is_some()));
         }
         let ended = turned.iter().position(|t| t.step.as_ref().is_some_and(|s| s.terminated));
         if let Some(i) = ended {
-            let refused = step_many(&next, &actions, Autoreset::Disabled, None).unwrap_err().to_string();
+            let refused =
+                step_many(&next, &actions, Autoreset::Disabled, None, &Endless).unwrap_err().to_string();
             assert!(refused.contains(&format!("worlds[{i}]")), "{refused}");
         }
     }
@@ -103,12 +105,12 @@ mod batches {
         all.push(Arc::new(World::new(poor).unwrap()));
         reset_many(&all, &vec![Some(Reset::default()); 4]).unwrap();
         let good = placeable(&all[3]);
-        all[3].step(&good).unwrap();
+        all[3].step(&good, &Endless).unwrap();
         reset_many(&all, &vec![Some(Reset::default()); 4]).unwrap();
         let actions: Vec<Action> = all.iter().map(placeable).collect();
         let before: Vec<u64> = all.iter().map(|w| w.interactions()).collect();
         let refused = |actions: &[Action], worlds: &[Arc<World>]| {
-            step_many(worlds, actions, Autoreset::Disabled, None).unwrap_err().to_string()
+            step_many(worlds, actions, Autoreset::Disabled, None, &Endless).unwrap_err().to_string()
         };
         let spent = refused(&actions, &all);
         assert!(spent.contains("worlds[3]") && spent.contains("budget"), "{spent}");
@@ -126,7 +128,7 @@ mod batches {
         assert!(reset_many(&all, &unknown).unwrap_err().to_string().contains("tasks[1]"));
         assert_eq!(all.iter().map(|w| w.interactions()).collect::<Vec<_>>(), before);
         // And every world still waits for its action.
-        assert!(step_many(&all[..3], &actions[..3], Autoreset::Disabled, None).is_ok());
+        assert!(step_many(&all[..3], &actions[..3], Autoreset::Disabled, None, &Endless).is_ok());
     }
 
     /// An action that can be placed in the world's current task.
@@ -391,7 +393,7 @@ impl Ask for Rust {
                 json!({"observation": start.observation, "info": {"task": start.task, "split": start.split.name()}})
             }
             "step_world" => {
-                let step = self.world.as_ref().unwrap().step(&action(&args["action"])).unwrap();
+                let step = self.world.as_ref().unwrap().step(&action(&args["action"]), &Endless).unwrap();
                 let mut info = json!({
                     "valid": step.invalid.is_none(), "solved": step.solved, "steps": step.steps, "task": step.task,
                     "interactions": step.interactions, "collisions": step.collisions,
@@ -425,7 +427,7 @@ impl Ask for Rust {
                     trajectories: false,
                     stop: true,
                 };
-                let rolled = self.world.as_ref().unwrap().rollout(&batch).unwrap();
+                let rolled = self.world.as_ref().unwrap().rollout(&batch, &Endless).unwrap();
                 let result = |r: &Result<iplw::trajectory::Trajectory, String>| match r {
                     Ok(t) => json!({
                         "valid": true, "reason": null, "solved": t.outcome.solved, "steps": t.outcome.steps,

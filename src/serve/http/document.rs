@@ -7,9 +7,11 @@ use utoipa::openapi::path::{Operation, Parameter, PathItem, PathsBuilder};
 use utoipa::openapi::schema::{
     AdditionalProperties, ArrayItems, KnownFormat, Object, Schema, SchemaFormat, SchemaType, Type,
 };
+use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityScheme};
 use utoipa::openapi::{Content, OpenApi, RefOr, Required};
 use utoipa::{Number, OpenApi as _};
 
+use crate::serve::operation::TOKEN;
 use crate::serve::problem::Problem;
 
 /// Everything but what the operations say of themselves.
@@ -49,6 +51,12 @@ pub fn document(operations: &[crate::serve::operation::Operation]) -> String {
         document.paths =
             PathsBuilder::from(std::mem::take(&mut document.paths)).path(operation.path, item).build();
     }
+    let token = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some(
+        "A token of `iplw token new`, with the scope that each operation names. A server that has no tokens asks \
+         for none.",
+    ));
+    let components = document.components.get_or_insert_default();
+    components.add_security_scheme(TOKEN, SecurityScheme::Http(token.build()));
     complete(&mut document);
     document.to_pretty_json().map(|json| json + "\n").unwrap_or_default()
 }

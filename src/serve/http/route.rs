@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use axum::Extension;
 use axum::extract::{FromRequestParts, Path, Query, Request, State};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
@@ -9,31 +10,51 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::{MethodFilter, MethodRouter, on};
 use utoipa::openapi::path::HttpMethod;
 
+use super::browser::FromPage;
 use super::{accept, body, stream};
+use crate::access::Who;
 use crate::error::Error;
 use crate::job::Watcher;
 use crate::serve::app::App;
 use crate::serve::operation::{Asked, Content, Once, Operation, Reply, Sent, Weight};
 use crate::serve::problem::{Answer, Problem};
+use crate::serve::shared::Shared;
 use crate::serve::wire::{Form, MSGPACK, pack};
 
 /// The route of an operation.
-pub fn of(operation: &'static Operation) -> MethodRouter<Arc<App>> {
+pub fn of(operation: &'static Operation) -> MethodRouter<Arc<Shared>> {
     let method = match operation.method {
         HttpMethod::Post => MethodFilter::POST,
         HttpMethod::Put => MethodFilter::PUT,
         HttpMethod::Delete => MethodFilter::DELETE,
         _ => MethodFilter::GET,
     };
-    on(method, move |State(app): State<Arc<App>>, request: Request| answer(operation, app, request))
+    let asked = move |State(shared): State<Arc<Shared>>, Extension(who): Extension<Who>, request: Request| {
+        let from_page = request.extensions().get::<FromPage>().is_some_and(|page| page.0);
+        async move {
+            let asked = request.headers().get("x-deadline").map(|v| v.to_str().unwrap_or_default());
+            let app = App::new(&shared, who, shared.span("X-Deadline", asked)?);
+            answer(operation, Arc::new(app), request, from_page).await
+        }
+    };
+    on(method, asked)
 }
 
-async fn answer(operation: &'static Operation, app: Arc<App>, request: Request) -> Answer<Response> {
+async fn answer(
+    operation: &'static Operation,
+    app: Arc<App>,
+    request: Request,
+    from_page: bool,
+) -> Answer<Response> {
+    operation.admits(&app)?;
     let (mut parts, body) = request.into_parts();
     let form = accept::accepted(&parts.headers);
     let mut sent = sent(&mut parts).await?;
     if operation.takes_body {
-        sent.body = body::read(body).await?;
+        if from_page {
+            declared(operation, &parts.headers, &sent.kind)?;
+        }
+        sent.body = body::read(body, app.shared().limits.body_seconds).await?;
     }
     let key = parts.headers.get("idempotency-key").filter(|_| operation.keyed);
     let once = key.map(|key| {
@@ -52,6 +73,18 @@ async fn answer(operation: &'static Operation, app: Arc<App>, request: Request) 
     let written = move |app: &App| written((call.work)(app)?, form);
     let written = if call.weight == Weight::Light { written(&app)? } else { app.run(written).await? };
     Ok(response(&app, written))
+}
+
+/// Errors where a page sends a body of a type that the operation does not declare: forms and plain text go without
+/// the browser's asking.
+fn declared(operation: &Operation, headers: &HeaderMap, kind: &str) -> Answer<()> {
+    let empty = headers.get(header::CONTENT_LENGTH).is_none_or(|length| length == "0")
+        && !headers.contains_key(header::TRANSFER_ENCODING);
+    let declared = operation.described.body_types();
+    if (empty && kind.is_empty()) || declared.iter().any(|d| d == kind) {
+        return Ok(());
+    }
+    Err(Problem::media_type(kind, &declared))
 }
 
 /// All that is sent but the body.
@@ -120,11 +153,11 @@ fn of_msgpack(bytes: Result<Vec<u8>, pack::Unwritable>) -> Answer<WrittenBody> {
     Ok(WrittenBody::Bytes { kind: MSGPACK, bytes: bytes.map_err(Problem::unwritable)? })
 }
 
-fn response(app: &Arc<App>, written: Written) -> Response {
+fn response(app: &App, written: Written) -> Response {
     let status = StatusCode::from_u16(written.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
     let mut response = match written.body {
         WrittenBody::Nothing => status.into_response(),
-        WrittenBody::Events(watcher) => return stream::events(app, *watcher),
+        WrittenBody::Events(watcher) => return stream::events(app.shared(), *watcher),
         WrittenBody::Bytes { kind, bytes } => {
             (status, [(header::CONTENT_TYPE, HeaderValue::from_static(kind))], bytes).into_response()
         }

@@ -17,6 +17,7 @@ use crate::job::Watcher;
 use crate::serve::app::App;
 use crate::serve::operation::Whole;
 use crate::serve::problem::{Answer, Problem};
+use crate::serve::shared::Shared;
 use crate::serve::wire::Event;
 
 /// Size of a piece, bytes.
@@ -29,6 +30,8 @@ pub async fn answered(
     app: &Arc<App>,
     work: impl FnOnce(&App) -> Answer<Box<dyn Whole>> + Send + 'static,
 ) -> Answer<Response> {
+    // A client that hangs up before the first piece drops this.
+    let waiting = app.leave().waiting();
     let (begun, beginning) = oneshot::channel::<()>();
     let (sender, pieces) = mpsc::channel(4);
     let (app, handle) = (app.clone(), Handle::current());
@@ -47,7 +50,9 @@ pub async fn answered(
         })
         .await
     });
-    if beginning.await.is_err() {
+    let begins = beginning.await;
+    waiting.answered();
+    if begins.is_err() {
         let refused = written.await.unwrap_or_else(|_| Err(Problem::defect()));
         return Err(refused.err().unwrap_or_else(Problem::defect));
     }
@@ -57,9 +62,9 @@ pub async fn answered(
 }
 
 /// Server-sent events of a job, until its last or until the client hangs up.
-pub fn events(app: &Arc<App>, mut watcher: Watcher) -> Response {
+pub fn events(shared: &Shared, mut watcher: Watcher) -> Response {
     let (sender, receiver) = mpsc::channel::<Result<sse::Event, Infallible>>(16);
-    let mut stopping = app.stopping.subscribe();
+    let mut stopping = shared.stopping.subscribe();
     tokio::spawn(async move {
         loop {
             let next = tokio::select! {

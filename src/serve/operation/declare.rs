@@ -1,7 +1,7 @@
 //! A declaration: everything the transports, the document and the queue of jobs know of an operation.
 //!
 //! ```text
-//! get("get_surface", "/v1/surfaces/{id}", "workflow")
+//! get("get_surface", "/v1/surfaces/{id}", "workflow", READ)
 //!     .about("One surface with its points.")
 //!     .refuses(&[(404, "")])
 //!     .does(|app, Id(id)| one(app, &id))
@@ -22,10 +22,12 @@ use super::describe::Described;
 use super::input::Input;
 use super::once::{Keep, Once, once};
 use super::reply::{Content, Output, Reply};
+use crate::access::Scope;
 use crate::error::Result;
 use crate::job::Work;
-use crate::serve::app::{App, Base};
+use crate::serve::app::App;
 use crate::serve::problem::Answer;
+use crate::serve::shared::Base;
 use crate::serve::wire::{Bulk, JobOut};
 
 /// Something a client can ask for.
@@ -35,6 +37,8 @@ pub struct Operation {
     pub method: HttpMethod,
     /// Over HTTP; `{id}` stands for a parameter.
     pub path: &'static str,
+    /// What a token must allow, for its bearer to ask for it.
+    pub needs: Needs,
     /// Whether it reads a body.
     pub takes_body: bool,
     /// Whether it takes an `Idempotency-Key`: repeated under the same key, it makes nothing.
@@ -47,6 +51,17 @@ pub struct Operation {
     pub job: Option<(&'static str, MakeWork)>,
     ready: Ready,
 }
+
+/// The scope that an operation needs; `None`: no token at all.
+pub type Needs = Option<Scope>;
+/// For whoever watches over the server.
+pub const OPEN: Needs = None;
+/// Shows something.
+pub const READ: Needs = Some(Scope::Read);
+/// Makes or moves something.
+pub const ACT: Needs = Some(Scope::Act);
+/// Is about what all share.
+pub const ADMIN: Needs = Some(Scope::Admin);
 
 /// Makes a job's work from its plan.
 pub type MakeWork = fn(&Arc<Base>, &Value) -> Result<Work>;
@@ -73,30 +88,36 @@ pub enum Weight {
 }
 
 impl Operation {
-    /// Reads what is asked of it; what it does not take is refused.
+    /// Reads what is asked of it; who may not ask is refused, and what it does not take.
     pub fn ready(&self, app: &App, asked: Asked) -> Answer<Call> {
+        self.admits(app)?;
         (self.ready)(app, asked)
+    }
+
+    /// Errors unless whoever asks may ask for it.
+    pub fn admits(&self, app: &App) -> Answer<()> {
+        Ok(self.needs.map_or(Ok(()), |scope| app.needs(scope))?)
     }
 }
 
 /// `GET` of a path.
-pub fn get(name: &'static str, path: &'static str, tag: &str) -> Declaration {
-    Declaration::new(name, HttpMethod::Get, path, tag)
+pub fn get(name: &'static str, path: &'static str, tag: &str, needs: Needs) -> Declaration {
+    Declaration::new(name, HttpMethod::Get, path, tag, needs)
 }
 
 /// `POST` to a path.
-pub fn post(name: &'static str, path: &'static str, tag: &str) -> Declaration {
-    Declaration::new(name, HttpMethod::Post, path, tag)
+pub fn post(name: &'static str, path: &'static str, tag: &str, needs: Needs) -> Declaration {
+    Declaration::new(name, HttpMethod::Post, path, tag, needs)
 }
 
 /// `PUT` to a path.
-pub fn put(name: &'static str, path: &'static str, tag: &str) -> Declaration {
-    Declaration::new(name, HttpMethod::Put, path, tag)
+pub fn put(name: &'static str, path: &'static str, tag: &str, needs: Needs) -> Declaration {
+    Declaration::new(name, HttpMethod::Put, path, tag, needs)
 }
 
 /// `DELETE` of a path.
-pub fn delete(name: &'static str, path: &'static str, tag: &str) -> Declaration {
-    Declaration::new(name, HttpMethod::Delete, path, tag)
+pub fn delete(name: &'static str, path: &'static str, tag: &str, needs: Needs) -> Declaration {
+    Declaration::new(name, HttpMethod::Delete, path, tag, needs)
 }
 
 /// An operation that does not say yet what it does.
@@ -104,6 +125,7 @@ pub struct Declaration {
     name: &'static str,
     method: HttpMethod,
     path: &'static str,
+    needs: Needs,
     only_http: bool,
     described: Described,
 }
@@ -120,8 +142,16 @@ pub fn at<T>(about: &'static str, path: fn(&T) -> String) -> Option<Location<T>>
 }
 
 impl Declaration {
-    fn new(name: &'static str, method: HttpMethod, path: &'static str, tag: &str) -> Declaration {
-        Declaration { name, method, path, only_http: false, described: Described::new(name, tag) }
+    fn new(
+        name: &'static str,
+        method: HttpMethod,
+        path: &'static str,
+        tag: &str,
+        needs: Needs,
+    ) -> Declaration {
+        let mut described = Described::new(name, tag);
+        described.needs(needs);
+        Declaration { name, method, path, needs, only_http: false, described }
     }
 
     /// What it does; after an empty line, what else there is to know.
@@ -235,6 +265,7 @@ impl Declaration {
             name: self.name,
             method: self.method,
             path: self.path,
+            needs: self.needs,
             takes_body: self.described.takes_body(),
             keyed,
             only_http: self.only_http,

@@ -5,10 +5,16 @@ use std::collections::BTreeMap;
 use utoipa::openapi::path::{Operation, Parameter, ParameterBuilder, ParameterIn};
 use utoipa::openapi::request_body::RequestBody;
 use utoipa::openapi::schema::{SchemaType, Type};
+use utoipa::openapi::security::SecurityRequirement;
 use utoipa::openapi::{Content, HeaderBuilder, Ref, RefOr, Required, Response, Schema};
 use utoipa::{PartialSchema, ToSchema};
 
+use crate::access::Scope;
 use crate::serve::problem::{PROBLEM, Problem};
+use crate::serve::wire::MSGPACK;
+
+/// Name of the security scheme.
+pub const TOKEN: &str = "token";
 
 /// An operation of the document under way, and the schemas it refers to.
 pub struct Described {
@@ -36,6 +42,21 @@ impl Described {
         let responses = self.responses.iter().map(|(s, r)| (s.to_string(), RefOr::T(r.clone())));
         operation.responses.responses = responses.collect();
         operation
+    }
+
+    /// What a token must allow for it: what is answered without one, or with a weaker one.
+    pub fn needs(&mut self, needs: Option<Scope>) {
+        self.problem(421, "The server is not called so");
+        self.problem(503, "The request's deadline has passed, or storage fails");
+        let Some(scope) = needs else {
+            self.problem(403, "Not from this page");
+            self.operation.security = Some(Vec::new());
+            return;
+        };
+        let about = format!("The token may not {}, or not from this page", scope.name());
+        self.problem(401, "No token, or none that is good");
+        self.problem(403, if scope == Scope::Read { "Not from this page" } else { &about });
+        self.operation.security = Some(vec![SecurityRequirement::new(TOKEN, [scope.name()])]);
     }
 
     /// A summary; after an empty line, a description.
@@ -91,6 +112,13 @@ impl Described {
     /// Whether there is a body.
     pub fn takes_body(&self) -> bool {
         self.body.is_some()
+    }
+
+    /// The media types of its body; msgpack goes wherever JSON does.
+    pub fn body_types(&self) -> Vec<String> {
+        let kinds = self.body.iter().flat_map(|b| b.content.keys().cloned());
+        let packed = |kind: &String| (kind == "application/json").then(|| MSGPACK.to_string());
+        kinds.flat_map(|kind| packed(&kind).into_iter().chain([kind])).collect()
     }
 
     /// An answer of JSON; what is said of a status already stays, unless there is more to say.
@@ -153,6 +181,8 @@ impl Described {
         let body = self.body.get_or_insert_with(RequestBody::new);
         body.required = Some(Required::True);
         body.content.insert(kind.into(), content(schema));
+        self.problem(408, "The body takes too long");
+        self.problem(415, "A page sends a body of another type");
     }
 
     /// The schema by name, which the document is to have.

@@ -37,15 +37,17 @@ pub fn once<T: Serialize>(
     location: Option<fn(&T) -> String>,
     work: impl FnOnce(&App, Keep<T>) -> Result<T>,
 ) -> Answer<(Answered, bool)> {
+    // Everybody has keys of their own.
+    let once = once.map(|o| (app.own_key(&o.key), o));
     let as_answered = |made: &T| -> Answer<Answered> {
         let (key, fingerprint) =
-            once.as_ref().map(|o| (o.key.clone(), o.fingerprint.clone())).unwrap_or_default();
+            once.as_ref().map(|(own, o)| (own.clone(), o.fingerprint.clone())).unwrap_or_default();
         let body = serde_json::to_vec(made).map_err(Problem::unwritable)?;
         Ok(Answered { key, fingerprint, status, location: location.map(|of| of(made)), body })
     };
-    let Some(asked) = &once else { return as_answered(&work(app, &|_| None)?).map(|a| (a, false)) };
-    let Some(_held) = app.hold(&asked.key) else { return Err(Problem::under_way(&asked.key)) };
-    if let Some(before) = app.store.answered(&asked.key)? {
+    let Some((own, asked)) = &once else { return as_answered(&work(app, &|_| None)?).map(|a| (a, false)) };
+    let Some(_held) = app.hold(own) else { return Err(Problem::under_way(&asked.key)) };
+    if let Some(before) = app.store().answered(own)? {
         if before.fingerprint != asked.fingerprint {
             let allowed = "a key of its own for every different request: this one was used for another";
             return Err(Error::input("Idempotency-Key", format!("{:?}", asked.key), allowed).into());

@@ -4,7 +4,6 @@
 //! proposal has one (or could not be carried out, or the round is closed), the job is queued and fits it.
 
 use std::collections::BTreeMap;
-use std::sync::PoisonError;
 
 use super::measured::{observe_at, trajectory, usable};
 use super::rounds::{Last, Rounds, asking, placed, refuse};
@@ -14,7 +13,7 @@ use crate::experiment::Proposal;
 use crate::job::{self, Job};
 use crate::reality::trials_from_csv;
 use crate::serve::app::App;
-use crate::serve::operation::{Asked, Described, Id, Input, Keep, Operation, get, post};
+use crate::serve::operation::{ACT, Asked, Described, Id, Input, Keep, Operation, READ, get, post};
 use crate::serve::problem::Answer;
 use crate::serve::wire::{Object, ProposalOut, Proposals, TellIn, TellQuery, Told};
 use crate::store::{JobState, Measured};
@@ -22,11 +21,11 @@ use crate::store::{JobState, Measured};
 /// What an estimation that asks can be asked and told.
 pub fn operations() -> Vec<Operation> {
     vec![
-        get("list_proposals", "/v1/iplw/{id}/proposals", "workflow")
+        get("list_proposals", "/v1/iplw/{id}/proposals", "workflow", READ)
             .about("What an estimation with `\"real\": \"ask_tell\"` wants carried out on the real world.")
             .refuses(&[(404, ""), (409, "It does not ask")])
             .does(proposals),
-        post("tell_trials", "/v1/iplw/{id}/trials", "workflow")
+        post("tell_trials", "/v1/iplw/{id}/trials", "workflow", ACT)
             .about(
                 "Takes what was measured, as JSON or as a trials file (`text/csv`, whose `trial` is the proposal's \
                  number; the\nother fields are then query parameters). Answers add up until every proposal of the \
@@ -76,7 +75,7 @@ fn proposals(app: &App, Id(id): Id) -> Result<Proposals> {
     let waiting = job.row.state == JobState::Waiting;
     let last = Rounds::of(app, job.row.number)?.last;
     let round = last.as_ref().map_or(0, |l| l.number);
-    let measured = last.as_ref().map(|l| app.store.measured(job.row.number, l.first())).transpose()?;
+    let measured = last.as_ref().map(|l| app.store().measured(job.row.number, l.first())).transpose()?;
     let measured = measured.unwrap_or_default();
     let open = last.filter(|l| l.open && waiting).map_or(Vec::new(), |l| l.asked.proposals);
     let out = |p: Proposal| {
@@ -140,10 +139,10 @@ fn news_of_csv(app: &App, id: &str, csv: &str, query: &TellQuery) -> Result<News
 
 /// Queues those jobs whose answers were all there when an earlier server ended.
 pub fn catch_up(app: &App) -> Result<()> {
-    for row in app.store.unfinished()?.iter().filter(|r| r.state == JobState::Waiting) {
+    for row in app.store().unfinished()?.iter().filter(|r| r.state == JobState::Waiting) {
         if let Some(last) = Rounds::of(app, row.number)?.last {
-            let measured = app.store.measured(row.number, last.first())?.len() as u64;
-            app.jobs.answered(&job::id(row.number), measured, last.asked.proposals.len() as u64)?;
+            let measured = app.store().measured(row.number, last.first())?.len() as u64;
+            app.jobs().answered(&job::id(row.number), measured, last.asked.proposals.len() as u64)?;
         }
     }
     Ok(())
@@ -160,12 +159,12 @@ struct News {
 
 /// Takes news in, all of it or none.
 fn take(app: &App, id: &str, news: &News, keep: Keep<Told>) -> Result<Told> {
-    let _alone = app.telling.lock().unwrap_or_else(PoisonError::into_inner);
-    let job = app.jobs.get(id)?;
+    let _alone = app.telling();
+    let job = app.jobs().get(id)?;
     let number = job.row.number;
     let last =
         Rounds::of(app, number)?.last.ok_or_else(|| refuse("nothing is proposed yet; ask for proposals"))?;
-    let before = app.store.measured(number, 0)?;
+    let before = app.store().measured(number, 0)?;
     let open = last.open && job.row.state == JobState::Waiting;
     let mut fresh = news.fresh(&last, &before, &job, open)?;
     if news.close && news.means(&last) {
@@ -192,9 +191,9 @@ fn take(app: &App, id: &str, news: &News, keep: Keep<Told>) -> Result<Told> {
         open: asked - known,
         state: if complete { JobState::Queued.name() } else { job.row.state.name() },
     };
-    app.store.put_measured(number, &fresh, None, keep(&out).as_ref())?;
+    app.store().put_measured(number, &fresh, None, keep(&out).as_ref())?;
     if open {
-        app.jobs.answered(id, known, asked)?;
+        app.jobs().answered(id, known, asked)?;
     }
     Ok(out)
 }

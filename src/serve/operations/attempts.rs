@@ -2,9 +2,10 @@
 //! transaction with its counter, and found again by a job that is begun again.
 
 use super::text::text;
+use crate::budget::Endless;
 use crate::error::Result;
 use crate::json::parse;
-use crate::serve::app::Base;
+use crate::serve::shared::Base;
 use crate::session::{Kind, Tried, World};
 use crate::store::Measured;
 use crate::task::{Task, ValidAction};
@@ -40,7 +41,7 @@ impl<'a> Attempts<'a> {
             self.base.store.put_measured(self.job, &row, Some((self.id, interactions)), None)
         };
         let real = self.world.kind() == Kind::Real;
-        let results = self.world.attempts(task, actions, real.then_some(&keep))?;
+        let results = self.world.attempts(task, actions, real.then_some(&keep), &Endless)?;
         self.base.metrics.attempted(self.world.kind(), actions.len() as u64);
         Ok(solved(&results))
     }

@@ -12,8 +12,9 @@ use crate::error::{Error, Result};
 use crate::job::{New, Outcome, Work};
 use crate::json::{from_value, parse};
 use crate::reality::{Of, Reading, gather, trials_from_csv, trials_to_csv};
-use crate::serve::app::{App, Base};
-use crate::serve::operation::{Body, Keep, Operation, post};
+use crate::serve::app::App;
+use crate::serve::operation::{ACT, Body, Keep, Operation, post};
+use crate::serve::shared::Base;
 use crate::serve::wire::{DiagnosisIn, JobOut};
 use crate::task::Scene;
 use crate::task::ball::Ball;
@@ -21,7 +22,7 @@ use crate::task::ball::Ball;
 /// What can be asked about what a simulation gets wrong.
 pub fn operations() -> Vec<Operation> {
     vec![
-        post("start_diagnosis", "/v1/diagnoses", "workflow")
+        post("start_diagnosis", "/v1/diagnoses", "workflow", ACT)
             .about(
                 "Diagnoses measured trials: what the simulation gets wrong, by name. A job; its result is an \
                  `iplw.diagnosis/1`\ndocument with the `extended_scene`. Tracks of one ball need no scene: `ball` \
@@ -65,7 +66,7 @@ fn begin(app: &App, Body(body): Body<DiagnosisIn>, keep: Keep<JobOut>) -> Result
     let config = json!({ "job": job, "scene": scene.name, "trials": count, "seed": seed });
     let plan = json(&Plan { scene: scene.to_json(), trials: csv, seed })?;
     let new = New { kind: KIND, config: &config, plan: &plan, seed };
-    Ok(app.jobs.submit(new, &|job| keep(&job.into()))?.into())
+    Ok(app.jobs().submit(new, &|job| keep(&job.into()))?.into())
 }
 
 /// The scene, the trials as CSV and their number, of what was sent.

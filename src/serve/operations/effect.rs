@@ -5,14 +5,14 @@ use utoipa::ToSchema;
 
 use crate::error::Result;
 use crate::serve::app::App;
-use crate::serve::operation::{Operation, Page, Weight, get};
+use crate::serve::operation::{Operation, Page, READ, Weight, get};
 use crate::serve::wire::Bulk;
 use crate::world::effect::{Effect, REGISTRY};
 
 /// What can be asked about effects.
 pub fn operations() -> Vec<Operation> {
     vec![
-        get("list_effects", "/v1/effects", "tasks")
+        get("list_effects", "/v1/effects", "tasks", READ)
             .about("Effects that a world may have beyond gravity and contact, and that a diagnosis may find.")
             .weighed(|_, _| Weight::Light, list),
     ]

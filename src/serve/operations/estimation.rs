@@ -15,6 +15,7 @@ use serde_json::Value;
 
 use super::surface;
 use super::text::{json, text};
+use crate::budget::Endless;
 use crate::error::{Error, Result};
 use crate::estimate::Surface;
 use crate::experiment::{Answer, Asked, EstimateConfig, Proposal, ResidualKind, Round, Workflow};
@@ -22,8 +23,9 @@ use crate::explore::{self, Importance};
 use crate::job::{Context, New, Outcome, Work};
 use crate::json::{from_value, parse};
 use crate::progress::Progress;
-use crate::serve::app::{App, Base};
-use crate::serve::operation::{Keep, Kept, Operation, post};
+use crate::serve::app::App;
+use crate::serve::operation::{ACT, Keep, Kept, Operation, post};
+use crate::serve::shared::Base;
 use crate::serve::wire::{Estimation, JobOut, Object, RealChoice, RealIn, effects};
 use crate::session::{Kind, SavedWorld, TaskSet, Tried, World, WorldConfig};
 use crate::store::{Measured, Store};
@@ -34,7 +36,7 @@ use crate::world::{EffectParameter, Engine};
 /// What can be asked about the latents of a real world.
 pub fn operations() -> Vec<Operation> {
     vec![
-        post("start_iplw", "/v1/iplw", "workflow")
+        post("start_iplw", "/v1/iplw", "workflow", ACT)
             .about("Estimates the latents of a real world: explore in simulation, measure, fit. A job.")
             .refuses(&[(404, "Unknown task or world")])
             .queues(KIND, begin, work),
@@ -101,7 +103,7 @@ fn begin(app: &App, Kept(body, config): Kept<Estimation>, keep: Keep<JobOut>) ->
     setup.validate().map_err(named)?;
     // What cannot be begun is better refused now than failed later.
     if let Some(id) = &body.surface {
-        surface::of_family(&app.store, family, id)?;
+        surface::of_family(app.store(), family, id)?;
     }
     Workflow::new(&explored(&tasks), &setup, Some(Arc::new(Unfound))).map_err(named)?;
     let seed = setup.seed;
@@ -110,7 +112,7 @@ fn begin(app: &App, Kept(body, config): Kept<Estimation>, keep: Keep<JobOut>) ->
             return Err(Error::input("real", "given beside `world`", "one of world and real"));
         }
         (Some(id), None) => {
-            let world = app.worlds.get(&id, app.now())?;
+            let world = app.worlds().get(&id)?;
             if world.kind() != Kind::Real {
                 return Err(Error::input("world", format!("{id:?}"), "a world of kind real"));
             }
@@ -123,7 +125,7 @@ fn begin(app: &App, Kept(body, config): Kept<Estimation>, keep: Keep<JobOut>) ->
     };
     let plan = json(&Plan { task: body.task, setup, real, surface: body.surface, budget: body.budget })?;
     let new = New { kind: KIND, config: &config, plan: &plan, seed };
-    Ok(app.jobs.submit(new, &|job| keep(&job.into()))?.into())
+    Ok(app.jobs().submit(new, &|job| keep(&job.into()))?.into())
 }
 
 /// The work of a plan.
@@ -316,7 +318,7 @@ fn measure(
             let row = |(p, r): (&&Proposal, &Tried)| Ok((p.number, r.as_ref().ok().map(text).transpose()?));
             keep(&of_it.iter().zip(results).map(row).collect::<Result<Measured>>()?, interactions)
         };
-        world.attempts(task, &actions, Some(&rows))?;
+        world.attempts(task, &actions, Some(&rows), &Endless)?;
         made += of_it.len() as u64;
     }
     Ok(())

@@ -13,8 +13,9 @@ use crate::error::{Error, Result};
 use crate::job::{New, Outcome, Work};
 use crate::json::from_value;
 use crate::policy::{EvaluateConfig, Policy, Random, evaluate, evaluate_orders};
-use crate::serve::app::{App, Base};
-use crate::serve::operation::{Id, Keep, Kept, Operation, post};
+use crate::serve::app::App;
+use crate::serve::operation::{ACT, Id, Keep, Kept, Operation, post};
+use crate::serve::shared::Base;
 use crate::serve::wire::{EvaluateIn, JobOut, RankingIn, SplitIn};
 use crate::session::World;
 use crate::task::{Placement, Split, Task, ValidAction, split};
@@ -22,7 +23,7 @@ use crate::task::{Placement, Split, Task, ValidAction, split};
 /// Evaluation.
 pub fn operations() -> Vec<Operation> {
     vec![
-        post("evaluate_policy", "/v1/policies/{id}/evaluate", "policies")
+        post("evaluate_policy", "/v1/policies/{id}/evaluate", "policies", ACT)
             .about(
                 "Tries a policy's ranking in a world: AUCCESS. A job; its attempts are counted in the world. The \
                  policy `random`\nis always there, and so is `ranked`, for policies outside the server: their \
@@ -43,7 +44,7 @@ fn begin(
     (Id(id), Kept(body, asked)): (Id, Kept<EvaluateIn>),
     keep: Keep<JobOut>,
 ) -> Result<JobOut> {
-    let world = app.worlds.get(&body.world, app.now())?;
+    let world = app.worlds().get(&body.world)?;
     let part = body.split.unwrap_or(SplitIn::Test);
     match (&body.ranking, id.as_str()) {
         (Some(_), RANKED) if body.split.is_some() => {
@@ -87,7 +88,7 @@ fn begin(
         ranking: body.ranking,
     };
     let new = New { kind: KIND, config: &config, plan: &json(&plan)?, seed };
-    Ok(app.jobs.submit(new, &|job| keep(&job.into()))?.into())
+    Ok(app.jobs().submit(new, &|job| keep(&job.into()))?.into())
 }
 
 /// An evaluation with everything decided.

@@ -4,7 +4,7 @@ use crate::error::Result;
 use crate::job::Deleted;
 use crate::serve::app::App;
 use crate::serve::operation::{
-    Asked, Content, Described, Id, Input, Operation, Output, Page, Reply, delete, get,
+    ACT, Asked, Content, Described, Id, Input, Operation, Output, Page, READ, Reply, delete, get,
 };
 use crate::serve::problem::Answer;
 use crate::serve::wire::{JobOut, Jobs};
@@ -12,18 +12,18 @@ use crate::serve::wire::{JobOut, Jobs};
 /// What can be asked of jobs.
 pub fn operations() -> Vec<Operation> {
     vec![
-        get("list_jobs", "/v1/jobs", "jobs").about("Jobs, oldest first.").does(list),
-        get("get_job", "/v1/jobs/{id}", "jobs")
+        get("list_jobs", "/v1/jobs", "jobs", READ).about("Jobs, oldest first.").does(list),
+        get("get_job", "/v1/jobs/{id}", "jobs", READ)
             .about("One job.")
             .refuses(&[(404, "")])
-            .does(|app, Id(id)| Ok(JobOut::from(app.jobs.get(&id)?))),
-        delete("delete_job", "/v1/jobs/{id}", "jobs")
+            .does(|app, Id(id)| Ok(JobOut::from(app.jobs().get(&id)?))),
+        delete("delete_job", "/v1/jobs/{id}", "jobs", ACT)
             .about("Cancels a job that has not ended (202); forgets one that has (204).")
             .answers::<JobOut>(202, "It is told to stop")
             .answers_nothing(204, "Forgotten")
             .refuses(&[(404, "")])
             .does(remove),
-        get("follow_job", "/v1/jobs/{id}/events", "jobs")
+        get("follow_job", "/v1/jobs/{id}/events", "jobs", READ)
             .about(
                 "Follows a job: server-sent events `progress`, and `done` at the end, each with the job as data. \
                  With\n`Last-Event-ID`, only what came after; 204 if nothing ever will.",
@@ -51,19 +51,19 @@ impl Input for LastEvent {
 
 fn list(app: &App, page: Page) -> Result<Jobs> {
     let after: i64 = page.after("jobs")?.unwrap_or(0);
-    let mut all = app.jobs.list(after, page.fetch())?;
+    let mut all = app.jobs().list(after, page.fetch())?;
     let next = page.cut("jobs", &mut all, |j| j.row.number);
     Ok(Jobs { jobs: all.into_iter().map(JobOut::from).collect(), next })
 }
 
 fn remove(app: &App, Id(id): Id) -> Result<Reply> {
-    Ok(match app.jobs.delete(&id)? {
+    Ok(match app.jobs().delete(&id)? {
         Deleted::Cancelled(job) => (202, JobOut::from(*job)).reply(),
         Deleted::Forgotten => ().reply(),
     })
 }
 
 fn events(app: &App, (Id(id), LastEvent(seen)): (Id, LastEvent)) -> Result<Reply> {
-    let watcher = app.jobs.watch(&id, seen)?;
+    let watcher = app.jobs().watch(&id, seen)?;
     Ok(if watcher.exhausted() { ().reply() } else { Reply::of(Content::Events(Box::new(watcher))) })
 }

@@ -18,8 +18,9 @@ use crate::json::from_value;
 use crate::policy::{Dataset, Dqn, Example, Policy, TrainConfig};
 use crate::progress::Progress;
 use crate::rng;
-use crate::serve::app::{App, Base};
-use crate::serve::operation::{Id, Keep, Kept, Operation, post};
+use crate::serve::app::App;
+use crate::serve::operation::{ACT, Id, Keep, Kept, Operation, post};
+use crate::serve::shared::Base;
 use crate::serve::wire::{JobOut, LearnIn};
 use crate::session::World;
 use crate::store::PolicyRow;
@@ -28,7 +29,7 @@ use crate::task::{Task, ValidAction};
 /// Learning in a world.
 pub fn operations() -> Vec<Operation> {
     vec![
-        post("learn_policy", "/v1/policies/{id}/learn", "policies")
+        post("learn_policy", "/v1/policies/{id}/learn", "policies", ACT)
             .about(
                 "Lets a policy learn on in a world, from random attempts on its training tasks. A job; its result \
                  names the new\npolicy. From the policy `untrained`, which is always there, this is direct learning: \
@@ -55,7 +56,7 @@ struct Plan {
 
 /// Queues learning on.
 fn begin(app: &App, (Id(id), Kept(body, asked)): (Id, Kept<LearnIn>), keep: Keep<JobOut>) -> Result<JobOut> {
-    let world = app.worlds.get(&body.world, app.now())?;
+    let world = app.worlds().get(&body.world)?;
     let tasks = explored(world.tasks());
     let seed = body.seed.unwrap_or(0);
     let usual = LearnConfig::paper();
@@ -73,7 +74,7 @@ fn begin(app: &App, (Id(id), Kept(body, asked)): (Id, Kept<LearnIn>), keep: Keep
         ..paper
     };
     setup.validate()?;
-    let first = start(app, &id, &tasks, &setup)?;
+    let first = if id == UNTRAINED { untrained(&tasks, &setup)? } else { load(app, &id)? };
     first.fits(&tasks[0]).map_err(|e| match e {
         Error::Input(input) => Error::input("world", format!("{:?}", body.world), input.allowed),
         other => other,
@@ -87,7 +88,7 @@ fn begin(app: &App, (Id(id), Kept(body, asked)): (Id, Kept<LearnIn>), keep: Keep
     let config = of_policy(asked, &id);
     let plan = Plan { policy: id, world: body.world, attempts, setup, config: config.clone() };
     let new = New { kind: KIND, config: &config, plan: &json(&plan)?, seed };
-    Ok(app.jobs.submit(new, &|job| keep(&job.into()))?.into())
+    Ok(app.jobs().submit(new, &|job| keep(&job.into()))?.into())
 }
 
 /// The work of learning on.
@@ -103,7 +104,7 @@ fn run(base: &Base, context: &Context, plan: &Plan, world: &World) -> Result<Out
     let (store, job) = (&*base.store, context.number);
     let tasks = explored(world.tasks());
     let dqn = match plan.policy.as_str() {
-        UNTRAINED => start(base, UNTRAINED, &tasks, &plan.setup)?,
+        UNTRAINED => untrained(&tasks, &plan.setup)?,
         id => began_with(store, job, id, store.weights(id)?)?,
     };
     let data = gathered(base, context, plan, world, tasks)?;
@@ -124,9 +125,10 @@ fn run(base: &Base, context: &Context, plan: &Plan, world: &World) -> Result<Out
         training: training.into(),
         config: plan.config.clone(),
         job: Some(context.id.into()),
+        owner: context.owner.map(String::from),
         ..row(&id, &learned, weights.len())
     };
-    store.put_policy(&stored, &weights)?;
+    store.put_policy(&stored, &weights, None)?;
     Ok(Outcome::Done(json!({
         "policy": id,
         "from": plan.policy,
@@ -153,10 +155,6 @@ fn gathered(base: &Base, context: &Context, plan: &Plan, world: &World, tasks: V
     Ok(Dataset { tasks, rows })
 }
 
-/// The policy to start from.
-fn start(base: &Base, id: &str, tasks: &[Task], setup: &TrainConfig) -> Result<Dqn> {
-    match id {
-        UNTRAINED => Dqn::untrained(&tasks[0], setup.hidden, setup.seed),
-        _ => load(base, id),
-    }
+fn untrained(tasks: &[Task], setup: &TrainConfig) -> Result<Dqn> {
+    Dqn::untrained(&tasks[0], setup.hidden, setup.seed)
 }

@@ -25,9 +25,9 @@ mod world;
 
 use std::sync::{Arc, LazyLock};
 
-use super::app::Base;
 use super::operation::Operation;
 use super::problem::Answer;
+use super::shared::Base;
 use crate::error::Error;
 use crate::job::{Recipe, Recipes};
 

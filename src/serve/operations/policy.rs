@@ -6,33 +6,37 @@ use super::stored::{ALWAYS, RANDOM, is_always, load, row, unknown, without_weigh
 use crate::error::{Error, Result};
 use crate::policy::{CHUNK, Dqn, Policy, Random, rank};
 use crate::serve::app::App;
-use crate::serve::operation::{Body, Bytes, Id, Media, Operation, Page, delete, get, post, put};
+use crate::serve::operation::{ACT, Body, Bytes, Id, Media, Operation, Page, READ, delete, get, post, put};
 use crate::serve::wire::{ActIn, Acted, Policies, PolicyOut, Scored};
 use crate::task::{Placement, ValidAction};
 
 /// What can be asked of policies at once.
 pub fn operations() -> Vec<Operation> {
     vec![
-        get("list_policies", "/v1/policies", "policies")
+        get("list_policies", "/v1/policies", "policies", READ)
             .about("Policies, oldest first; replacing its weights makes a policy young again.")
             .does(list),
-        get("get_policy", "/v1/policies/{id}", "policies").about("One policy.").refuses(&[(404, "")]).does(one),
-        delete("delete_policy", "/v1/policies/{id}", "policies")
+        get("get_policy", "/v1/policies/{id}", "policies", READ).about("One policy.").refuses(&[(404, "")]).does(one),
+        delete("delete_policy", "/v1/policies/{id}", "policies", ACT)
             .about("Forgets a policy and its weights.")
             .refuses(&[(404, ""), (409, "A policy that is always there")])
             .does(forget),
-        get("download_weights", "/v1/policies/{id}/weights", "policies")
+        get("download_weights", "/v1/policies/{id}/weights", "policies", READ)
             .about("A policy's weights, as safetensors.")
             .answers_media(200, "", &["application/octet-stream"])
             .refuses(&[(404, ""), (409, "A policy that has none: `random`, `untrained`")])
             .does(weights),
-        put("upload_weights", "/v1/policies/{id}/weights", "policies")
+        put("upload_weights", "/v1/policies/{id}/weights", "policies", ACT)
             .about("Stores weights: makes the policy, or replaces its weights.")
             .answers::<PolicyOut>(200, "Replaced")
             .answers::<PolicyOut>(201, "Made")
-            .refuses(&[(413, ""), (422, "Not the weights of a policy")])
+            .refuses(&[
+                (409, "A name that is taken"),
+                (413, ""),
+                (422, "Not the weights of a policy"),
+            ])
             .does(put_weights),
-        post("act", "/v1/policies/{id}/act", "policies")
+        post("act", "/v1/policies/{id}/act", "policies", ACT)
             .about(
                 "The actions a policy likes best on a task, of those that can be placed.\n\nThe policy `random`, \
                  always there, likes them in an order drawn once.",
@@ -44,7 +48,7 @@ pub fn operations() -> Vec<Operation> {
 
 fn list(app: &App, page: Page) -> Result<Policies> {
     let after: i64 = page.after("policies")?.unwrap_or(0);
-    let mut all = app.store.policies(after, page.fetch())?;
+    let mut all = app.policies().list(after, page.fetch())?;
     let next = page.cut("policies", &mut all, |p| p.0);
     Ok(Policies { policies: all.into_iter().map(|p| PolicyOut::from(p.1)).collect(), next })
 }
@@ -62,7 +66,7 @@ fn one(app: &App, Id(id): Id) -> Result<PolicyOut> {
             bytes: 0,
         });
     }
-    app.store.policy(&id)?.map(PolicyOut::from).ok_or_else(|| unknown(&id))
+    app.policies().get(&id)?.map(PolicyOut::from).ok_or_else(|| unknown(&id))
 }
 
 fn forget(app: &App, Id(id): Id) -> Result<()> {
@@ -71,11 +75,11 @@ fn forget(app: &App, Id(id): Id) -> Result<()> {
             reason: format!("the policy {id} is always there and cannot be deleted"),
         });
     }
-    if app.store.remove_policy(&id)? { Ok(()) } else { Err(unknown(&id)) }
+    if app.policies().remove(&id)? { Ok(()) } else { Err(unknown(&id)) }
 }
 
 fn weights(app: &App, Id(id): Id) -> Result<Media> {
-    let bytes = app.store.weights(&id)?.ok_or_else(|| without_weights(&id))?;
+    let bytes = app.policies().weights(&id)?.ok_or_else(|| without_weights(&id))?;
     Ok(Media { kind: "application/octet-stream", bytes })
 }
 
@@ -96,8 +100,7 @@ fn put_weights(app: &App, (Id(id), Bytes(bytes)): (Id, Bytes)) -> Result<(u16, P
     if let Ok(tasks) = app.catalogue.family(&dqn.card().family) {
         dqn.fits(&tasks.tasks[0])?;
     }
-    let row = row(&id, &dqn, bytes.len());
-    let new = app.store.put_policy(&row, &bytes)?;
+    let (row, new) = app.policies().put(row(&id, &dqn, bytes.len()), &bytes)?;
     Ok((if new { 201 } else { 200 }, row.into()))
 }
 

@@ -1,16 +1,17 @@
 //! Pictures of worlds.
 
+use crate::access::Scope;
 use crate::error::{Error, Result};
 use crate::picture::{Style, animation_svg, filmstrip_svg, scene_svg, svg_to_png};
 use crate::serve::app::App;
-use crate::serve::operation::{Asked, Described, Id, Input, Media, Operation, get};
+use crate::serve::operation::{Asked, Described, Id, Input, Media, Operation, READ, get};
 use crate::serve::problem::Answer;
 use crate::session::Action;
 
 /// What can be drawn of worlds.
 pub fn operations() -> Vec<Operation> {
     vec![
-        get("render_world", "/v1/worlds/{id}/render", "worlds")
+        get("render_world", "/v1/worlds/{id}/render", "worlds", READ)
             .about("Draws the scene, or films an action. A film in a real world is an interaction.")
             .answers_media(200, "The picture", &["image/png", "image/svg+xml"])
             .refuses(&[
@@ -122,11 +123,12 @@ impl Picture {
 
 /// Draws; a film of an action is an attempt like any other.
 fn render(app: &App, (Id(id), picture): (Id, Picture)) -> Result<Media> {
-    let world = app.worlds.get(&id, app.now())?;
+    let world = app.worlds().get(&id)?;
     let style = Style { width: picture.width, ..Style::default() };
     let svg = match (picture.view, &picture.action) {
         (View::Filmstrip, Some(action)) | (View::Animation, Some(action)) => {
-            let (scene, trajectory) = world.film(picture.task.as_deref(), action)?;
+            app.needs(Scope::Act)?;
+            let (scene, trajectory) = world.film(picture.task.as_deref(), action, app.budget())?;
             app.metrics.attempted(world.kind(), 1);
             match picture.view {
                 View::Filmstrip => filmstrip_svg(&scene, &trajectory, &style),

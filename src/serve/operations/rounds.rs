@@ -24,7 +24,7 @@ pub struct Last {
 impl Rounds {
     /// Those of the job with this number.
     pub fn of(app: &App, job: i64) -> Result<Rounds> {
-        let last = app.store.last_round(job)?;
+        let last = app.store().last_round(job)?;
         let last = last.map(|row| {
             Ok::<_, Error>(Last {
                 number: row.number,
@@ -41,7 +41,7 @@ impl Rounds {
             return Err(refuse("nothing is proposed yet; ask for proposals"));
         };
         if number < last.first() {
-            for row in app.store.rounds(job)? {
+            for row in app.store().rounds(job)? {
                 let asked = estimation::asked(&row.asked)?;
                 if let Some(p) = asked.proposals.into_iter().find(|p| p.number == number) {
                     return Ok(p);
@@ -65,7 +65,7 @@ impl Last {
 
 /// The job, which must be one that asks, and its tasks.
 pub fn asking(app: &App, id: &str) -> Result<(Job, Vec<Task>)> {
-    let job = app.jobs.get(id)?;
+    let job = app.jobs().get(id)?;
     let plan =
         (job.row.kind == estimation::KIND).then(|| from_value::<Plan>(job.row.plan.clone())).transpose()?;
     match plan {

@@ -4,7 +4,7 @@ use serde_json::Value;
 
 use crate::error::{Error, Result};
 use crate::policy::{Dqn, Policy};
-use crate::serve::app::Base;
+use crate::serve::app::App;
 use crate::store::{PolicyRow, Store};
 
 /// The policy that tries actions in random order.
@@ -58,8 +58,8 @@ pub fn of_policy(mut asked: Value, id: &str) -> Value {
 }
 
 /// A stored policy.
-pub fn load(base: &Base, id: &str) -> Result<Dqn> {
-    Dqn::from_safetensors(&base.store.weights(id)?.ok_or_else(|| without_weights(id))?)
+pub fn load(app: &App, id: &str) -> Result<Dqn> {
+    Dqn::from_safetensors(&app.policies().weights(id)?.ok_or_else(|| without_weights(id))?)
 }
 
 /// A policy's row; it says that the weights were uploaded.
@@ -73,6 +73,7 @@ pub fn row(id: &str, dqn: &Dqn, bytes: usize) -> PolicyRow {
         job: None,
         version: env!("CARGO_PKG_VERSION").into(),
         bytes: bytes as u64,
+        owner: None,
     }
 }
 

@@ -14,8 +14,9 @@ use crate::job::{New, Outcome, Work};
 use crate::json::{from_value, parse};
 use crate::picture::surface::surface_svg;
 use crate::progress::Progress;
-use crate::serve::app::{App, Base};
-use crate::serve::operation::{Id, Keep, Kept, Media, Operation, Page, delete, get, post};
+use crate::serve::app::App;
+use crate::serve::operation::{ACT, ADMIN, Id, Keep, Kept, Media, Operation, Page, READ, delete, get, post};
+use crate::serve::shared::Base;
 use crate::serve::wire::{JobOut, SensitivityOut, SurfaceIn, SurfaceOut, SurfaceWhole, Surfaces};
 use crate::store::{Store, SurfaceRow};
 use crate::task::Family;
@@ -23,24 +24,24 @@ use crate::task::Family;
 /// What can be asked of surfaces.
 pub fn operations() -> Vec<Operation> {
     vec![
-        post("find_surface", "/v1/surfaces", "workflow")
+        post("find_surface", "/v1/surfaces", "workflow", ACT)
             .about(
                 "Finds out which latents a family's performance depends on. A job; its result names the surface. \
                  What was found in\nthe same way before is not found again.",
             )
             .refuses(&[(404, "Unknown family")])
             .queues(KIND, begin, work),
-        get("list_surfaces", "/v1/surfaces", "workflow").about("Surfaces, oldest first.").does(list),
-        get("get_surface", "/v1/surfaces/{id}", "workflow")
+        get("list_surfaces", "/v1/surfaces", "workflow", READ).about("Surfaces, oldest first.").does(list),
+        get("get_surface", "/v1/surfaces/{id}", "workflow", READ)
             .about("One surface with its points.")
             .refuses(&[(404, "")])
             .does(one),
-        get("draw_surface", "/v1/surfaces/{id}/picture", "workflow")
+        get("draw_surface", "/v1/surfaces/{id}/picture", "workflow", READ)
             .about("A surface as a heat map.")
             .answers_media(200, "", &["image/svg+xml"])
             .refuses(&[(404, "")])
             .does(draw),
-        delete("delete_surface", "/v1/surfaces/{id}", "workflow")
+        delete("delete_surface", "/v1/surfaces/{id}", "workflow", ADMIN)
             .about("Forgets a surface.")
             .refuses(&[(404, "")])
             .does(forget),
@@ -97,7 +98,7 @@ fn begin(app: &App, Kept(body, config): Kept<SurfaceIn>, keep: Keep<JobOut>) -> 
     setup.validate()?;
     let seed = setup.seed;
     let new = New { kind: KIND, config: &config, plan: &json(&Plan { task: body.task, setup })?, seed };
-    Ok(app.jobs.submit(new, &|job| keep(&job.into()))?.into())
+    Ok(app.jobs().submit(new, &|job| keep(&job.into()))?.into())
 }
 
 /// The work of a search: what was found in the same way before is taken from the store.
@@ -159,25 +160,25 @@ pub fn of_family(store: &Store, family: &Family, named: &str) -> Result<Surface>
 
 fn list(app: &App, page: Page) -> Result<Surfaces> {
     let after: i64 = page.after("surfaces")?.unwrap_or(0);
-    let mut all = app.store.surfaces(after, page.fetch())?;
+    let mut all = app.store().surfaces(after, page.fetch())?;
     let next = page.cut("surfaces", &mut all, |s| s.number);
     let out = |row: &SurfaceRow| about(row, &Surface::from_json(&row.body)?);
     Ok(Surfaces { surfaces: all.iter().map(out).collect::<Result<_>>()?, next })
 }
 
 fn one(app: &App, Id(id): Id) -> Result<SurfaceWhole> {
-    let row = row(&app.store, &id)?;
+    let row = row(app.store(), &id)?;
     let surface = Surface::from_json(&row.body)?;
     Ok(SurfaceWhole { about: about(&row, &surface)?, surface })
 }
 
 fn draw(app: &App, Id(id): Id) -> Result<Media> {
-    let svg = surface_svg(&Surface::from_json(&row(&app.store, &id)?.body)?, &[])?;
+    let svg = surface_svg(&Surface::from_json(&row(app.store(), &id)?.body)?, &[])?;
     Ok(Media { kind: "image/svg+xml", bytes: svg.into_bytes() })
 }
 
 fn forget(app: &App, Id(id): Id) -> Result<()> {
-    let gone = number(&id).map_or(Ok(false), |n| app.store.remove_surface(n))?;
+    let gone = number(&id).map_or(Ok(false), |n| app.store().remove_surface(n))?;
     if gone { Ok(()) } else { Err(unknown(&id)) }
 }
 

@@ -1,31 +1,36 @@
 //! Health, counters, the document.
 
+use std::sync::atomic::Ordering;
+
 use crate::error::Result;
 use crate::serve::app::App;
 use crate::serve::metrics::Gauges;
-use crate::serve::operation::{Content, Described, Media, Operation, Output, Reply, Weight, get};
+use crate::serve::operation::{Content, Described, Media, OPEN, Operation, Output, READ, Reply, Weight, get};
 use crate::serve::wire::Health;
 use crate::session::Kind;
 
 /// What can be asked of the server itself.
 pub fn operations() -> Vec<Operation> {
     vec![
-        get("healthz", "/healthz", "system")
+        get("healthz", "/healthz", "system", OPEN)
             .about("Whether the server lives.")
             .weighed(|_, ()| Weight::Light, |_, ()| Ok(health("ok"))),
-        get("readyz", "/readyz", "system")
+        get("readyz", "/readyz", "system", OPEN)
             .about("Whether the server takes work.")
             .answers::<Health>(200, "")
             .answers::<Health>(503, "It is stopping")
             .weighed(|_, ()| Weight::Light, ready),
-        get("metrics", "/metrics", "system")
+        get("metrics", "/metrics", "system", READ)
             .about("Counters for Prometheus.")
             .answers_media(200, "", &["text/plain"])
             .only_http()
             .does(metrics),
-        get("openapi", "/openapi.json", "system")
+        get("get_limits", "/v1/limits", "system", READ)
+            .about("What the server takes, and for how long.")
+            .weighed(|_, ()| Weight::Light, |app, ()| Ok(app.shared().limits.clone())),
+        get("openapi", "/openapi.json", "system", READ)
             .about("This document.")
-            .does(|app, ()| Ok(Document(app.document))),
+            .does(|app, ()| Ok(Document(app.shared().document))),
     ]
 }
 
@@ -47,13 +52,15 @@ fn health(status: &'static str) -> Health {
 }
 
 fn ready(app: &App, (): ()) -> Result<(u16, Health)> {
-    Ok(if *app.stopping.borrow() { (503, health("stopping")) } else { (200, health("ready")) })
+    Ok(if *app.shared().stopping.borrow() { (503, health("stopping")) } else { (200, health("ready")) })
 }
 
 fn metrics(app: &App, (): ()) -> Result<Media> {
-    let worlds = app.worlds.list("", usize::MAX, app.now())?;
+    let worlds = app.worlds().everybodys()?;
     let of = |kind: Kind| worlds.iter().filter(|w| w.world.kind() == kind).count() as u64;
-    let gauges = Gauges { worlds: [of(Kind::Sim), of(Kind::Real)], jobs: app.store.jobs_by_state()? };
+    let under_way = app.shared().busy.load(Ordering::SeqCst) as u64;
+    let gauges =
+        Gauges { under_way, worlds: [of(Kind::Sim), of(Kind::Real)], jobs: app.store().jobs_by_state()? };
     let text = app.metrics.text(&gauges);
     Ok(Media { kind: "text/plain; version=0.0.4; charset=utf-8", bytes: text.into_bytes() })
 }

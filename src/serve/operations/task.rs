@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::serve::app::App;
-use crate::serve::operation::{Asked, Described, Input, Operation, Page, get};
+use crate::serve::operation::{Asked, Described, Input, Operation, Page, READ, get};
 use crate::serve::problem::Answer;
 use crate::serve::wire::{Families, FamilyOut, FamilyTasks, TaskOut};
 use crate::task::Task;
@@ -10,12 +10,12 @@ use crate::task::Task;
 /// What can be asked about tasks.
 pub fn operations() -> Vec<Operation> {
     vec![
-        get("list_families", "/v1/tasks", "tasks").about("Families of tasks.").does(families),
-        get("list_tasks", "/v1/tasks/{family}", "tasks")
+        get("list_families", "/v1/tasks", "tasks", READ).about("Families of tasks.").does(families),
+        get("list_tasks", "/v1/tasks/{family}", "tasks", READ)
             .about("Tasks of a family.")
             .refuses(&[(404, "")])
             .does(family),
-        get("get_task", "/v1/tasks/{family}/{number}", "tasks")
+        get("get_task", "/v1/tasks/{family}/{number}", "tasks", READ)
             .about("One task with its scene.")
             .refuses(&[(404, "")])
             .does(task),

@@ -12,8 +12,9 @@ use crate::error::{Error, Result};
 use crate::job::{New, Outcome, Work};
 use crate::json::from_value;
 use crate::policy::{LabelConfig, Policy, TrainConfig, Training, label, train};
-use crate::serve::app::{App, Base};
-use crate::serve::operation::{Keep, Kept, Operation, post};
+use crate::serve::app::App;
+use crate::serve::operation::{ACT, Keep, Kept, Operation, post};
+use crate::serve::shared::Base;
 use crate::serve::wire::{JobOut, Object, TrainIn, TrainingIn, effects};
 use crate::store::PolicyRow;
 use crate::world::Latents;
@@ -21,7 +22,7 @@ use crate::world::Latents;
 /// Training.
 pub fn operations() -> Vec<Operation> {
     vec![
-        post("train_policy", "/v1/policies", "policies")
+        post("train_policy", "/v1/policies", "policies", ACT)
             .about("Trains a policy in simulation. A job; its result names the policy.")
             .refuses(&[(404, "Unknown task")])
             .queues(KIND, begin, work),
@@ -87,7 +88,7 @@ fn begin(app: &App, Kept(body, config): Kept<TrainIn>, keep: Keep<JobOut>) -> Re
     let training = name.into();
     let plan = Plan { task: body.task, training, schooling, labels, setup, config: config.clone() };
     let new = New { kind: KIND, config: &config, plan: &json(&plan)?, seed };
-    Ok(app.jobs.submit(new, &|job| keep(&job.into()))?.into())
+    Ok(app.jobs().submit(new, &|job| keep(&job.into()))?.into())
 }
 
 /// The work of a training: begun again, it does everything again, and finds the same.
@@ -107,9 +108,10 @@ fn work(base: &Arc<Base>, plan: &Value) -> Result<Work> {
             training: plan.training,
             config: plan.config,
             job: Some(context.id.into()),
+            owner: context.owner.map(String::from),
             ..row(&id, &dqn, weights.len())
         };
-        base.store.put_policy(&row, &weights)?;
+        base.store.put_policy(&row, &weights, None)?;
         Ok(Outcome::Done(json!({
             "policy": id,
             "loss": log.loss,

@@ -6,7 +6,7 @@ use crate::json::{from_value, parse};
 use crate::reality::{Trial, settled, trials_to_csv};
 use crate::serve::app::App;
 use crate::serve::operation::{
-    Asked, Content, Described, Id, Input, Media, Operation, Output, Page, Reply, get,
+    Asked, Content, Described, Id, Input, Media, Operation, Output, Page, READ, Reply, get,
 };
 use crate::serve::problem::Answer;
 use crate::serve::wire::{TrialOut, Trials};
@@ -15,7 +15,7 @@ use crate::task::{Placement, Scene};
 /// What can be asked of the trials of an estimation.
 pub fn operations() -> Vec<Operation> {
     vec![
-        get("list_trials", "/v1/jobs/{id}/trials", "jobs")
+        get("list_trials", "/v1/jobs/{id}/trials", "jobs", READ)
             .about(
                 "The trials that an estimation measured, or was told. As JSON in pages with the scene they go with; \
                  as the files\nof `iplw measure` with `format=csv` (trials.csv) and `format=scene` (scene.json), \
@@ -112,15 +112,15 @@ struct Found {
 
 /// At most `most` trials of proposals from number `first` on.
 fn measured(app: &App, id: &str, first: u64, most: usize) -> Result<Vec<Found>> {
-    let row = app.jobs.get(id)?.row;
+    let row = app.jobs().get(id)?.row;
     if row.kind != estimation::KIND || row.plan.is_null() {
         return Err(Error::Refused { reason: format!("{id} is no estimation that keeps its trials") });
     }
     let plan: Plan = from_value(row.plan)?;
     let tasks = app.catalogue.named(&plan.task)?;
-    let outcomes = app.store.measured(row.number, first)?;
+    let outcomes = app.store().measured(row.number, first)?;
     let mut found = Vec::new();
-    for round in app.store.rounds(row.number)? {
+    for round in app.store().rounds(row.number)? {
         for p in estimation::asked(&round.asked)?.proposals {
             let Some(Some(text)) = outcomes.get(&p.number) else { continue };
             if found.len() == most {

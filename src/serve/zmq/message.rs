@@ -14,6 +14,8 @@ use crate::serve::wire::{Array, Data, lists};
 pub struct Request {
     pub op: String,
     pub asked: Asked,
+    /// How long it may take, s, as it was sent.
+    pub deadline: Option<String>,
     /// The id in `args.request`, as msgpack: what `cancel` is about.
     pub about: Option<Vec<u8>>,
 }
@@ -45,6 +47,7 @@ struct Header<'a> {
     arrays: Option<Packed<'a>>,
     key: Option<Packed<'a>>,
     raw: Option<Packed<'a>>,
+    deadline: Option<Packed<'a>>,
     /// One that there is not.
     unknown: Option<(Packed<'a>, Packed<'a>)>,
 }
@@ -70,6 +73,7 @@ impl<'a> Header<'a> {
                 Some("arrays") => &mut header.arrays,
                 Some("key") => &mut header.key,
                 Some("raw") => &mut header.raw,
+                Some("deadline") => &mut header.deadline,
                 Some(_) => {
                     header.unknown = Some((key, value));
                     continue;
@@ -91,7 +95,7 @@ impl<'a> Header<'a> {
             v => return Err(Error::input("v", v.unwrap_or(Packed::Nil), format!("{VERSION}"))),
         }
         if let Some((key, value)) = &self.unknown {
-            let allowed = "the fields v, id, op, args, arrays, key and raw";
+            let allowed = "the fields v, id, op, args, arrays, key, raw and deadline";
             return Err(Error::input(name(key).unwrap_or_default(), value, allowed));
         }
         let op = match &self.op {
@@ -126,7 +130,8 @@ impl<'a> Header<'a> {
         };
         let arrays = self.arrays.map(|arrays| described(&arrays)).transpose()?.unwrap_or_default();
         let bytes = placed(&mut fields, arrays, frames)?;
-        Ok(Request { op, asked: Asked::fields(fields, bytes, once, raw), about })
+        let deadline = self.deadline.map(|d| d.to_string());
+        Ok(Request { op, asked: Asked::fields(fields, bytes, once, raw), deadline, about })
     }
 }
 

@@ -14,6 +14,7 @@ mod peer;
 mod zmtp;
 
 use std::io;
+use std::net::IpAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -23,7 +24,8 @@ use tokio::net::TcpListener;
 #[cfg(unix)]
 use tokio::net::UnixListener;
 
-use super::app::App;
+use super::shared::Shared;
+use crate::access::digest;
 use crate::error::{Error, Result};
 use peer::{Reading, Writing};
 
@@ -84,15 +86,24 @@ impl Endpoint {
         &self.address
     }
 
+    /// The address of the network it listens at; none for a socket in the file system.
+    pub fn ip(&self) -> Option<IpAddr> {
+        match &self.listener {
+            Listener::Tcp(listener) => listener.local_addr().ok().map(|at| at.ip()),
+            #[cfg(unix)]
+            Listener::Unix(..) => None,
+        }
+    }
+
     /// Serves until the server stops; then ends what is under way.
-    pub async fn run(self, app: Arc<App>) {
+    pub async fn run(self, shared: Arc<Shared>) {
         let peers = Arc::new(AtomicUsize::new(0));
-        let mut stopping = app.stopping.subscribe();
+        let mut stopping = shared.stopping.subscribe();
         loop {
             tokio::select! {
                 _ = stopping.wait_for(|s| *s) => break,
                 accepted = self.listener.accept() => match accepted {
-                    Ok((from, to)) => meet(&app, &peers, from, to),
+                    Ok((from, to)) => meet(&shared, &peers, from, to),
                     Err(e) => {
                         tracing::warn!("a connection to {} could not be taken: {e}", self.address);
                         tokio::time::sleep(Duration::from_millis(100)).await;
@@ -125,17 +136,19 @@ impl Listener {
 }
 
 /// Serves a connection in a task of its own.
-fn meet(app: &Arc<App>, peers: &Arc<AtomicUsize>, from: Reading, mut to: Writing) {
+fn meet(shared: &Arc<Shared>, peers: &Arc<AtomicUsize>, from: Reading, mut to: Writing) {
     let place = Place(peers.clone());
     if peers.fetch_add(1, Ordering::SeqCst) >= MOST_PEERS {
         return;
     }
-    let app = app.clone();
+    let shared = shared.clone();
     tokio::spawn(async move {
         let _place = place;
         let greeted = tokio::time::timeout(PATIENCE, zmtp::handshake(from, &mut to)).await;
         match greeted {
-            Ok(Ok(receiver)) => peer::serve(app, receiver, to).await,
+            Ok(Ok((receiver, token))) => {
+                peer::serve(shared, token.as_deref().map(digest), receiver, to).await
+            }
             Ok(Err(e)) => tracing::info!("a connection that does not speak ZMTP: {e}"),
             Err(_) => tracing::info!("a connection that said nothing"),
         }

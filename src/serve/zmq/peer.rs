@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use serde_json::json;
 use tokio::io::{AsyncRead, AsyncWrite};
@@ -12,41 +12,54 @@ use tokio::sync::{Semaphore, oneshot, watch};
 
 use super::message::{self, NIL, Request, Written, written};
 use super::zmtp::{self, MOST_BYTES, MOST_FRAMES, Received, Receiver};
+use crate::access::{Digest, Scope, Who, now};
 use crate::serve::app::App;
+use crate::serve::leave::Leave;
+use crate::serve::log::{RequestLine, slug};
 use crate::serve::operation::{Operation, Weight};
 use crate::serve::operations::operation;
 use crate::serve::problem::{Answer, Problem};
+use crate::serve::shared::Shared;
 
 /// Requests of one client under way at a time; more are told to come back.
 const MOST_UNDER_WAY: usize = 128;
+/// Largest message of a client that is not known, bytes: enough to tell it so.
+const MOST_UNKNOWN: usize = 64 * 1024;
 /// How long a client may take to read an answer.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Answers a client until it hangs up or the server stops, and ends what is under way.
-pub async fn serve(app: Arc<App>, mut receiver: Receiver<Reading>, to: Writing) {
-    let mut stopping = app.stopping.subscribe();
+pub async fn serve(shared: Arc<Shared>, token: Option<Digest>, mut receiver: Receiver<Reading>, to: Writing) {
+    let mut stopping = shared.stopping.subscribe();
     let peer = Arc::new(Peer {
-        app,
+        shared,
+        token,
         to: tokio::sync::Mutex::new(Some(to)),
         places: Arc::new(Semaphore::new(MOST_UNDER_WAY)),
         under_way: Mutex::default(),
         last: Mutex::default(),
     });
-    loop {
+    let left = loop {
+        // Nothing large is kept for somebody who is not known.
+        receiver.at_most(if peer.who().is_ok() { MOST_BYTES } else { MOST_UNKNOWN });
         let received = tokio::select! {
             received = receiver.receive() => received,
-            _ = stopping.wait_for(|s| *s) => break,
+            _ = stopping.wait_for(|s| *s) => break false,
         };
         match received {
             Ok(Some(Received::Message(frames))) => peer.take(frames).await,
             Ok(Some(Received::TooLarge(frames))) => peer.refuse_large(frames).await,
             Ok(Some(Received::Ping(context))) => peer.pong(&context).await,
-            Ok(None) => break,
+            Ok(None) => break true,
             Err(e) => {
                 tracing::info!("a ZeroMQ client was hung up on: {e}");
-                break;
+                break true;
             }
         }
+    };
+    if left {
+        // Nobody sees what would be simulated.
+        lock(&peer.under_way).values().for_each(|flight| flight.leave.end());
     }
     // A client that sent its last wish and hung up has it carried out.
     let _ = peer.places.acquire_many(MOST_UNDER_WAY as u32).await;
@@ -58,7 +71,9 @@ pub type Reading = Box<dyn AsyncRead + Send + Unpin>;
 pub type Writing = Box<dyn AsyncWrite + Send + Unpin>;
 
 struct Peer {
-    app: Arc<App>,
+    shared: Arc<Shared>,
+    /// What the client showed when it connected.
+    token: Option<Digest>,
     /// `None` once the client did not read.
     to: tokio::sync::Mutex<Option<Writing>>,
     places: Arc<Semaphore>,
@@ -73,9 +88,16 @@ struct Flight {
     cancel: Option<oneshot::Sender<()>>,
     /// Set once nobody waits for it.
     dropped: Arc<AtomicBool>,
+    /// Ended, so that a simulation stops in the middle.
+    leave: Arc<Leave>,
 }
 
 impl Peer {
+    /// Who asks, now: a token may end while its bearer is connected.
+    fn who(&self) -> Answer<Who> {
+        self.shared.keyring.who(self.token.as_ref(), now()).map_err(Problem::unauthorized)
+    }
+
     /// Takes a message: answers it at once, or sees to it that it is answered.
     async fn take(self: &Arc<Self>, mut frames: Vec<Vec<u8>>) {
         let delimited = frames.len() > 1 && frames[0].is_empty();
@@ -83,7 +105,7 @@ impl Peer {
             frames.remove(0);
         }
         let (id, request) = message::read(frames);
-        let to = Address { id, delimited };
+        let to = Address { id, delimited, since: Instant::now() };
         match request {
             Err(e) => self.answer(&to, "none", Err(Problem::malformed(e))).await,
             Ok(request) => match request.op.as_str() {
@@ -100,20 +122,34 @@ impl Peer {
         }
     }
 
+    /// The server as this client sees it, for one request.
+    fn app(&self, operation: &Operation, request: &Request) -> Answer<App> {
+        let who = match self.who() {
+            Ok(who) => who,
+            Err(_) if operation.needs.is_none() => Who { name: None, scope: Scope::Read },
+            Err(problem) => return Err(problem),
+        };
+        Ok(App::new(&self.shared, who, self.shared.span("deadline", request.deadline.as_deref())?))
+    }
+
     async fn start(self: &Arc<Self>, operation: &'static Operation, request: Request, to: Address) {
+        let app = match self.app(operation, &request) {
+            Ok(app) => Arc::new(app),
+            Err(problem) => return self.answer(&to, operation.name, Err(problem)).await,
+        };
         let Ok(place) = self.places.clone().try_acquire_owned() else {
             return self.answer(&to, operation.name, Err(Problem::busy(MOST_UNDER_WAY))).await;
         };
         let alone = self.places.available_permits() == MOST_UNDER_WAY - 1;
         let (raw, names) = (request.asked.raw, request.asked.names());
-        let ready = catch_unwind(AssertUnwindSafe(|| operation.ready(&self.app, request.asked)));
+        let ready = catch_unwind(AssertUnwindSafe(|| operation.ready(&app, request.asked)));
         let call = match ready.unwrap_or_else(|_| Err(Problem::defect())) {
             Ok(call) => call,
             Err(problem) => return self.answer(&to, operation.name, Err(problem)).await,
         };
         let work = move |app: &App| written((call.work)(app)?, raw);
         if alone && call.weight == Weight::Light {
-            let done = catch_unwind(AssertUnwindSafe(|| work(&self.app)));
+            let done = catch_unwind(AssertUnwindSafe(|| work(&app)));
             let answer = done.unwrap_or_else(|_| Err(Problem::defect()));
             return self.answer(&to, operation.name, answer).await;
         }
@@ -123,7 +159,8 @@ impl Peer {
             let mut under_way = lock(&self.under_way);
             let twice = under_way.contains_key(&to.id);
             if !twice {
-                let flight = Flight { cancel: Some(cancel), dropped: dropped.clone() };
+                let (dropped, leave) = (dropped.clone(), app.leave().clone());
+                let flight = Flight { cancel: Some(cancel), dropped, leave };
                 under_way.insert(to.id.clone(), flight);
             }
             twice
@@ -140,7 +177,6 @@ impl Peer {
                     // An error says that it is over.
                     while earlier.changed().await.is_ok() {}
                 }
-                let app = peer.app.clone();
                 let alive = move |app: &App| {
                     // Those that wait for this one wait for the work, also if nobody wants its answer any more.
                     let _turn = turn;
@@ -191,6 +227,7 @@ impl Peer {
     }
 
     async fn refuse_large(&self, mut frames: Vec<Vec<u8>>) {
+        let known = self.who();
         let delimited = frames.first().is_some_and(Vec::is_empty);
         if delimited {
             frames.remove(0);
@@ -200,7 +237,8 @@ impl Peer {
         let detail = format!(
             "a message has at most {MOST_BYTES} bytes in at most {MOST_FRAMES} frames; send it in parts"
         );
-        self.answer(&Address { id, delimited }, "none", Err(Problem::too_large(detail))).await;
+        let refused = known.err().unwrap_or_else(|| Problem::too_large(detail));
+        self.answer(&Address { id, delimited, since: Instant::now() }, "none", Err(refused)).await;
     }
 
     async fn pong(&self, context: &[u8]) {
@@ -209,9 +247,27 @@ impl Peer {
         }
     }
 
-    async fn answer(&self, to: &Address, name: &str, answer: Answer<Written>) {
+    /// Takes a request down in the log and in the metrics.
+    fn note(&self, to: &Address, name: &'static str, status: u16, refused: Option<&Problem>) {
+        let seconds = to.since.elapsed().as_secs_f64();
+        let who = self.who().ok();
+        self.shared.log.request(&RequestLine {
+            request: &self.shared.request_id(),
+            transport: "zmq",
+            operation: name,
+            who: who.as_ref().and_then(Who::owner),
+            status,
+            problem: refused.map(|p| slug(&p.kind)),
+            seconds,
+            trace: None,
+        });
+        self.shared.base.metrics.took("zmq", name, status, seconds);
+    }
+
+    async fn answer(&self, to: &Address, name: &'static str, answer: Answer<Written>) {
         let status = answer.as_ref().map_or_else(|problem| problem.status, |_| 200);
-        self.app.metrics.answered("ZMQ", name, status);
+        self.shared.base.metrics.answered("ZMQ", name, status);
+        self.note(to, name, status, answer.as_ref().err());
         let mut frames = match answer {
             Ok(written) => written.frames(&to.id),
             Err(problem) => message::refusal(&to.id, &problem),
@@ -234,6 +290,8 @@ impl Peer {
 struct Address {
     /// As msgpack.
     id: Vec<u8>,
+    /// When its request came.
+    since: Instant,
     /// Whether the client puts an empty frame in front, as a REQ does.
     delimited: bool,
 }

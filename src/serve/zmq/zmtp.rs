@@ -1,6 +1,10 @@
 //! ZMTP 3.1, the server's side of a ROUTER: greeting, READY, frames, PING (rfc.zeromq.org/spec/37).
 //!
-//! *Differences from the source.* NULL security only, and no older protocol than 3.0. What a peer may send is bounded:
+//! Security is NULL, or PLAIN (rfc.zeromq.org/spec/24) whose password is a token. A token in the handshake is shown once a
+//! connection, by libzmq itself after every reconnection, and before anything large is taken; a field of each message would
+//! be checked only after that message had been read.
+//!
+//! *Differences from the source.* No CURVE, and no older protocol than 3.0. What a peer may send is bounded:
 //! a message has at most [`MOST_BYTES`] and [`MOST_FRAMES`]; more is read and dropped, so that it can be answered.
 //!
 //! Ours and no library's: the `zeromq` crate (0.7.0, its source read) reserves whatever length a frame announces and knows
@@ -20,6 +24,8 @@ const DRAINED: usize = 8 * MOST_BYTES;
 /// The receiving half of a connection.
 pub struct Receiver<R> {
     from: BufReader<R>,
+    /// Largest message that is taken, bytes.
+    most: usize,
 }
 
 /// What a peer sent.
@@ -33,13 +39,16 @@ pub enum Received {
     Ping(Vec<u8>),
 }
 
-/// Exchanges greetings and READY; an error ends the connection.
-pub async fn handshake<R, W>(from: R, to: &mut W) -> io::Result<Receiver<R>>
+/// Exchanges greetings and what the mechanism wants, by which a client shows its token; an error ends the connection.
+///
+/// The mechanism is the client's choice: the second half of our greeting repeats it, so that a client without a token is
+/// met, and told what it lacks in answer to its request. Whether a token is good is not said here either.
+pub async fn handshake<R, W>(from: R, to: &mut W) -> io::Result<(Receiver<R>, Option<Vec<u8>>)>
 where
     R: AsyncRead + Unpin,
     W: AsyncWrite + Unpin,
 {
-    let mut receiver = Receiver { from: BufReader::with_capacity(64 * 1024, from) };
+    let mut receiver = Receiver { from: BufReader::with_capacity(64 * 1024, from), most: MOST_BYTES };
     to.write_all(&greeting()).await?;
     let mut theirs = [0; 64];
     // Whoever speaks something else is noticed at the first byte.
@@ -48,37 +57,87 @@ where
         return Err(bad("no greeting"));
     }
     receiver.from.read_exact(&mut theirs[1..]).await?;
-    let mechanism: &[u8] = &theirs[12..32];
     if theirs[9] & 1 == 0 || theirs[10] < 3 {
         return Err(bad("a version before 3.0"));
     }
-    if &mechanism[..5] != b"NULL\0" {
-        return Err(bad("a mechanism other than NULL"));
-    }
-    let mut ready = b"\x05READY".to_vec();
-    property(&mut ready, "Socket-Type", b"ROUTER");
-    property(&mut ready, "Identity", b"");
-    to.write_all(&frame_head(COMMAND, ready.len())).await?;
-    to.write_all(&ready).await?;
+    let name = &theirs[12..32];
+    let plain = match name.iter().position(|b| *b == 0).map(|end| &name[..end]) {
+        Some(b"NULL") => false,
+        Some(b"PLAIN") => true,
+        _ => return Err(bad("a mechanism other than NULL and PLAIN")),
+    };
+    let mut rest = [0; 64 - SIGNED];
+    rest[..20].copy_from_slice(name);
+    // As a server, which only PLAIN tells from a client.
+    rest[20] = u8::from(plain);
+    to.write_all(&rest).await?;
     to.flush().await?;
-    let (flags, length) = receiver.head().await?;
-    if flags & COMMAND == 0 || length > 4096 {
-        return Err(bad("no READY"));
+    let token = if plain { Some(receiver.hello(to).await?) } else { None };
+    if !plain {
+        command(to, &ready()).await?;
     }
-    let mut body = vec![0; length as usize];
-    receiver.from.read_exact(&mut body).await?;
-    match body.strip_prefix(b"\x05READY").and_then(|p| value_of(p, "Socket-Type")) {
-        Some(b"DEALER" | b"REQ" | b"ROUTER") => Ok(receiver),
+    let greeted = receiver.command().await?;
+    let told = greeted.strip_prefix(if plain { &b"\x08INITIATE"[..] } else { b"\x05READY" });
+    match told.and_then(|p| value_of(p, "Socket-Type")) {
+        Some(b"DEALER" | b"REQ" | b"ROUTER") => {
+            if plain {
+                command(to, &ready()).await?;
+            }
+            Ok((receiver, token))
+        }
         Some(_) => {
-            let reason = b"a ROUTER is here: connect a DEALER";
-            let mut error = b"\x05ERROR".to_vec();
-            error.push(reason.len() as u8);
-            error.extend_from_slice(reason);
-            to.write_all(&frame_head(COMMAND, error.len())).await?;
-            to.write_all(&error).await?;
+            refuse(to, "a ROUTER is here: connect a DEALER").await?;
             Err(bad("a socket type that does not go with ROUTER"))
         }
         None => Err(bad("no READY")),
+    }
+}
+
+async fn command<W: AsyncWrite + Unpin>(to: &mut W, body: &[u8]) -> io::Result<()> {
+    to.write_all(&[&frame_head(COMMAND, body.len())[..], body].concat()).await?;
+    to.flush().await
+}
+
+fn ready() -> Vec<u8> {
+    let mut ready = b"\x05READY".to_vec();
+    property(&mut ready, "Socket-Type", b"ROUTER");
+    property(&mut ready, "Identity", b"");
+    ready
+}
+
+async fn refuse<W: AsyncWrite + Unpin>(to: &mut W, reason: &str) -> io::Result<()> {
+    let mut error = b"\x05ERROR".to_vec();
+    error.push(reason.len() as u8);
+    error.extend_from_slice(reason.as_bytes());
+    command(to, &error).await
+}
+
+impl<R: AsyncRead + Unpin> Receiver<R> {
+    /// From now on messages of more bytes are read and dropped.
+    pub fn at_most(&mut self, bytes: usize) {
+        self.most = bytes;
+    }
+
+    /// PLAIN's first half (RFC 24): HELLO with a name and a password, which is the token; then WELCOME.
+    async fn hello<W: AsyncWrite + Unpin>(&mut self, to: &mut W) -> io::Result<Vec<u8>> {
+        let body = self.command().await?;
+        let parts = body.strip_prefix(b"\x05HELLO").and_then(|rest| {
+            let (length, rest) = rest.split_first()?;
+            let (length, rest) = rest.get(usize::from(*length)..)?.split_first()?;
+            rest.get(..usize::from(*length)).filter(|token| token.len() == rest.len())
+        });
+        let token = parts.ok_or_else(|| bad("no HELLO"))?.to_vec();
+        command(to, b"\x07WELCOME").await?;
+        Ok(token)
+    }
+
+    /// A command of the handshake.
+    async fn command(&mut self) -> io::Result<Vec<u8>> {
+        let (flags, length) = self.head().await?;
+        if flags & COMMAND == 0 || length > 4096 {
+            return Err(bad("no READY"));
+        }
+        self.body(length as usize).await
     }
 }
 
@@ -109,7 +168,7 @@ impl<R: AsyncRead + Unpin> Receiver<R> {
                 Some(total) if total <= DRAINED => total,
                 _ => return Err(bad("a message far above the limit")),
             };
-            too_large |= bytes > MOST_BYTES || frames.len() >= MOST_FRAMES;
+            too_large |= bytes > self.most || frames.len() >= MOST_FRAMES;
             if too_large {
                 let dropped =
                     tokio::io::copy(&mut (&mut self.from).take(length), &mut tokio::io::sink()).await?;
@@ -184,11 +243,13 @@ const COMMAND: u8 = 4;
 /// Frames up to this size go out in one piece with their neighbours, bytes.
 const TOGETHER: usize = 64 * 1024;
 
-fn greeting() -> [u8; 64] {
-    let mut greeting = [0; 64];
+/// Bytes of a greeting before the mechanism: signature and version.
+const SIGNED: usize = 12;
+
+fn greeting() -> [u8; SIGNED] {
+    let mut greeting = [0; SIGNED];
     (greeting[0], greeting[9]) = (0xff, 0x7f);
     (greeting[10], greeting[11]) = (3, 1);
-    greeting[12..16].copy_from_slice(b"NULL");
     greeting
 }
 
@@ -237,7 +298,7 @@ mod tests {
     }
 
     async fn receive(bytes: &[u8]) -> io::Result<Option<Received>> {
-        Receiver { from: BufReader::new(bytes) }.receive().await
+        Receiver { from: BufReader::new(bytes), most: MOST_BYTES }.receive().await
     }
 
     #[test]

@@ -16,7 +16,10 @@ use crate::world::observe::Schedule;
 use crate::world::prepare::Prepared;
 use crate::world::record::{self, APART_STEPS, Recorder};
 
-/// Integrates everything that `feed` holds.
+/// Pairs looked at, all lanes of each, between two looks at whether to go on: about a millisecond.
+const PAIRS_A_LOOK: usize = 1 << 14;
+
+/// Integrates everything that `feed` holds, unless it is told to stop.
 #[inline(always)]
 pub fn run<R: Register, const N: usize>(feed: &mut dyn Feed, end_at_rest: bool) {
     let Some((index, first)) = feed.next() else { return };
@@ -25,7 +28,16 @@ pub fn run<R: Register, const N: usize>(feed: &mut dyn Feed, end_at_rest: bool) 
     for lane in 1..LANES {
         batch.refill(lane, feed);
     }
+    let steps_a_look = (PAIRS_A_LOOK / batch.state.pairs.len().max(1)).max(1);
+    let mut unlooked = 0;
     while batch.lanes.iter().any(Option::is_some) {
+        unlooked += 1;
+        if unlooked == steps_a_look {
+            unlooked = 0;
+            if !feed.goes_on() {
+                return;
+            }
+        }
         kernel::step::<R, N>(&mut batch.state);
         if batch.state.wild {
             batch.retire_diverged(feed);

@@ -7,6 +7,8 @@ use crate::world::prepare::Prepared;
 pub trait Feed {
     /// The next rollout and its number.
     fn next(&mut self) -> Option<(usize, Prepared)>;
+    /// Whether to go on; asked every now and then.
+    fn goes_on(&mut self) -> bool;
     /// Takes in a finished one.
     fn done(&mut self, index: usize, trajectory: Trajectory);
 }

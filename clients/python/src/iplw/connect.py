@@ -9,10 +9,17 @@ from .http import Http
 from .transport import Transport
 
 
-def connect(url: str, timeout: float, advice: Callable[[], str] | None = None) -> Transport:
+def connect(
+    url: str,
+    timeout: float,
+    advice: Callable[[], str] | None = None,
+    token: str | None = None,
+    verify: bool | str = True,
+) -> Transport:
     """The transport for an address, nothing sent yet; without a scheme it is HTTP, a senseless one a `ValueError`.
 
-    `advice`: what to tell someone whose request failed; asked only then.
+    `advice`: what to tell someone whose request failed; asked only then. `token`: who asks. `verify`: whose certificates
+    are believed, over `https://`.
     """
     full = url if "://" in url else "http://" + url
     if not _fine(full):
@@ -23,8 +30,8 @@ def connect(url: str, timeout: float, advice: Callable[[], str] | None = None) -
         # HTTP does without what this needs.
         from .zeromq import ZeroMq
 
-        return ZeroMq(full, timeout, advice)
-    return Http(full, timeout, advice)
+        return ZeroMq(full, timeout, advice, token)
+    return Http(full, timeout, advice, token, verify)
 
 
 def _fine(url: str) -> bool:

@@ -48,8 +48,17 @@ class Http(Transport):
     _start = "iplw serve"
     _what = "an iplw server"
 
-    def __init__(self, url: str, timeout: float, advice: Callable[[], str] | None = None) -> None:
+    def __init__(
+        self,
+        url: str,
+        timeout: float,
+        advice: Callable[[], str] | None = None,
+        token: str | None = None,
+        verify: bool | str = True,
+    ) -> None:
         super().__init__(url.rstrip("/"), timeout, advice)
+        self._who = {} if token is None else {"Authorization": f"Bearer {token}"}
+        self._verify = verify
         self._pool: _Pool | None = None
         self._pid = os.getpid()
         self._closed = False
@@ -88,7 +97,9 @@ class Http(Transport):
         data = response.data
         if response.status >= 300:
             refused = problem(response)
-            raise Lost(lambda: refused) if response.status in _GATEWAY else refused
+            # What took too long takes too long again.
+            passes = response.status in _GATEWAY and refused.slug != "deadline"
+            raise Lost(lambda: refused) if passes else refused
         if not data:
             # Headers that break off are taken for whole ones, without a body.
             if operation.gives and response.status != 204:
@@ -118,13 +129,13 @@ class Http(Transport):
             if self._closed:
                 raise closed()
             # A forked child must not talk over its parent's sockets.
-            pool, self._pid = _Pool(self.url), os.getpid()
+            pool, self._pid = _Pool(self.url, self._verify), os.getpid()
             self._pool = pool
         return pool.open(
             method,
             pool.base + path,
             body=payload,
-            headers=headers,
+            headers={**headers, **self._who},
             retries=_ONCE,
             redirect=False,
             timeout=Timeout(connect=min(self.timeout, CONNECT), read=self.timeout + slack),
@@ -140,19 +151,22 @@ class Http(Transport):
 class _Pool:
     """urllib3's connections to one server, straight or through a proxy."""
 
-    def __init__(self, url: str) -> None:
+    def __init__(self, url: str, verify: bool | str) -> None:
         parts = urlsplit(url)
+        trust: dict[str, Any] = {}
+        if parts.scheme == "https" and verify is not True:
+            trust = {"ca_certs": verify} if isinstance(verify, str) else {"cert_reqs": "CERT_NONE"}
         host = str(parts.hostname)
         here = host in ("localhost", "::1") or host.startswith("127.")
         proxy = None if here or proxy_bypass(host) else getproxies().get(parts.scheme)
         self.open: Callable[..., urllib3.BaseHTTPResponse]
         if proxy:
-            manager = urllib3.ProxyManager(proxy, maxsize=KEPT)
+            manager = urllib3.ProxyManager(proxy, maxsize=KEPT, **trust)
             #: What a path is put behind.
             self.base = url
             self.open, self.close = manager.urlopen, manager.clear
         else:
-            pool = urllib3.connection_from_url(url, maxsize=KEPT)
+            pool = urllib3.connection_from_url(url, maxsize=KEPT, **trust)
             if parts.scheme == "http":
                 pool.ConnectionCls = _Connection
             self.base = parts.path.rstrip("/")

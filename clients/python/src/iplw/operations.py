@@ -133,6 +133,12 @@ OPERATIONS: dict[str, Operation] = {
         gives=("application/json", "text/csv"),
         items="trials",
     ),
+    "get_limits": Operation(
+        method="GET",
+        path="/v1/limits",
+        status=200,
+        gives=("application/json",),
+    ),
     "list_policies": Operation(
         method="GET",
         path="/v1/policies",

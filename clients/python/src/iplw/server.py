@@ -44,6 +44,8 @@ class PrivateServer:
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
+                # Tokens of the environment are for servers that others reach; this one is ours alone.
+                env={name: value for name, value in os.environ.items() if name != "IPLW_TOKENS"},
             )
         except OSError as error:
             raise ServerUnavailable(f"cannot start {binary}: {error}; {_HOW}") from error

@@ -53,8 +53,15 @@ class ZeroMq(Transport):
     _start = "iplw serve --zmq ADDRESS"
     _what = "the ZeroMQ address of an iplw server"
 
-    def __init__(self, url: str, timeout: float, advice: Callable[[], str] | None = None) -> None:
+    def __init__(
+        self,
+        url: str,
+        timeout: float,
+        advice: Callable[[], str] | None = None,
+        token: str | None = None,
+    ) -> None:
         super().__init__(url, timeout, advice)
+        self._token = token
         self._lines: deque[_Line] = deque()
         self._numbers = itertools.count(1)
         self._pid = os.getpid()
@@ -128,7 +135,7 @@ class ZeroMq(Transport):
             if not line.broken():
                 return line
             line.close()
-        made = _Line(self.url, min(LOOK, self.timeout))
+        made = _Line(self.url, min(LOOK, self.timeout), self._token)
         if not made.established(min(self.timeout, CONNECT)):
             made.close()
             raise self._nobody()
@@ -144,7 +151,7 @@ class ZeroMq(Transport):
 class _Line:
     """One connection, never renewed. What goes wrong with it is a `zmq.ZMQError`."""
 
-    def __init__(self, url: str, look: float) -> None:
+    def __init__(self, url: str, look: float, token: str | None) -> None:
         # The instance notices a fork and makes a context of the child's own.
         self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
         self._socket.setsockopt(zmq.LINGER, 0)
@@ -152,6 +159,10 @@ class _Line:
         # No queue for a server that is not there, and no second try behind our back.
         self._socket.setsockopt(zmq.IMMEDIATE, 1)
         self._socket.setsockopt(zmq.RECONNECT_IVL, -1)
+        if token is not None:
+            # PLAIN: the name says nothing, the password is the token.
+            self._socket.setsockopt(zmq.PLAIN_USERNAME, b"iplw")
+            self._socket.setsockopt(zmq.PLAIN_PASSWORD, token.encode())
         self._url = url
 
     def established(self, patience: float) -> bool:

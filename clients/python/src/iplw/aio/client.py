@@ -22,7 +22,7 @@ from .surface import AsyncSurface
 from .world import AsyncWorld
 
 #: Addresses of a private server -> scheme.
-PRIVATE = {None: "http", "tcp://private": "tcp"}
+PRIVATE = {None: "http", "private": "http", "tcp://private": "tcp"}
 
 
 class AsyncClient:
@@ -31,7 +31,9 @@ class AsyncClient:
     `url`: `http://host:port`, or `tcp://host:port` or `ipc://path` for ZeroMQ, which needs `pip install
     'iplw[zmq]'`. Without one it starts a private server, shared by all such clients of this process and stopped
     when the last of them closes or the process ends, in whichever way; `tcp://private` is the same, spoken to over
-    ZeroMQ. `timeout` is in seconds, for each request; batches get more by their size. Requests that only read or
+    ZeroMQ. `token` says who asks, where the server wants to know; `verify` is False, or the file of the certificates that
+    are believed, over `https://`. Where `url` or `token` is absent, the environment's IPLW_URL and IPLW_TOKEN count; the
+    address `private` is a private server all the same. `timeout` is in seconds, for each request; batches get more by their size. Requests that only read or
     delete, or that carry a `key`, are repeated after a lost connection, others never.
     """
 
@@ -39,6 +41,8 @@ class AsyncClient:
         self,
         url: str | None = None,
         *,
+        token: str | None = None,
+        verify: bool | str = True,
         timeout: float = 30.0,
         binary: str | os.PathLike[str] | None = None,
         concurrency: int = 32,  # async
@@ -48,13 +52,15 @@ class AsyncClient:
         self.server: server.PrivateServer | None = None
         runner = AsyncRunner(concurrency)  # async
         # sync: runner = Runner()
+        url = url if url is not None else os.environ.get("IPLW_URL") or None
         private = PRIVATE.get(url)
         if private is not None:
             self.server = server.acquire(binary)
         try:
             address = self.server.address(private) if self.server and private else str(url)
             advice = self.server.advice if self.server else None
-            self._line = AsyncLine(connect(address, timeout, advice), runner)
+            who = None if private else token if token is not None else os.environ.get("IPLW_TOKEN") or None
+            self._line = AsyncLine(connect(address, timeout, advice, who, verify), runner)
         except BaseException:
             self._release()
             raise

@@ -1,0 +1,18 @@
+//! How long work may go on: asked now and then by whoever works long, so that it can be stopped in the middle.
+
+use crate::error::Result;
+
+/// Says whether work may go on; an error it gives (usually `Error::Cancelled` or `Error::Deadline`) ends the work.
+pub trait Budget: Sync {
+    /// An error once the work is to end. Cheap: a simulation asks every millisecond or so.
+    fn look(&self) -> Result<()>;
+}
+
+/// Goes on for as long as it takes.
+pub struct Endless;
+
+impl Budget for Endless {
+    fn look(&self) -> Result<()> {
+        Ok(())
+    }
+}

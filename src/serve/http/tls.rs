@@ -1,0 +1,62 @@
+//! TLS by rustls: a certificate and its key, read again when they are renewed.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, PoisonError, RwLock};
+
+use rustls::ServerConfig;
+use rustls::crypto::ring::default_provider;
+use rustls::pki_types::pem::PemObject;
+use rustls::pki_types::{CertificateDer, PrivateKeyDer};
+use tokio_rustls::TlsAcceptor;
+
+use crate::error::{Error, Result};
+
+/// What a server shows of itself.
+pub struct Tls {
+    certificate: PathBuf,
+    key: PathBuf,
+    now: RwLock<Arc<ServerConfig>>,
+}
+
+impl Tls {
+    /// Of a chain of certificates, the server's first, and the private key of the first; PEM both.
+    pub fn read(certificate: &Path, key: &Path) -> Result<Tls> {
+        let now = RwLock::new(config(certificate, key)?);
+        Ok(Tls { certificate: certificate.into(), key: key.into(), now })
+    }
+
+    /// Reads both again; what cannot be read changes nothing.
+    pub fn reload(&self) -> Result<()> {
+        let new = config(&self.certificate, &self.key)?;
+        *self.now.write().unwrap_or_else(PoisonError::into_inner) = new;
+        Ok(())
+    }
+
+    /// What new connections are met with.
+    pub fn acceptor(&self) -> TlsAcceptor {
+        self.now.read().unwrap_or_else(PoisonError::into_inner).clone().into()
+    }
+}
+
+fn config(certificate: &Path, key: &Path) -> Result<Arc<ServerConfig>> {
+    let refuse = |option: &str, path: &Path, e: &dyn std::fmt::Display, allowed: &str| {
+        Error::input(option, format!("{} ({e})", path.display()), allowed)
+    };
+    let of_chain = "a PEM file of certificates, the server's own first";
+    let chain = CertificateDer::pem_file_iter(certificate)
+        .and_then(|all| all.collect::<std::result::Result<Vec<_>, _>>())
+        .map_err(|e| refuse("--tls-cert", certificate, &e, of_chain))?;
+    if chain.is_empty() {
+        return Err(refuse("--tls-cert", certificate, &"no certificate", of_chain));
+    }
+    let private = PrivateKeyDer::from_pem_file(key)
+        .map_err(|e| refuse("--tls-key", key, &e, "a PEM file of a private key"))?;
+    let mut config = ServerConfig::builder_with_provider(Arc::new(default_provider()))
+        .with_safe_default_protocol_versions()
+        .and_then(|config| config.with_no_client_auth().with_single_cert(chain, private))
+        .map_err(|e| {
+            refuse("--tls-key", key, &e, "the private key of the first certificate of --tls-cert")
+        })?;
+    config.alpn_protocols = vec![b"http/1.1".to_vec()];
+    Ok(Arc::new(config))
+}
