@@ -150,6 +150,7 @@ mod tests {
                     let noise = DVector::from_fn(9, |i, _| (1.0 + 1.5 * 1.5 * slow[i]).sqrt() * normal());
                     let left = &column * 0.7 + (&column * own + noise) * (scale * wider);
                     let block = Block {
+                        window: 0,
                         left: left.column(0).into_owned(),
                         slow: slow.clone(),
                         columns: column.clone(),

@@ -128,3 +128,34 @@ fn most_likely(part: &Part, all: &[Differing], slow: f64, step: &DVector<f64>) -
     }
     Some(precision.cholesky()?.solve(&score))
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::discover::{fixture, thrown};
+
+    /// Every launch is at its own drag: as far from the mean as it was thrown with.
+    #[test]
+    fn a_mode_is_a_launch_s_own_size() {
+        let drags = [0.34, 0.46, 0.37, 0.44, 0.4, 0.42, 0.38, 0.41];
+        thrown::fitted(&drags, &["linear_drag"], 6, |_, f| {
+            assert_eq!(f.state.modes.len(), 8);
+            for (w, drag) in drags.iter().enumerate() {
+                let own = f.state.values_in(w)[0];
+                assert!((own - drag).abs() < 0.015, "{own} for {drag}");
+                assert_eq!(f.state.modes[w].pushes.len(), f.components.push.len());
+            }
+        });
+    }
+
+    /// Gravity that is weaker looks like a gust without end: no launch is predicted better than it is fitted.
+    #[test]
+    fn nothing_is_predicted_better_than_it_is_fitted() {
+        let (_, fits, _) = fixture::fitted(&[&["wind"], &["gust"], &["position_field"]]);
+        for f in fits {
+            let here = nalgebra::DVector::zeros(f.layout.slots.len());
+            let fitted: f64 = f.told.iter().map(|t| t.density(&here)).sum();
+            let predicted: f64 = f.score.iter().sum();
+            assert!(predicted < fitted + 2.0, "{:?}: {predicted} and {fitted}", f.names());
+        }
+    }
+}

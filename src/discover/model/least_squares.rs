@@ -197,8 +197,7 @@ mod tests {
         let (windows, settings) = flights([0.8, -0.3], 4);
         let data = Data::new(&windows, &settings, vec![1e-3; 4], Engine::Auto);
         let mut layout = Layout::new(&[], vec![term("wind")], 1);
-        let start =
-            State { values: vec![0.0; 2], nuisances: windows.iter().map(|w| w.nuisances.clone()).collect() };
+        let start = State::new(vec![0.0; 2], windows.iter().map(|w| w.nuisances.clone()).collect());
         let told = pass(&data, &layout, &start).unwrap().trials.iter().map(|t| t.gram[(0, 0)]).sum::<f64>();
         layout.slots[0].belief = told;
         let (state, _) = fit(&data, &layout, start, 8).unwrap();

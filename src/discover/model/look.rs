@@ -249,6 +249,21 @@ mod tests {
         assert!((step[0] + 0.3).abs() < 1e-6 && (step[3] - 2.0).abs() < 1e-6, "{step}");
     }
 
+    /// Of a launch that has a wind of its own, what is left is the wind's: as if the mode had never been.
+    #[test]
+    fn what_a_mode_takes_is_given_back() {
+        let (windows, settings) = flights([0.5, 0.0], 1);
+        let data = Data::new(&windows, &settings, vec![1e-3], Engine::Lanes);
+        let layout = Layout::new(&[], vec![term("wind")], 1);
+        let alike = State::new(vec![0.0, 0.0], vec![windows[0].nuisances.clone()]);
+        let mode = Mode { sizes: vec![0.5, 0.0], pushes: Vec::new() };
+        let unlike = State { modes: vec![mode], ..alike.clone() };
+        let [alike, unlike] = [alike, unlike].map(|s| looks(&data, &layout, &s, &[]).unwrap().remove(0));
+        assert!(alike.residual.norm() > 30.0, "{}", alike.residual.norm());
+        assert!((&alike.residual - &unlike.residual).norm() < 1e-3 * alike.residual.norm());
+        assert!((alike.square - unlike.square).abs() < 1e-3 * alike.square);
+    }
+
     #[test]
     fn a_path_that_diverges_is_bad_and_leads_nowhere() {
         let (windows, settings) = flights([0.0, 0.0], 1);
