@@ -212,6 +212,7 @@ mod tests {
             off: DVector::zeros(2),
             plausible: vec![0.4, 0.0],
             reason: vec![0.1, 0.0],
+            by_setting: vec![false; 2],
         }
     }
 

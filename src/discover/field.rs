@@ -168,6 +168,7 @@ fn believed(model: &Fitted, all: usize, strength: f64) -> Prior {
     prior.off.rows_mut(0, q).copy_from(&own.off);
     prior.plausible.resize(all, 0.0);
     prior.reason.resize(all, 0.0);
+    prior.by_setting.resize(all, false);
     prior
 }
 
@@ -345,6 +346,7 @@ pub fn left(fitter: &Fitter, model: &Fitted, strength: f64) -> Result<Option<Lef
             off: DVector::zeros(count),
             plausible: vec![0.0; count],
             reason: vec![0.0; count],
+            by_setting: vec![false; count],
         };
         gaussian::pooled(all.iter(), &prior)
     };

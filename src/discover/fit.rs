@@ -310,8 +310,13 @@ const BETWEEN: f64 = 0.05;
 pub fn prior(layout: &Layout, state: &State) -> Prior {
     let q = layout.slots.len();
     let none = || vec![0.0; q];
-    let mut out =
-        Prior { precision: DMatrix::zeros(q, q), off: DVector::zeros(q), plausible: none(), reason: none() };
+    let mut out = Prior {
+        precision: DMatrix::zeros(q, q),
+        off: DVector::zeros(q),
+        plausible: none(),
+        reason: none(),
+        by_setting: layout.slots.iter().map(|s| s.setting.is_some()).collect(),
+    };
     for (i, slot) in layout.slots.iter().enumerate() {
         let parameter = match slot.what {
             What::Parameter(t, p) => Some(&layout.terms[t].effect.parameters[p]),

@@ -36,6 +36,8 @@ pub struct Prior {
     pub plausible: Vec<f64>,
     /// How far each of those has reason to.
     pub reason: Vec<f64>,
+    /// Whether each is of one setting.
+    pub by_setting: Vec<bool>,
 }
 
 /// A part under some components: everything that densities need.
@@ -354,6 +356,7 @@ mod tests {
             off: DVector::zeros(2),
             plausible: vec![0.0; 2],
             reason: vec![0.0; 2],
+            by_setting: vec![false; 2],
         };
         let of = |parts: &[Part]| pooled(all_told(parts, &c).unwrap().iter(), &prior).unwrap().step;
         let usual: Vec<Part> = vec![part(); 10];
