@@ -1,6 +1,6 @@
 //! What the scores amount to: nothing, a name, several that tie, or something that no name explains.
 
-use super::decide::{Compared, MOST, TIED, compared};
+use super::decide::{Compared, MOST, SHORT, TIED, compared};
 use super::field::{self, Shared};
 use super::fit::{Fitted, Fitter};
 use super::reason;
@@ -105,8 +105,8 @@ fn plainer(
     asked: &dyn Fn(&Fitted) -> Result<Option<Shared>>,
     suffices: &dyn Fn(&Fitted) -> Result<bool>,
 ) -> Result<Option<(Vec<usize>, Option<Shared>)>> {
-    // A name must explain more than may be left.
-    let most = left_of(found, best) + 1.0 - MOST;
+    // Little more may be left by a plainer name.
+    let most = left_of(found, best) + SHORT;
     let own = &found.fits[best];
     let plain = |f: &Fitted| choices(f) < choices(own) && f.set.len() <= own.set.len();
     let mut near = found.ranked(|f| plain(f) && is_something(f));
