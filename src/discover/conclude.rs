@@ -171,3 +171,20 @@ pub fn insufficient(scene: &Scene, trials: &[Trial], reason: &str, config: &Conf
     }
     Finding { diagnosis, extended, evidence: Evidence::default() }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::discover::fixture::{ball, seen};
+
+    /// Where nothing can be judged the report says so and what to do, and the scene is placed so that it rolls out.
+    #[test]
+    fn too_little_is_a_report_too() {
+        let trials = seen(&[vec![[0.0, 1.0, 2.0], [0.1, 1.3, 2.1]]]);
+        let found = insufficient(&ball(), &trials, "one trial", &Config::standard(5));
+        assert_eq!(found.diagnosis.verdict, Verdict::InsufficientData);
+        assert_eq!((found.diagnosis.reason.as_str(), found.diagnosis.seed), ("one trial", 5));
+        assert!(found.diagnosis.next_experiment.is_some() && found.diagnosis.effects.is_empty());
+        assert!(found.extended.bodies.iter().all(|b| b.position.is_some()));
+    }
+}

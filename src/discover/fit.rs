@@ -482,3 +482,30 @@ pub fn sized(term: &Term, sizes: &[f64]) -> Vec<f64> {
     };
     term.effect.parameters.iter().enumerate().map(value).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::discover::fixture::term;
+
+    #[test]
+    fn a_step_ends_at_a_bound() {
+        let layout = Layout::new(&[], vec![term("quadratic_drag"), term("lift")], 1);
+        let step = DVector::from_vec(vec![-0.5, -0.5]);
+        assert_eq!(allowed(&layout, &[0.1, 0.1], &step).as_slice(), [-0.1, -0.5]);
+    }
+
+    /// Two settings' lifts are drawn about a mean of their own: a setting of which nothing is known is one like the other. A lift
+    /// may differ by launch as far as its effect declares, however small it is.
+    #[test]
+    fn sizes_by_setting_have_a_mean() {
+        let lift = Term { per_setting: true, ..term("lift") };
+        let layout = Layout::new(&[], vec![lift, term("quadratic_drag")], 2);
+        let prior = prior(&layout, &State::new(vec![0.5, 0.3, 0.1], Vec::new()));
+        assert!(prior.precision[(0, 1)] < 0.0 && prior.precision[(0, 2)] == 0.0);
+        assert_eq!(prior.by_setting, [true, true, false]);
+        let usual = term("lift").effect.differs[0];
+        assert_eq!(prior.reason[..2], [DECLARED * usual; 2]);
+        assert!((prior.reason[2] - SIZES * 0.1).abs() < 1e-12);
+    }
+}

@@ -34,3 +34,22 @@ pub fn suffices(fitter: &Fitter, base: &Fitted, model: &Fitted, bootstrap: &Boot
     let (Some(free), Some(within)) = (of(&free), of(&within)) else { return Ok(false) };
     Ok(compared(&free, &within, bootstrap).worse < TIED[0])
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::discover::model::{Layout, State};
+    use crate::discover::thrown;
+
+    /// With the drag that all launches have nothing more is needed; without it every launch would need a wind of its own.
+    #[test]
+    fn a_model_that_lacks_a_drag_needs_more_than_launches_have_reason_to() {
+        thrown::fitted(&[0.4; 8], &["linear_drag"], 7, |fitter, model| {
+            let start = State::new(Vec::new(), model.state.nuisances.clone());
+            let base = fitter.fit(Layout::new(&[], Vec::new(), 1), start, 12).unwrap().unwrap();
+            let bootstrap = Bootstrap::new(8, 1);
+            assert!(suffices(fitter, &base, model, &bootstrap).unwrap());
+            assert!(!suffices(fitter, &base, &base, &bootstrap).unwrap());
+        });
+    }
+}

@@ -394,3 +394,22 @@ impl Found {
         (0..self.fits.len()).map(|i| self.total(i)).fold(self.base_score.iter().sum(), f64::max)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::discover::fixture::term;
+
+    /// A gust is told by its push along x and along y, its period and phase being where its search starts.
+    #[test]
+    fn a_direction_moves_one_amplitude() {
+        let mut gust = term("gust");
+        gust.start[2] = 1.7;
+        let all = directions(&gust);
+        assert_eq!(all.len(), 2);
+        for (k, extra) in all.iter().enumerate() {
+            assert!(extra.values[k] != gust.start[k] && extra.values[1 - k] == gust.start[1 - k]);
+            assert_eq!(extra.values[2..], gust.start[2..]);
+        }
+    }
+}
