@@ -8,8 +8,9 @@
 
 use std::array::from_fn;
 
+use super::physics::{INSTANT, Impact, Physics};
 use super::roll::Body;
-use super::{INSTANT, Impact, Physics};
+
 use crate::discover::window::{Kind, Surface};
 use crate::world::effect::{Act, Effect, LANES, MOST_PARAMETERS, Motion, MovingLanes, Surroundings};
 
@@ -359,7 +360,7 @@ fn change(c: &[Lanes], lane: usize, s: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::STEP;
+    use super::super::physics::STEP;
     use super::*;
     use crate::discover::fixture::{bounces, flights};
     use crate::discover::window::Window;

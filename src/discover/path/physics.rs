@@ -1,0 +1,170 @@
+//! What acts in a window: the scene's own effects and a model's terms as laws, and what a surface gives back.
+
+use super::roll::Body;
+use crate::discover::window::{Surface, Window};
+use crate::world::Latents;
+use crate::world::effect::{
+    Act, ActsOn, Answer, Constants, Effect, Meeting, Motion, Moving, Sensor, Shown, Surroundings, Touch,
+};
+
+/// s; accelerations are speeds gained in it. Small against every motion, large against rounding.
+pub const INSTANT: f64 = 1e-6;
+/// Longest step of integration, s, and the longest where a law has edges in space.
+pub(super) const STEP: [f64; 2] = [0.03, 0.007];
+
+/// What acts in a window.
+pub struct Physics<'a> {
+    pub(super) window: &'a Window,
+    pub(super) motions: Vec<Acting>,
+    pub(super) touches: Vec<(&'static dyn Touch, Constants)>,
+    pub(super) sensors: Vec<(&'static dyn Sensor, Constants)>,
+    /// True time = rate * stamp + offset.
+    pub(super) clock: [f64; 2],
+    pub(super) step: f64,
+    pub(super) restitution: f64,
+    pub(super) friction: f64,
+}
+
+/// A law of motion, with its effect's place among all that act.
+pub(super) struct Acting {
+    pub(super) place: usize,
+    pub(super) effect: &'static Effect,
+    law: &'static dyn Motion,
+    pub(super) constants: Constants,
+}
+
+/// What a body does to a surface and gets back.
+#[derive(Clone, Copy, Debug)]
+pub struct Impact {
+    /// s since the window's start, by the clock of the observations
+    pub time: f64,
+    /// Speed towards the surface, m/s.
+    pub approach: f64,
+    /// Speed of the rim along (-ny, nx), m/s.
+    pub slip: f64,
+    /// Impulse over mass along the normal (nx, ny), m/s.
+    pub normal: f64,
+    /// The same along (-ny, nx).
+    pub tangent: f64,
+}
+
+impl<'a> Physics<'a> {
+    /// The scene's own effects and `terms`, with the registry's order of values.
+    pub fn new(window: &'a Window, terms: &[(&'static Effect, &[f64])], latents: &Latents) -> Physics<'a> {
+        let around = Surroundings { time_step: INSTANT, gravity: window.scene.gravity };
+        let own = window.own.iter().map(|a| (a.effect, a.values.as_slice()));
+        let (mut motions, mut touches, mut sensors) = (Vec::new(), Vec::new(), Vec::new());
+        let mut step = STEP[0];
+        for (place, (effect, values)) in own.chain(terms.iter().copied()).enumerate() {
+            if effect.parameters.iter().zip(values).all(|(p, v)| p.neutral == *v) {
+                continue;
+            }
+            match effect.act {
+                Act::Motion(law) => {
+                    let constants = law.constants(values, &around);
+                    motions.push(Acting { place, effect, law, constants });
+                }
+                Act::Contact(law) => touches.push((law, law.constants(values, &around))),
+                Act::Sensor(sensor) => sensors.push((sensor, sensor.constants(values, &around))),
+                // A start of its own takes up whatever a placement does.
+                Act::Action(_) => {}
+            }
+            if effect.acts_on() == ActsOn::Region {
+                step = STEP[1];
+            }
+        }
+        let clock = sensors.iter().fold([1.0, 0.0], |[rate, offset], (sensor, c)| {
+            let [r, o] = sensor.clock(c);
+            [rate * r, rate * o + offset]
+        });
+        let (mut restitution, mut friction) = (1.0, 1.0);
+        if let Some(s) = &window.surface {
+            for k in 0..2 {
+                let carried =
+                    |latent: Option<f64>, own: f64| if s.carries[k] { latent.unwrap_or(own) } else { own };
+                restitution *= carried(latents.restitution, s.restitution[k]);
+                friction *= carried(latents.friction, s.friction[k]);
+            }
+        }
+        Physics { window, motions, touches, sensors, clock, step, restitution, friction }
+    }
+
+    /// Where sensors see a body; NaN where its path has left all bounds.
+    pub(super) fn shown(&self, body: &Body) -> [f64; 2] {
+        let state = Shown { x: body[0], y: body[1], angle: 0.0, vx: body[2], vy: body[3], omega: body[4] };
+        let shown = self.sensors.iter().fold(state, |s, (sensor, c)| sensor.show(c, s));
+        let fine = shown.x.abs() < 1e7 && shown.y.abs() < 1e7;
+        if fine { [shown.x, shown.y] } else { [f64::NAN; 2] }
+    }
+
+    /// Whether nothing that acts has an edge: then steps need not end where observations are.
+    pub(super) fn is_smooth(&self) -> bool {
+        self.step == STEP[0]
+    }
+
+    /// Acceleration at a time since the window's start and a true state (x, y, vx, vy) without spin, m/s^2.
+    pub fn push(&self, time: f64, [x, y, vx, vy]: [f64; 4]) -> [f64; 2] {
+        let [ax, ay, _] = self.acceleration(self.stamp(time), &[x, y, vx, vy, 0.0]);
+        [ax, ay]
+    }
+
+    /// [`Physics::stamp`] backwards.
+    pub(super) fn seen_at(&self, true_time: f64) -> f64 {
+        (true_time - self.clock[1]) / self.clock[0] - self.window.start
+    }
+
+    /// True time of a time since the window's start, s.
+    pub(super) fn stamp(&self, time: f64) -> f64 {
+        self.clock[0] * (self.window.start + time) + self.clock[1]
+    }
+
+    pub(super) fn acceleration(&self, time: f64, s: &Body) -> [f64; 3] {
+        let mut v = [s[2], s[3], s[4]];
+        for acting in &self.motions {
+            let moving = Moving { time, x: s[0], y: s[1], vx: v[0], vy: v[1], omega: v[2] };
+            v = acting.law.kick(&acting.constants, moving, INSTANT);
+        }
+        let g = self.window.scene.gravity;
+        [(v[0] - s[2]) / INSTANT + g[0], (v[1] - s[3]) / INSTANT + g[1], (v[2] - s[4]) / INSTANT]
+    }
+
+    /// A body that meets a surface, as it leaves it.
+    pub(super) fn struck(&self, time: f64, mut at: Body, surface: &Surface) -> (Body, Impact) {
+        let n = surface.normal;
+        let speed = at[2] * n[0] + at[3] * n[1];
+        let slip = at[3] * n[0] - at[2] * n[1] - surface.radius * at[4];
+        let meeting = Meeting { approach: (-speed).max(0.0), slip, begins: true };
+        let own = Answer { restitution: self.restitution, slip: 0.0 };
+        let answer = self.touches.iter().fold(own, |a, (law, c)| law.meet(c, meeting, a));
+        // Impulses over the mass; along the tangent (-ny, nx) of the slip.
+        let normal = -(1.0 + answer.restitution) * speed;
+        let mobility = 1.0 + 1.0 / surface.inertia;
+        // What leaves by itself at the very moment of meeting is not held.
+        let most = (self.friction * normal).max(0.0);
+        let tangent = ((answer.slip - slip) / mobility).clamp(-most, most);
+        at[2] += normal * n[0] - tangent * n[1];
+        at[3] += normal * n[1] + tangent * n[0];
+        at[4] -= tangent / (surface.inertia * surface.radius);
+        let impact = Impact { time: self.seen_at(time), approach: meeting.approach, slip, normal, tangent };
+        (at, impact)
+    }
+}
+
+impl Surface {
+    pub(super) fn height(&self, s: &Body, offset: f64) -> f64 {
+        s[0] * self.normal[0] + s[1] * self.normal[1] - self.level - offset
+    }
+
+    pub(super) fn below(&self, s: &Body, offset: f64) -> bool {
+        self.height(s, offset) < 0.0
+    }
+
+    /// Speed away from the surface, m/s.
+    pub(super) fn rising(&self, s: &Body) -> f64 {
+        s[2] * self.normal[0] + s[3] * self.normal[1]
+    }
+
+    pub(super) fn approaches(&self, s: &Body) -> bool {
+        self.rising(s) < 0.0
+    }
+}
