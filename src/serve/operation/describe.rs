@@ -56,7 +56,9 @@ impl Described {
         let about = format!("The token may not {}, or not from this page", scope.name());
         self.problem(401, "No token, or none that is good");
         self.problem(403, if scope == Scope::Read { "Not from this page" } else { &about });
-        self.operation.security = Some(vec![SecurityRequirement::new(TOKEN, [scope.name()])]);
+        // A server without tokens asks for none.
+        self.operation.security =
+            Some(vec![SecurityRequirement::default(), SecurityRequirement::new(TOKEN, [scope.name()])]);
     }
 
     /// A summary; after an empty line, a description.
