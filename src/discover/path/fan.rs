@@ -415,12 +415,12 @@ mod tests {
         let (windows, _) = bounces(0.8, 1);
         for (window, step) in windows.iter().flat_map(|w| STEP.map(|step| (w, step))) {
             let physics = |k: usize| Physics { step, ..with(window, LAWS[k % 3].0, LAWS[k % 3].1) };
-            for k in 0..3 {
+            for (k, (name, _)) in LAWS.iter().take(3).enumerate() {
                 // The first, which all take as many steps as; and again, beyond the lanes.
                 let all: Vec<Physics> = (k..k + LANES + 2).map(physics).collect();
                 let paths: Vec<Start> = all.iter().map(|p| (p, window.nuisances.as_slice())).collect();
                 let (together, alone) = (flown(&paths), flown(&paths[..1]));
-                assert!(together[0] == alone[0] && together[LANES + 1] == alone[0], "{}", LAWS[k].0);
+                assert!(together[0] == alone[0] && together[LANES + 1] == alone[0], "{name}");
             }
         }
     }
