@@ -26,7 +26,8 @@ fn operations() -> Vec<Operation> {
     for (path, methods) in document["paths"].as_object().unwrap() {
         for (method, operation) in methods.as_object().unwrap() {
             let needs = operation["security"].as_array().expect("every operation says what it needs");
-            let scope = needs.first().map(|n| n["token"][0].as_str().unwrap());
+            // Beside nothing, which is what a server without tokens asks for.
+            let scope = needs.iter().find_map(|n| n.get("token")).map(|t| t[0].as_str().unwrap());
             all.push(Operation {
                 name: operation["operationId"].as_str().unwrap().into(),
                 method: method.to_uppercase().parse().unwrap(),
