@@ -1,8 +1,9 @@
 //! The variance components that make launches most likely.
 //!
 //! Each component's logarithm steps up and down in turn, further where that helps and less far where it does not (pattern
-//! search: Hooke and Jeeves, J. ACM 8 (1961) 212): there are few, and they are few nats wide. What a part says under some components is worked out once, whichever launches a search goes by, so held-out
-//! folds, which start alike, share most of theirs; and so are the sums over its windows, which most steps leave alone.
+//! search: Hooke and Jeeves, J. ACM 8 (1961) 212): there are few, and they are few nats wide. What a part says under some
+//! components is worked out once, whichever launches a search goes by, so held-out folds, which start alike, share most of
+//! theirs; and so are the sums over its windows, which most steps leave alone.
 
 use std::collections::HashMap;
 
