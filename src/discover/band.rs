@@ -11,7 +11,7 @@ use super::columns::Columns;
 use super::fit::{Fitter, Shown};
 use super::gaussian::Components;
 use super::launch::{Frame, leap};
-use super::model::{self, Look};
+use super::model::Look;
 use super::noise::{self, Noise};
 use super::stats::inverse;
 use super::window::{Kind, Window};
@@ -38,9 +38,8 @@ pub fn bands(
         let mut variance = own.noise(window, frame, look, scale, components.slow, noise);
         shared(&mut variance, window, frame, look, &columns, components, known);
         if let (Kind::Contact, Some(_)) = (window.kind, &window.surface) {
-            let impact = model::impact(window, w, model.layout, model.state);
             for way in 0..2 {
-                let error = DVector::from_fn(variance.len(), |i, _| leap(window, look, impact, way, i));
+                let error = DVector::from_fn(variance.len(), |i, _| leap(window, look, look.impact, way, i));
                 let error = own.across(&error) * components.leap;
                 variance += error.component_mul(&error);
             }
