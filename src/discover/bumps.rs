@@ -14,7 +14,7 @@
 
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 
-use super::field::{Said, said};
+use super::field::{Form, Said, said};
 use super::fit::{Fitted, Fitter};
 use super::model::{Layout, Term};
 use crate::error::Result;
@@ -23,10 +23,10 @@ use crate::world::effect::Effect;
 /// Most bumps: with three effects of a set and a few of the scene's own they are as many as a server takes of one world (32).
 const MOST: usize = 24;
 
-/// Terms for the field of a strength (m/s^2) beside a model, both amplitudes free in each; none where no bump is worth its choice.
-pub fn bumps(fitter: &Fitter, model: &Fitted, strength: f64) -> Result<Vec<Term>> {
-    let Some(said) = said(fitter, model, strength)? else { return Ok(Vec::new()) };
-    let joined = sparse(&said, model.layout.slots.len(), strength.powi(-2));
+/// Terms for a field beside a model, both amplitudes free in each; none where no bump is worth its choice.
+pub fn bumps(fitter: &Fitter, model: &Fitted, form: Form) -> Result<Vec<Term>> {
+    let Some(said) = said(fitter, model, form)? else { return Ok(Vec::new()) };
+    let joined = sparse(&said, model.layout.slots.len(), form.strength.powi(-2));
     let term = |(bump, amplitudes): (usize, Vector2<f64>)| {
         let (effect, mut start) = said.effects[bump].clone();
         for axis in 0..2 {

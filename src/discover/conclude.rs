@@ -64,7 +64,7 @@ pub fn conclude(given: &Given, found: Found, judged: &Judged, config: &Config) -
     let remainder = remainder(base, model, judged, noise, &gain, &scale);
     let (launches, predictive) = by_launch(given, model)?;
     let field = match &judged.shared {
-        Some(shared) => picture::field(&Fitter::new(data, noise), model, shared.strength)?,
+        Some(shared) => picture::field(&Fitter::new(data, noise), model, shared.form)?,
         None => None,
     };
     let bands = [bands(given, base, base.shown())?, bands(given, model, shown)?];

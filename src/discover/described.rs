@@ -64,15 +64,15 @@ impl Rest<'_, '_, '_> {
         let form = Form { text: law::formula, among: law::FUNCTIONS, belief: 0.0 };
         let formula = self.fitted(law::law(self.fitter.data, self.model, noise)?, form)?;
         let field = match shared {
-            Some(s) => self.field(s.strength)?,
+            Some(s) => self.field(s.form)?,
             None => None,
         };
         Ok(self.plainer(formula, field))
     }
 
-    fn field(&self, strength: f64) -> Result<Option<Law>> {
-        let form = Form { text: bumps::words, among: field::BUMPS, belief: strength.powi(-2) };
-        self.fitted(bumps::bumps(self.fitter, self.model, strength)?, form)
+    fn field(&self, of: field::Form) -> Result<Option<Law>> {
+        let form = Form { text: bumps::words, among: field::BUMPS, belief: of.strength.powi(-2) };
+        self.fitted(bumps::bumps(self.fitter, self.model, of)?, form)
     }
 
     /// Which of the two is told, the one place where that is decided: the formula, which people can read, unless it is not worth
@@ -211,21 +211,23 @@ mod tests {
         });
     }
 
+    const FIELD: field::Form = field::Form { over: field::Over::All, strength: 2.0 };
+
     /// A drag is a field of velocity, too, which helps on other launches; and yet the formula is told, which is no worse. Where
     /// there is none, the field is.
     #[test]
     fn a_formula_is_told_where_a_field_is_no_better() {
         rest(&[], |rest| {
             let shared =
-                Shared { gain: 9.0, probability: 1.0, explained: 0.0, scores: Vec::new(), strength: 2.0 };
+                Shared { gain: 9.0, probability: 1.0, explained: 0.0, scores: Vec::new(), form: FIELD };
             let law = rest.law(&NOISE, Some(&shared)).unwrap().expect("a law");
             assert!((law.form.text)(&law.layout, &law.state.values, 0).contains("ax ="));
-            let field = rest.plainer(None, rest.field(2.0).unwrap()).expect("bumps");
+            let field = rest.plainer(None, rest.field(FIELD).unwrap()).expect("bumps");
             let scale = Scale { noise: NOISE.sd, coordinates: 600.0, floor: 525.0, trials: 10 };
             let told = field.told(rest.base, rest.base, &NOISE, &scale);
             assert!(told.offered && told.terms.iter().all(|t| t.ci95.len() == 2), "{told:?}");
             assert!(told.held_out.extended_rmse < 0.5 * told.held_out.base_rmse, "{told:?}");
         });
-        rest(&["linear_drag"], |rest| assert!(rest.field(2.0).unwrap().is_none_or(|f| !f.offered)));
+        rest(&["linear_drag"], |rest| assert!(rest.field(FIELD).unwrap().is_none_or(|f| !f.offered)));
     }
 }

@@ -3,7 +3,7 @@
 //! The shared force field without a name (`field`), fitted to all launches beside the model, as its mean over the states that
 //! were flown through in each cell of the plane: what it says of velocities and of times nobody flew with is not asked.
 
-use super::field::left;
+use super::field::{Form, left};
 use super::fit::{Fitted, Fitter};
 use super::model;
 use super::report::{FieldLeft, rounded};
@@ -16,9 +16,9 @@ const CELLS: [usize; 2] = [12, 8];
 /// A state on a path: clock time, s; x, y, vx, vy.
 type Flown = (f64, [f64; 4]);
 
-/// The field of a strength (m/s^2) beside a model in every cell that was flown through; `None` where it cannot be fitted.
-pub fn field(fitter: &Fitter, model: &Fitted, strength: f64) -> Result<Option<FieldLeft>> {
-    let Some(left) = left(fitter, model, strength)? else { return Ok(None) };
+/// A field beside a model in every cell that was flown through; `None` where it cannot be fitted.
+pub fn field(fitter: &Fitter, model: &Fitted, form: Form) -> Result<Option<FieldLeft>> {
+    let Some(left) = left(fitter, model, form)? else { return Ok(None) };
     let paths = model::paths(fitter.data, &model.layout, &model.state)?;
     let flights = fitter.data.windows.iter().zip(&paths).filter(|(w, _)| w.kind == Kind::Flight);
     let states = flights.flat_map(|(w, path)| w.points.iter().zip(path).map(|(p, s)| (w.start + p.time, *s)));
@@ -54,21 +54,24 @@ fn cells(states: Vec<Flown>) -> Vec<Vec<Flown>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::discover::field::Over;
     use crate::discover::thrown;
+
+    const FIELD: Form = Form { over: Over::All, strength: 2.0 };
 
     /// A drag that the model has not is left: it pushes against the launches, by about its size where it is told; and what a
     /// model has is not left.
     #[test]
     fn what_a_model_lacks_pushes_where_launches_flew() {
         thrown::fitted(&[0.4; 10], &[], 10, |fitter, base| {
-            let left = field(fitter, base, 2.0).unwrap().unwrap();
+            let left = field(fitter, base, FIELD).unwrap().unwrap();
             assert!(left.rows.len() > 10 && left.rows.len() <= CELLS[0] * CELLS[1]);
             // Launches fly along x at 4 to 11 m/s.
             let told: Vec<_> = left.rows.iter().filter(|r| r[2].abs() > 2.0 * r[4]).collect();
             assert!(told.len() > 5 && told.iter().all(|r| (-6.0..-0.3).contains(&r[2])), "{told:?}");
         });
         thrown::fitted(&[0.4; 10], &["linear_drag"], 10, |fitter, with| {
-            let left = field(fitter, with, 2.0).unwrap().unwrap();
+            let left = field(fitter, with, FIELD).unwrap().unwrap();
             let told = left.rows.iter().filter(|r| r[2].abs() > 3.0 * r[4]).count();
             assert!(5 * told <= left.rows.len(), "{told} of {}", left.rows.len());
         });

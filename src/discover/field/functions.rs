@@ -1,0 +1,207 @@
+//! What a field without a name is made of: radial functions of position, of velocity and of clock time, each pushing along x and along
+//! y, and radial functions of position that push along and across the velocity.
+//!
+//! They are effects of the registry (a test holds one against the other), so that what is left can be simulated: see `bumps`.
+
+use std::ops::Range;
+
+use nalgebra::DMatrix;
+
+use crate::discover::window::{Kind, Window};
+use crate::world::effect::{Effect, bump, clock_push, place_drive, place_push, velocity_push};
+
+/// Numbers of functions over x and y, vx and vy, and the clock.
+const PLACES: [usize; 2] = [8, 5];
+const SPEEDS: [usize; 2] = [4, 3];
+const TIMES: usize = 16;
+/// How many bumps they are, those that push and those that drive.
+pub const BUMPS: usize = 2 * PLACES[0] * PLACES[1] + SPEEDS[0] * SPEEDS[1] + TIMES;
+
+/// What a field depends on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Over {
+    /// Everything at once.
+    All,
+    Place,
+    Velocity,
+    Clock,
+    /// Place, and which way the body moves.
+    Heading,
+}
+
+/// All there are, the order in which they are tried.
+pub const OVERS: [Over; 5] = [Over::All, Over::Place, Over::Velocity, Over::Clock, Over::Heading];
+
+/// What the field is made of: bumps over places, velocities and times, two functions each; those of places come twice.
+pub struct Functions {
+    places: Vec<Bump>,
+    speeds: Vec<Bump>,
+    times: Vec<Bump>,
+}
+
+/// Where a bump stands and how wide it is; the second axis is nothing to the clock.
+struct Bump {
+    centre: [f64; 2],
+    width: [f64; 2],
+}
+
+impl Bump {
+    fn at(&self, at: [f64; 2]) -> f64 {
+        bump([0, 1].map(|a| (at[a] - self.centre[a]) / self.width[a]))
+    }
+}
+
+impl Functions {
+    /// Over where flights were, how fast and when.
+    pub fn over(windows: &[Window], paths: &[Vec<[f64; 4]>]) -> Functions {
+        let flights = || (0..windows.len()).filter(|w| windows[*w].kind == Kind::Flight);
+        let all = |k: usize| -> Vec<f64> {
+            flights().flat_map(|w| paths[w].iter().map(move |s| s[k])).filter(|v| v.is_finite()).collect()
+        };
+        let ends = |mut values: Vec<f64>| {
+            values.sort_by(f64::total_cmp);
+            let at = |share: f64| {
+                values.get((share * (values.len().max(1) - 1) as f64) as usize).copied().unwrap_or(0.0)
+            };
+            [at(0.02), at(0.98)]
+        };
+        let clock = flights().flat_map(|w| windows[w].points.iter().map(move |p| windows[w].start + p.time));
+        Functions {
+            places: grid([ends(all(0)), ends(all(1))], PLACES),
+            speeds: grid([ends(all(2)), ends(all(3))], SPEEDS),
+            times: grid([ends(clock.collect()), [0.0; 2]], [TIMES, 1]),
+        }
+    }
+
+    /// Those of a field that depends on so much, among all of them.
+    pub fn range(&self, over: Over) -> Range<usize> {
+        let [place, speed, clock] = [&self.places, &self.speeds, &self.times].map(|bumps| 2 * bumps.len());
+        match over {
+            Over::All => 0..self.count(),
+            Over::Place => 0..place,
+            Over::Velocity => place..place + speed,
+            Over::Clock => place + speed..place + speed + clock,
+            Over::Heading => place + speed + clock..self.count(),
+        }
+    }
+
+    /// How many there are.
+    pub fn count(&self) -> usize {
+        2 * (2 * self.places.len() + self.speeds.len() + self.times.len())
+    }
+
+    /// Values at a state: each pushes along x and along y, the last along and across the velocity.
+    pub fn pushes(&self, time: f64, [x, y, vx, vy]: [f64; 4]) -> Vec<[f64; 2]> {
+        let of = |bumps: &[Bump], at: [f64; 2]| -> Vec<f64> { bumps.iter().map(|b| b.at(at)).collect() };
+        let (places, speeds) = (of(&self.places, [x, y]), of(&self.speeds, [vx, vy]));
+        let times = of(&self.times, [time, 0.0]);
+        let speed = (vx * vx + vy * vy).sqrt().max(1e-9);
+        let along =
+            places.iter().flat_map(|f| [[f * vx / speed, f * vy / speed], [-f * vy / speed, f * vx / speed]]);
+        places.iter().chain(&speeds).chain(&times).flat_map(|f| [[*f, 0.0], [0.0, *f]]).chain(along).collect()
+    }
+
+    /// The effects that the functions are, by two, in their order: their first two parameters are the amplitudes.
+    pub fn effects(&self) -> Vec<(&'static Effect, Vec<f64>)> {
+        let plane =
+            |effect: &'static Effect| move |b: &Bump| (effect, [[0.0; 2], b.centre, b.width].concat());
+        let clock = |b: &Bump| (&clock_push::EFFECT, vec![0.0, 0.0, b.centre[0], b.width[0]]);
+        let places = self.places.iter().map(plane(&place_push::EFFECT));
+        let speeds = self.speeds.iter().map(plane(&velocity_push::EFFECT));
+        let drives = self.places.iter().map(plane(&place_drive::EFFECT));
+        places.chain(speeds).chain(self.times.iter().map(clock)).chain(drives).collect()
+    }
+
+    /// The functions integrated twice along a window's path: two rows a point.
+    pub fn columns(&self, window: &Window, path: &[[f64; 4]]) -> DMatrix<f64> {
+        let n = window.points.len();
+        let mut out = DMatrix::zeros(2 * n, self.count());
+        let mut before: Option<(f64, Vec<[f64; 2]>)> = None;
+        let mut moved = vec![[[0.0f64; 2]; 2]; self.count()];
+        for (i, (point, state)) in window.points.iter().zip(path).enumerate() {
+            let now = self.pushes(window.start + point.time, *state);
+            if let Some((time, last)) = before {
+                let dt = point.time - time;
+                for (k, [place, speed]) in moved.iter_mut().enumerate() {
+                    for axis in 0..2 {
+                        let a = 0.5 * (last[k][axis] + now[k][axis]);
+                        place[axis] += speed[axis] * dt + 0.5 * a * dt * dt;
+                        speed[axis] += a * dt;
+                        out[(2 * i + axis, k)] = place[axis];
+                    }
+                }
+            }
+            before = Some((point.time, now));
+        }
+        out
+    }
+}
+
+/// Bumps on a grid between the ends, as wide as it is spaced.
+fn grid(ends: [[f64; 2]; 2], counts: [usize; 2]) -> Vec<Bump> {
+    let width = [0, 1].map(|a| (ends[a][1] - ends[a][0]) / (counts[a].max(2) - 1) as f64 + 1e-3);
+    let at = |i: usize, j: usize| [ends[0][0] + width[0] * i as f64, ends[1][0] + width[1] * j as f64];
+    let places = (0..counts[0]).flat_map(|i| (0..counts[1]).map(move |j| (i, j)));
+    places.map(|(i, j)| Bump { centre: at(i, j), width }).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    use crate::world::effect::{Act, Moving, Surroundings};
+
+    #[test]
+    fn bumps_stand_on_their_grid() {
+        let grid = grid([[0.0, 2.0], [1.0, 3.0]], [3, 2]);
+        assert_eq!(grid.len(), 6);
+        let at: Vec<f64> = grid.iter().map(|b| b.at([1.0, 3.0])).collect();
+        let most = at.iter().copied().fold(0.0, f64::max);
+        assert_eq!(at.iter().position(|v| *v == most), Some(3));
+    }
+
+    fn functions() -> Functions {
+        Functions {
+            places: grid([[-1.0, 2.0], [0.0, 3.0]], PLACES),
+            speeds: grid([[-4.0, 5.0], [-3.0, 2.0]], SPEEDS),
+            times: grid([[0.2, 1.4], [0.0; 2]], [TIMES, 1]),
+        }
+    }
+
+    /// Each function is of all and of one thing besides, and what that depends on is what its effect says.
+    #[test]
+    fn every_function_depends_on_one_thing() {
+        let functions = functions();
+        let names = ["place_push", "velocity_push", "clock_push", "place_drive"];
+        let mut next = 0;
+        for (over, name) in OVERS[1..].iter().zip(names) {
+            let range = functions.range(*over);
+            assert_eq!(range.start, next, "{over:?}");
+            next = range.end;
+            assert!(functions.effects()[range.start / 2..range.end / 2].iter().all(|e| e.0.name == name));
+        }
+        assert_eq!((functions.range(Over::All), next), (0..functions.count(), functions.count()));
+        assert_eq!(functions.count(), 2 * BUMPS);
+    }
+
+    /// What is fitted and what is simulated are the same functions.
+    #[test]
+    fn the_functions_are_those_of_the_effects() {
+        let (functions, dt) = (functions(), 1e-6);
+        let effects = functions.effects();
+        assert_eq!(2 * effects.len(), functions.count());
+        let around = Surroundings { time_step: dt, gravity: [0.0, -9.81] };
+        for (time, [x, y, vx, vy]) in [(0.3, [0.1, 1.2, 2.0, -1.0]), (1.1, [1.7, 2.9, -3.0, 0.5])] {
+            for (k, wanted) in functions.pushes(time, [x, y, vx, vy]).into_iter().enumerate() {
+                let (effect, mut values) = effects[k / 2].clone();
+                values[k % 2] = 1.0;
+                let Act::Motion(law) = effect.act else { panic!("{} is no law of motion", effect.name) };
+                let body = Moving { time, x, y, vx, vy, omega: 0.0 };
+                let kicked = law.kick(&law.constants(&values, &around), body, dt);
+                let got = [(kicked[0] - vx) / dt, (kicked[1] - vy) / dt];
+                let off = (0..2).map(|a| (got[a] - wanted[a]).abs()).fold(0.0, f64::max);
+                assert!(off < 1e-5, "{} {k}: {got:?} for {wanted:?}", effect.name);
+            }
+        }
+    }
+}
