@@ -1,18 +1,14 @@
 //! Hides effects in worlds of its own making, has them diagnosed, and counts how often the diagnosis is right.
 //!
 //! `cargo run --release --example hidden_effects -- --worlds 400 --out rates.md`: that many worlds of all kinds, and as
-//! many again with nothing hidden. `--seed` draws other worlds. Each world's outcome is added to `worlds.csv` beside
-//! the table as soon as it is known, and a run that was stopped goes on where it was.
+//! many again with nothing hidden. `--help` tells the rest. Each world's outcome is added to `worlds.csv` beside the table as
+//! soon as it is known, and a run that was stopped goes on where it was.
 
 #[path = "../tests/discover_worlds/mod.rs"]
 mod worlds;
 
 use std::collections::{BTreeMap, HashSet};
 use std::fmt::Write as _;
-use std::io::Write as _;
-use std::path::{Path, PathBuf};
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 use iplw::discover::report::{Diagnosis, Verdict};
 use iplw::discover::{Config, diagnose};
@@ -21,6 +17,7 @@ use iplw::reality::Trial;
 use iplw::rng;
 use iplw::task::Scene;
 use rand::RngExt;
+use worlds::study::{Run, middle, rates, sets};
 use worlds::{NOISES, Noise};
 
 /// Sets that differ in more than which of the twins of gravity they hold.
@@ -32,11 +29,6 @@ fn apart(sets: &str) -> HashSet<String> {
         names.join("+")
     };
     sets.split('|').filter(|s| !s.is_empty()).map(plain).collect()
-}
-
-/// Reported sets: names joined by `+`, sets by `|`.
-fn sets(d: &Diagnosis) -> String {
-    d.rivals.iter().map(|r| r.join("+")).collect::<Vec<_>>().join("|")
 }
 
 /// One world: what is hidden in it, what a diagnosis is given.
@@ -61,58 +53,12 @@ const LARGE: f64 = 15.0;
 const KINDS: usize = worlds::SINGLES + 2 * worlds::DOUBLES + 2 * worlds::OUTSIDE.len() + worlds::CONTACTS;
 
 fn main() -> std::io::Result<()> {
-    let arguments: Vec<String> = std::env::args().collect();
-    let given = |name: &str| {
-        let at = arguments.iter().position(|a| a == name);
-        at.and_then(|i| arguments.get(i + 1)).cloned()
-    };
-    let number = |name: &str, usual: u64| given(name).and_then(|v| v.parse().ok()).unwrap_or(usual);
-    let (count, seed, threads) = (number("--worlds", 28), number("--seed", 1), number("--threads", 1));
-    let out = PathBuf::from(given("--out").unwrap_or_else(|| "out/hidden_effects.md".into()));
-    let only = given("--only").unwrap_or_default();
-    let talk = arguments.iter().any(|a| a == "--show");
-    if let Some(folder) = out.parent() {
-        std::fs::create_dir_all(folder)?;
-    }
-    let log = out.with_file_name("worlds.csv");
-    let known = std::fs::read_to_string(&log).unwrap_or_default();
-    let done: HashSet<String> =
-        known.lines().filter_map(|l| Some(l.split_once(',')?.0.to_string())).collect();
-    let file = Mutex::new(std::fs::OpenOptions::new().create(true).append(true).open(&log)?);
-    let begun = std::time::Instant::now();
-    let next = AtomicU64::new(0);
-    let worker = || -> std::io::Result<()> {
-        // One thread a world: the times written are of one processor.
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().map_err(std::io::Error::other)?;
-        loop {
-            let i = next.fetch_add(1, Ordering::Relaxed);
-            if i >= 2 * count {
-                return Ok(());
-            }
-            let id = format!("{seed}/{i}");
-            if done.contains(&id) {
-                continue;
-            }
-            let world = world(i, seed);
-            if !world.kind.contains(&only) {
-                continue;
-            }
-            let lines = pool.install(|| study(&world, &id, i, talk));
-            let mut file = file.lock().map_err(|_| std::io::Error::other("a world could not be written"))?;
-            file.write_all(lines.as_bytes())?;
-            if i % 20 == 19 {
-                eprintln!("{} of {} worlds, {:.0} s", i + 1, 2 * count, begun.elapsed().as_secs_f64());
-            }
-        }
-    };
-    std::thread::scope(|scope| {
-        let all: Vec<_> = (0..threads).map(|_| scope.spawn(worker)).collect();
-        all.into_iter().try_for_each(|t| t.join().expect("a world could not be diagnosed"))
+    let run = Run::with("28", "out/hidden_effects.md");
+    let log = run.log("worlds.csv", 2 * run.worlds, |i, id| {
+        let world = world(i, run.seed);
+        world.kind.contains(&run.only).then(|| study(&world, id, i, run.talk))
     })?;
-    let table = table(&log)?;
-    std::fs::write(&out, &table)?;
-    print!("{table}");
-    Ok(())
+    run.tell(&table(&log))
 }
 
 /// A world's line, and one for each time that its advice was followed.
@@ -258,8 +204,7 @@ fn line(world: &World, d: &Diagnosis, seconds: f64) -> String {
 /// free.
 const TWINS: [&str; 3] = ["gravity_error", "position_scale", "time_scale"];
 
-fn table(log: &Path) -> std::io::Result<String> {
-    let text = std::fs::read_to_string(log)?;
+fn table(text: &str) -> String {
     let mut counts: BTreeMap<String, [usize; 2]> = BTreeMap::new();
     let mut matrix: BTreeMap<(String, String), usize> = BTreeMap::new();
     let (mut errors, mut removed, mut seconds) = (Vec::new(), Vec::new(), Vec::new());
@@ -322,15 +267,8 @@ fn table(log: &Path) -> std::io::Result<String> {
         *matrix.entry((hidden.to_string(), format!("{verdict} {sets}").replace('|', " or "))).or_default() +=
             1;
     }
-    let mut out = String::from("| figure | seen | worlds |\n|---|---|---|\n");
-    for (name, [right, all]) in &counts {
-        let share = 100.0 * *right as f64 / (*all).max(1) as f64;
-        let _ = writeln!(out, "| {name} | {share:.1} % | {right} of {all} |");
-    }
-    let middle = |v: &mut Vec<f64>| {
-        v.sort_by(f64::total_cmp);
-        v.get(v.len() / 2).copied().unwrap_or(f64::NAN)
-    };
+    let mut out = rates(counts.iter().map(|(name, count)| (name.as_str(), *count)));
+    out += "\n| figure | seen | worlds |\n|---|---|---|\n";
     let (n, m) = (errors.len(), removed.len());
     let _ = writeln!(out, "| parameter error, median | {:.1} % | {n} |", 100.0 * middle(&mut errors));
     let _ =
@@ -340,5 +278,5 @@ fn table(log: &Path) -> std::io::Result<String> {
     for ((hidden, found), number) in &matrix {
         let _ = writeln!(out, "| {hidden} | {found} | {number} |");
     }
-    Ok(out)
+    out
 }

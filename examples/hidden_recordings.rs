@@ -17,7 +17,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::time::Instant;
 
-use clap::{CommandFactory as _, Parser as _};
+use clap::CommandFactory as _;
 use iplw::discover::report::{Diagnosis, FoundParameter, Verdict};
 use iplw::discover::{Config, diagnose};
 use iplw::progress::Silent;
@@ -31,7 +31,7 @@ const MOST_RIVALS: usize = 4;
 const NEAR: f64 = 0.1;
 
 fn main() -> std::io::Result<()> {
-    let run = Run::parse();
+    let run = Run::with("400", "out/hidden_recordings.md");
     let kinds = kinds();
     if !kinds.iter().any(|k| k.name().contains(&run.only)) {
         let all: BTreeSet<_> = kinds.iter().map(|k| k.name()).collect();

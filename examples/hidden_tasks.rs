@@ -2,10 +2,8 @@
 //! how often the diagnosis is right.
 //!
 //! `cargo run --release --example hidden_tasks -- --seeds 3 --out tasks.md`: every family, every effect of [`HIDDEN`] and
-//! nothing, that many worlds each, sizes drawn by seed. `--first 100` takes other seeds, `--trials 50` is how many
-//! interactions, `--noise 0.01` (m) leaves positions and angles alone to be seen, `--engine rapier` lets the other engine
-//! play nature, `--only bowling/wind` takes one row. Every world's outcome is added to a CSV beside the table as soon as
-//! it is known, and a run that was stopped goes on where it was.
+//! nothing, that many worlds each, sizes drawn by seed. `--help` tells the rest. Every world's outcome is added to a CSV
+//! beside the table as soon as it is known, and a run that was stopped goes on where it was.
 
 use std::collections::{BTreeMap, HashSet};
 use std::fmt::Write as _;
@@ -13,6 +11,7 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use clap::Parser;
 use iplw::discover::report::{Diagnosis, Verdict};
 use iplw::discover::{Config, diagnose};
 use iplw::experiment::random_trials;
@@ -40,18 +39,35 @@ const HIDDEN: [Row; 6] = [
 /// Sizes are drawn within these shares of the middle one.
 const SIZES: [f64; 2] = [0.75, 1.33];
 
+/// Hides effects in the tasks' real worlds and counts how often they are found
+#[derive(Parser)]
+struct Run {
+    /// How many worlds of each row
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
+    seeds: u64,
+    /// The first of the seeds
+    #[arg(long, default_value_t = 1)]
+    first: u64,
+    /// How many interactions are spent on a world
+    #[arg(long, default_value_t = 50, value_parser = clap::value_parser!(u64).range(1..))]
+    trials: u64,
+    /// Standard deviation of what is seen, m; beyond 0 positions and angles alone are seen
+    #[arg(long, default_value_t = 0.0)]
+    noise: f64,
+    /// Which engine plays nature
+    #[arg(long, default_value = "auto", value_parser = ["auto", "rapier"])]
+    engine: String,
+    /// Rows whose names begin so, as `bowling/wind`
+    #[arg(long, default_value = "")]
+    only: String,
+    /// Where the table goes
+    #[arg(long, default_value = "out/hidden_tasks.md")]
+    out: PathBuf,
+}
+
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let arguments: Vec<String> = std::env::args().collect();
-    let given = |name: &str| {
-        let at = arguments.iter().position(|a| a == name);
-        at.and_then(|i| arguments.get(i + 1)).cloned()
-    };
-    let number = |name: &str, usual: u64| given(name).and_then(|v| v.parse().ok()).unwrap_or(usual);
-    let (seeds, first, trials) = (number("--seeds", 1), number("--first", 1), number("--trials", 50));
-    let noise: f64 = given("--noise").and_then(|v| v.parse().ok()).unwrap_or(0.0);
-    let engine = if given("--engine").as_deref() == Some("rapier") { Engine::Rapier } else { Engine::Auto };
-    let out = PathBuf::from(given("--out").unwrap_or_else(|| "out/hidden_tasks.md".into()));
-    let only = given("--only").unwrap_or_default();
+    let Run { seeds, first, trials, noise, engine, only, out } = Run::parse();
+    let engine = if engine == "rapier" { Engine::Rapier } else { Engine::Auto };
     if let Some(folder) = out.parent() {
         std::fs::create_dir_all(folder)?;
     }
@@ -64,7 +80,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             for row in &HIDDEN {
                 let name = format!("{task}/{}", row.0);
                 let key = format!("{name}/{seed}/{trials}/{noise}/{engine:?}");
-                if done.contains(key.as_str()) || !name.starts_with(&only) {
+                if done.contains(key.as_str()) || !name.starts_with(only.as_str()) {
                     continue;
                 }
                 let world = HiddenConfig { noise, engine, ..hidden(task, row, seed)? };

@@ -8,13 +8,14 @@ use std::path::PathBuf;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use clap::{CommandFactory as _, FromArgMatches as _};
 use iplw::discover::report::Diagnosis;
 
 /// Studies worlds, adds each outcome to a log beside the table as soon as it is known, and goes on where it was.
 #[derive(Clone, Debug, clap::Parser)]
 pub struct Run {
     /// How many worlds
-    #[arg(long, default_value_t = 400, value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
     pub worlds: u64,
     /// Which worlds are drawn
     #[arg(long, default_value_t = 1)]
@@ -23,7 +24,7 @@ pub struct Run {
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
     pub threads: u64,
     /// Where the table goes
-    #[arg(long, default_value = "out/hidden_recordings.md")]
+    #[arg(long)]
     pub out: PathBuf,
     /// Those alone in whose kind's name this is
     #[arg(long, default_value = "")]
@@ -34,6 +35,14 @@ pub struct Run {
 }
 
 impl Run {
+    /// What the command line asks of a study; how many worlds and where the table goes where it does not say.
+    pub fn with(worlds: &'static str, out: &'static str) -> Run {
+        let command = Run::command()
+            .mut_arg("worlds", |a| a.default_value(worlds))
+            .mut_arg("out", |a| a.default_value(out));
+        Run::from_arg_matches(&command.get_matches()).unwrap_or_else(|e| e.exit())
+    }
+
     /// Studies `count` worlds that are not in the log yet, which is then read; `study`: a world's number and id to its
     /// lines, which begin with the id, or to nothing where it is not asked for.
     pub fn log(
