@@ -8,7 +8,6 @@ use crate::discover::path::{Impact, Physics};
 use crate::discover::window::{Point, Window};
 use crate::error::Result;
 use crate::trajectory::Trajectory;
-use crate::world::effect::Effect;
 use crate::world::{Rollout, simulate_map};
 
 /// States (x, y, vx, vy) at every window's points, for pictures and for what acts along a path.
@@ -43,9 +42,7 @@ pub fn impact(window: &Window, w: usize, layout: &Layout, state: &State) -> Opti
 
 /// What `of` makes of what acts in window number `w`, as its launch's mode has it.
 fn own<T>(window: &Window, w: usize, layout: &Layout, state: &State, of: impl FnOnce(&Physics) -> T) -> T {
-    let own = state.beside(w);
-    let beside: Vec<(&Effect, &[f64])> = own.iter().map(|(e, v)| (*e, v.as_slice())).collect();
-    of(&layout.path(window, &state.values_in(w), &beside))
+    of(&layout.path(window, &state.values_in(w), &state.beside(w)))
 }
 
 /// Accelerations at true states (x, y, vx, vy) of a window's points, m/s^2.

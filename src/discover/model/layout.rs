@@ -167,11 +167,12 @@ impl Layout {
         &self,
         window: &'a Window,
         values: &[f64],
-        besides: &[(&'static Effect, &[f64])],
+        besides: &[(&'static Effect, Vec<f64>)],
     ) -> Physics<'a> {
         let (numbers, latents) = self.numbers(values, window.setting);
         let own = self.terms.iter().zip(&numbers).map(|(t, n)| (t.effect, n.as_slice()));
-        Physics::new(window, &own.chain(besides.iter().copied()).collect::<Vec<_>>(), &latents)
+        let besides = besides.iter().map(|(effect, n)| (*effect, n.as_slice()));
+        Physics::new(window, &own.chain(besides).collect::<Vec<_>>(), &latents)
     }
 }
 

@@ -7,7 +7,6 @@ use super::layout::{Layout, Slot, What};
 use super::state::{Extra, State};
 use crate::discover::path::{Impact, Physics, seen};
 use crate::discover::window::{Kind, Window};
-use crate::world::effect::Effect;
 
 /// Differences for derivatives by a roll's way, speed, height and slope, and by x, y, vx, vy, omega and the surface's offset.
 const ROLL: [f64; 4] = [1e-4, 1e-3, 1e-4, 1e-4];
@@ -65,8 +64,7 @@ pub fn integrated(
     shared: &[Shared],
     extras: &[Extra],
 ) -> Moved {
-    let (nuisances, values, own) = (state.nuisances[w].as_slice(), state.values_in(w), state.beside(w));
-    let beside: Vec<(&Effect, &[f64])> = own.iter().map(|(e, v)| (*e, v.as_slice())).collect();
+    let (nuisances, values, beside) = (state.nuisances[w].as_slice(), state.values_in(w), state.beside(w));
     let here = layout.path(window, &values, &beside);
     let steps: &[f64] = if window.kind == Kind::Roll { &ROLL } else { &FLIGHT };
     let starts: Vec<Vec<f64>> = (0..nuisances.len().min(steps.len()))
@@ -86,8 +84,9 @@ pub fn integrated(
         })
     };
     let ends: Vec<Option<Physics>> = ends.map(with_value).collect();
-    let with_extra =
-        |e: &Extra| layout.path(window, &values, &[beside.as_slice(), &[(e.effect, &e.values)]].concat());
+    let with_extra = |e: &Extra| {
+        layout.path(window, &values, &[beside.as_slice(), &[(e.effect, e.values.clone())]].concat())
+    };
     let besides: Vec<Physics> = extras.iter().map(with_extra).collect();
 
     let from_here = [(&here, nuisances)].into_iter().chain(starts.iter().map(|s| (&here, s.as_slice())));
