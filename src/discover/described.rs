@@ -218,8 +218,14 @@ mod tests {
     #[test]
     fn a_formula_is_told_where_a_field_is_no_better() {
         rest(&[], |rest| {
-            let shared =
-                Shared { gain: 9.0, probability: 1.0, explained: 0.0, scores: Vec::new(), form: FIELD };
+            let shared = Shared {
+                gain: 9.0,
+                probability: 1.0,
+                explained: 0.0,
+                squares: Vec::new(),
+                scores: Vec::new(),
+                form: FIELD,
+            };
             let law = rest.law(&NOISE, Some(&shared)).unwrap().expect("a law");
             assert!((law.form.text)(&law.layout, &law.state.values, 0).contains("ax ="));
             let field = rest.plainer(None, rest.field(FIELD).unwrap()).expect("bumps");

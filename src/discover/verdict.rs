@@ -42,11 +42,17 @@ pub fn judge(fitter: &Fitter, found: &Found) -> Result<Judged> {
         base,
     };
     let tied: Vec<usize> = order.iter().copied().filter(|i| all[*i].is_tied()).collect();
-    let asked = |model: &Fitted| field::shared(fitter, &found.base, model, &found.bootstrap);
+    let unnamed = field::shared(fitter, &found.base, &found.base, &found.bootstrap)?;
+    let asked = |model: &Fitted| {
+        let shared = field::shared(fitter, &found.base, model, &found.bootstrap)?;
+        let fields = || shared.iter().chain(&unnamed).collect::<Vec<_>>();
+        let explained = field::explained(&found.base, model, &fields());
+        Ok(shared.map(|s| Shared { explained, ..s }))
+    };
     let suffices = |model: &Fitted| reason::suffices(fitter, &found.base, model, &found.bootstrap);
     if base.is_tied() || tied.is_empty() {
         // No name is any better; but there may be something, shared by launches or drawn anew for each.
-        let shared = asked(&found.base)?;
+        let shared = unnamed;
         let left = shared.as_ref().is_some_and(Shared::is_left) || !suffices(&found.base)?;
         return Ok(judged(if left { Verdict::Unknown } else { Verdict::None }, Vec::new(), shared));
     }
@@ -61,8 +67,14 @@ pub fn judge(fitter: &Fitter, found: &Found) -> Result<Judged> {
         let shared = asked(&found.fits[group[0]])?;
         let enough = suffices(&found.fits[group[0]])?;
         // What launches have no reason to differ by depends on something that they share and the set has not.
-        let explained = if enough { explained(shared.as_ref()) } else { 0.0 };
-        let is_left = !enough || shared.as_ref().is_some_and(Shared::is_left);
+        let is_better = unnamed.as_ref().is_some_and(|u| is_better(found, u, group[0]));
+        let is_left = is_better || shared.as_ref().is_some_and(Shared::is_left);
+        let explained = match &shared {
+            _ if !enough => 0.0,
+            Some(s) if is_left => s.explained,
+            _ => 1.0,
+        };
+        let is_left = is_left || !enough;
         let plainer = plainer(found, group[0], is_left, &asked, &suffices)?;
         if plainer.is_some() || explained >= MOST {
             // Something without a name may do as well as one of the names.
@@ -78,9 +90,9 @@ pub fn judge(fitter: &Fitter, found: &Found) -> Result<Judged> {
     Ok(judged(Verdict::Unknown, group, shared))
 }
 
-/// Share of what can be predicted that a model explains, if something certain is left.
-fn explained(shared: Option<&Shared>) -> f64 {
-    shared.filter(|s| s.is_left()).map_or(1.0, |s| s.explained)
+/// Whether a field without a name and without any set predicts launches better than a set, for certain.
+fn is_better(found: &Found, unnamed: &Shared, set: usize) -> bool {
+    !compared(&unnamed.scores, &found.scores[set], &found.bootstrap).is_tied()
 }
 
 /// Whether every effect of a set is there: an amplitude whose interval leaves nothing out, by the data alone too (beside a field

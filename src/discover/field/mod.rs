@@ -46,6 +46,8 @@ pub struct Shared {
     pub probability: f64,
     /// Share of the predictable misfit that the model explains by itself.
     pub explained: f64,
+    /// What the model with the field leaves of held-out launches: squares of slow coordinates, in units of the noise.
+    pub squares: Vec<f64>,
     /// Log densities by launch of the model with the field, spoilt launches spared, what the choice of field costs taken off.
     pub scores: Vec<f64>,
     /// The field that predicts best.
@@ -71,22 +73,29 @@ pub fn shared(
         return Ok(None);
     }
     let Some(every) = Every::beside(fitter, model)? else { return Ok(None) };
-    let mut best: Option<(Shared, Vec<f64>)> = None;
+    let mut best: Option<Shared> = None;
     for over in OVERS {
         let With { parts, .. } = every.of(over);
         let question = Asked { fitter, base, model, bootstrap, parts: &parts, over };
-        if let Some(found) = question.best().filter(|f| best.as_ref().is_none_or(|b| f.0.gain > b.0.gain)) {
+        if let Some(found) = question.best().filter(|f| best.as_ref().is_none_or(|b| f.gain > b.gain)) {
             best = Some(found);
         }
     }
-    let Some((mut found, with)) = best else { return Ok(None) };
-    let (none, own) = (&base.squares, &model.squares);
-    let most = CLIPPED * median(none);
-    let total = |squares: &[f64]| squares.iter().map(|s| s.min(most)).sum::<f64>();
-    let (none, own, with) = (total(none), total(own), total(&with));
-    // What the field and the model explain together, of which the model's share.
-    found.explained = if none > with { ((none - own) / (none - with)).clamp(0.0, 1.0) } else { 0.0 };
-    Ok(Some(found))
+    Ok(best.map(|found| Shared { explained: explained(base, model, &[&found]), ..found }))
+}
+
+/// Share of what can be predicted of launches that a model explains; predicted by it alone or by one of some fields, whichever
+/// leaves less of a launch: a field that meets a launch where no other flew says nothing of what the model leaves of it. (One such
+/// launch made a gust explain all of a chirp that it left a tenth of.)
+pub fn explained(base: &Fitted, model: &Fitted, fields: &[&Shared]) -> f64 {
+    let most = CLIPPED * median(&base.squares);
+    let (mut gone, mut all) = (0.0, 0.0);
+    for (launch, (none, own)) in base.squares.iter().zip(&model.squares).enumerate() {
+        let least = fields.iter().map(|f| f.squares[launch]).fold(*own, f64::min);
+        gone += none.min(most) - own.min(most);
+        all += none.min(most) - least.min(most);
+    }
+    if all > 0.0 { (gone / all).clamp(0.0, 1.0) } else { 0.0 }
 }
 
 /// A field of one kind beside a model, and what it is asked against.
@@ -100,22 +109,21 @@ struct Asked<'a, 'b, 'c> {
 }
 
 impl Asked<'_, '_, '_> {
-    /// The strength that predicts best, under the model's own components or under those that launches show beside the field; and
-    /// what is left of held-out launches, squares in units of the noise.
-    fn best(&self) -> Option<(Shared, Vec<f64>)> {
+    /// The strength that predicts best, under the model's own components or under those that launches show beside the field.
+    fn best(&self) -> Option<Shared> {
         let own = components(self.model, self.parts)?;
         let first = self.under(&own)?;
-        let prior = believed(self.model, own.spread.len(), first.0.form.strength);
+        let prior = believed(self.model, own.spread.len(), first.form.strength);
         let second = beside(self.parts, &own, &prior).and_then(|(_, with)| self.under(&with));
-        Some(second.filter(|s| s.0.gain > first.0.gain).unwrap_or(first))
+        Some(second.filter(|s| s.gain > first.gain).unwrap_or(first))
     }
 
     /// The same under components that are given.
-    fn under(&self, components: &Components) -> Option<(Shared, Vec<f64>)> {
+    fn under(&self, components: &Components) -> Option<Shared> {
         let told = gaussian::all_told(self.parts, components)?;
         let alone = spared(&self.model.score, &self.base.score);
         let charge = (OVERS.len() as f64).ln() / alone.len() as f64;
-        let mut best: Option<(Shared, Vec<f64>)> = None;
+        let mut best: Option<Shared> = None;
         for strength in STRENGTHS {
             let prior = believed(self.model, components.spread.len(), strength);
             let held_out = score::held_out_with(self.parts, &told, &prior, &self.fitter.folds);
@@ -123,10 +131,10 @@ impl Asked<'_, '_, '_> {
             let scores: Vec<f64> =
                 spared(&scores, &self.base.score).into_iter().map(|s| s - charge).collect();
             let found = compared(&scores, &alone, self.bootstrap);
-            if best.as_ref().is_none_or(|(b, _)| found.worse > b.gain) {
+            if best.as_ref().is_none_or(|b| found.worse > b.gain) {
                 let form = Form { over: self.over, strength };
                 let (gain, probability) = (found.worse, found.probability);
-                best = Some((Shared { gain, probability, explained: 1.0, scores, form }, squares));
+                best = Some(Shared { gain, probability, explained: 1.0, squares, scores, form });
             }
         }
         best
