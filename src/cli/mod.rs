@@ -127,6 +127,7 @@ fn exit_code(error: &Error) -> u8 {
         | Error::Sealed { .. }
         | Error::TooLarge { .. } => 2,
         Error::Io { .. }
+        | Error::Damaged { .. }
         | Error::Budget { .. }
         | Error::Capacity { .. }
         | Error::Interrupted { .. }

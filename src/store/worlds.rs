@@ -9,7 +9,7 @@ use std::sync::PoisonError;
 use rusqlite::{Transaction, params};
 
 use super::requests::{Answered, keep};
-use super::{Store, sql};
+use super::{Store, seal, sql};
 use crate::error::Result;
 
 /// One world as stored; the texts are the caller's JSON.
@@ -55,9 +55,11 @@ impl Store {
     /// All worlds in order of making.
     pub fn worlds(&self) -> Result<Vec<WorldRow>> {
         let c = self.connection();
-        let select = "SELECT id, config, latents, interactions, owner FROM world ORDER BY number";
+        let select =
+            "SELECT id, config, latents, interactions, owner, whole, record FROM whole_world ORDER BY number";
         let mut query = c.prepare(select).map_err(sql)?;
         let row = |r: &rusqlite::Row| {
+            seal::whole(r)?;
             Ok(WorldRow {
                 id: r.get(0)?,
                 config: r.get(1)?,
