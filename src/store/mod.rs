@@ -26,6 +26,9 @@ mod surfaces;
 mod whole;
 mod worlds;
 
+#[cfg(test)]
+mod damage;
+
 use std::fs::File;
 use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
