@@ -44,6 +44,7 @@ pub use jobs::{JobRow, JobState};
 use pending::Pending;
 use place::{Place, locked};
 pub use policies::PolicyRow;
+pub use private::{make_directory as make_private_directory, options as private_file};
 pub use requests::Answered;
 pub use rounds::{Measured, RoundRow};
 pub use salvage::{Salvaged, salvage};
