@@ -199,7 +199,11 @@ mod tests {
         }
         let whole = std::fs::read(file.path()).unwrap();
         let told = |rows: Vec<Kept>| -> Vec<String> {
-            rows.iter().map(|k| format!("{} {} {} {:?} {}", k.name, k.scope.name(), k.made, k.expires, k.digest.hex())).collect()
+            rows.iter()
+                .map(|k| {
+                    format!("{} {} {} {:?} {}", k.name, k.scope.name(), k.made, k.expires, k.digest.hex())
+                })
+                .collect()
         };
         let wanted = told(file.read().unwrap().unwrap());
         let mut refused = 0;
@@ -221,7 +225,8 @@ mod tests {
         assert!(refused > 8 * whole.len(), "{refused} of {}", 9 * whole.len());
         // What somebody writes by hand has no checksum.
         let text = String::from_utf8(whole).unwrap();
-        let by_hand = text.lines().filter(|l| !l.contains("seal")).collect::<Vec<_>>().join("\n").replace("],", "]");
+        let by_hand =
+            text.lines().filter(|l| !l.contains("seal")).collect::<Vec<_>>().join("\n").replace("],", "]");
         std::fs::write(file.path(), by_hand.replace("ann", "eve")).unwrap();
         assert_eq!(file.read().unwrap().unwrap()[0].name, "eve");
     }

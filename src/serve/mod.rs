@@ -225,7 +225,9 @@ async fn forget(shared: Arc<Shared>, kept: Duration) {
             shared.base.store.sweep_blobs().map(|()| forgotten)
         };
         match tokio::task::spawn_blocking(forget).await {
-            Ok(Ok(forgotten)) if forgotten > 0 => tracing::info!("{forgotten} jobs that ended long ago are forgotten"),
+            Ok(Ok(forgotten)) if forgotten > 0 => {
+                tracing::info!("{forgotten} jobs that ended long ago are forgotten")
+            }
             Ok(Err(e)) => tracing::error!("jobs that ended long ago could not be forgotten: {e}"),
             _ => {}
         }
