@@ -11,8 +11,9 @@ use rusqlite::Connection;
 use super::blobs::Blobs;
 use super::check::{Checked, check, refuse};
 use super::place::{Place, locked};
+use super::sqlite::failed;
 use super::whole::{synced, write_private};
-use super::{failed, private, schema};
+use super::{private, schema};
 use crate::error::{Error, Result};
 
 /// How often a copy is begun anew because weights were replaced while it was made.

@@ -10,7 +10,8 @@ use rusqlite::types::ValueRef;
 
 use super::blobs::Blobs;
 use super::place::Place;
-use super::{failed, schema, seal, sql};
+use super::sqlite::{failed, sql};
+use super::{schema, seal};
 use crate::error::{Error, Result};
 
 /// Something that is not as it was written.

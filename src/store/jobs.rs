@@ -190,7 +190,8 @@ impl Store {
     }
 }
 
-const COLUMNS: &str = "number, kind, state, config, result, error, seed, version, stage, done, total, events, plan, starts, owner, whole, record";
+const COLUMNS: &str = "number, kind, state, config, result, error, seed, version, stage, done, total, events, plan, starts, owner, \
+     whole, record";
 
 fn row(row: &Row) -> rusqlite::Result<JobRow> {
     seal::whole(row)?;

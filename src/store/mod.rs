@@ -1,9 +1,12 @@
 //! What lasts: jobs with their rounds and measurements, worlds, policies and answered requests, in SQLite (WAL)
 //! with weights as files beside it.
 //!
-//! A data directory holds `iplw.sqlite`, `policies/` and `lock`. One server at a time: the lock is the
-//! operating system's, so it goes with the process however that ends. Without a directory everything is kept
-//! in memory by the same code.
+//! A data directory holds `iplw.sqlite`, `policies/`, `lock` and what `access/` keeps there; its owner alone may read it. One server
+//! at a time: the lock is the operating system's, so it goes with the process however that ends. Without a directory everything is
+//! kept in memory by the same code.
+//!
+//! What comes out is what went in, or an error that names the record: rows have checksums (`seal`), weights digests (`blobs`), and
+//! all is looked at when the store is opened (`check`). `backup` copies and restores, `salvage` saves what is whole.
 //!
 //! What a function here wrote is on the disk when it returns, in one transaction, but for [`Store::note_world`],
 //! which waits for the next [`Store::flush_worlds`].
@@ -22,6 +25,7 @@ mod rounds;
 mod salvage;
 mod schema;
 mod seal;
+mod sqlite;
 mod surfaces;
 mod whole;
 mod worlds;
@@ -35,7 +39,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use rusqlite::{Connection, Transaction, TransactionBehavior};
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 pub use backup::{backup, restore};
 use blobs::Blobs;
 use check::Weights;
@@ -49,6 +53,7 @@ pub use requests::Answered;
 pub use rounds::{Measured, RoundRow};
 pub use salvage::{Salvaged, salvage};
 pub use seal::sha256;
+use sqlite::{failed, json, sql};
 pub use surfaces::SurfaceRow;
 pub use whole::{write_private, write_whole};
 pub use worlds::WorldRow;
@@ -124,35 +129,6 @@ impl Store {
         transaction.commit().map_err(sql)?;
         Ok(done)
     }
-}
-
-/// What SQLite says of a file or a statement: that something is damaged, by name if a row is, or that it failed.
-fn failed(place: &str, error: &rusqlite::Error) -> Error {
-    use rusqlite::ErrorCode::{DatabaseCorrupt, NotADatabase};
-    use rusqlite::ffi::SQLITE_CONSTRAINT_TRIGGER;
-    match error {
-        rusqlite::Error::FromSqlConversionFailure(_, _, found) if found.is::<Error>() => {
-            found.downcast_ref::<Error>().cloned().unwrap_or_else(|| Error::Failed(error.to_string()))
-        }
-        // Our triggers alone raise, and what they say is the record.
-        rusqlite::Error::SqliteFailure(e, Some(record)) if e.extended_code == SQLITE_CONSTRAINT_TRIGGER => {
-            Error::Damaged { what: record.clone(), how: seal::OTHER.into() }
-        }
-        rusqlite::Error::SqliteFailure(e, _) if matches!(e.code, DatabaseCorrupt | NotADatabase) => {
-            Error::Damaged { what: place.to_string(), how: error.to_string() }
-        }
-        _ => Error::Io { path: place.to_string(), message: error.to_string() },
-    }
-}
-
-fn sql(error: rusqlite::Error) -> Error {
-    failed("the store", &error)
-}
-
-/// JSON that this program wrote itself, of the record that `row` is.
-fn json(row: &rusqlite::Row, column: usize) -> rusqlite::Result<serde_json::Value> {
-    let text: String = row.get(column)?;
-    serde_json::from_str(&text).map_err(|e| seal::unreadable(row, &format!("its JSON cannot be read: {e}")))
 }
 
 #[cfg(test)]

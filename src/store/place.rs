@@ -7,7 +7,8 @@ use std::path::{Path, PathBuf};
 use rusqlite::{Connection, OpenFlags};
 
 use super::blobs::Blobs;
-use super::{failed, private, schema, seal, whole};
+use super::sqlite::failed;
+use super::{private, schema, seal, whole};
 use crate::error::{Error, Result};
 
 /// Where the parts of a data directory are.

@@ -10,7 +10,8 @@ use rusqlite::{Connection, Transaction, params_from_iter};
 use super::blobs::Blobs;
 use super::check::Finding;
 use super::place::{Place, locked};
-use super::{failed, private, schema, seal, whole};
+use super::sqlite::failed;
+use super::{private, schema, seal, whole};
 use crate::error::{Error, Result};
 
 /// What became of a damaged data directory.

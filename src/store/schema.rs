@@ -4,6 +4,7 @@ use rusqlite::Connection;
 
 use super::blobs::Blobs;
 use super::seal;
+use super::sqlite::failed;
 use crate::error::{Error, Result};
 
 /// What makes the tables, step by step; a file that has had the first n is of version n.
@@ -113,7 +114,7 @@ pub const SEALED: i64 = 5;
 /// Version of a file's tables; refuses what a later version of the program wrote.
 pub fn version(c: &Connection, place: &str) -> Result<i64> {
     let version: i64 =
-        c.query_row("PRAGMA user_version", [], |row| row.get(0)).map_err(|e| super::failed(place, &e))?;
+        c.query_row("PRAGMA user_version", [], |row| row.get(0)).map_err(|e| failed(place, &e))?;
     if (0..=HERE).contains(&version) {
         return Ok(version);
     }
