@@ -116,10 +116,7 @@ impl Store {
         };
         let written = self.atomically(|t| {
             for (id, (interactions, latents)) in &worlds {
-                raise(t, id, *interactions)?;
-                if latents.is_some() {
-                    t.execute("UPDATE world SET latents = ?2 WHERE id = ?1", params![id, latents])?;
-                }
+                change(t, id, *interactions, latents.as_deref())?;
             }
             Ok(())
         });
@@ -157,10 +154,14 @@ fn note(
 
 /// Sets a world's counter, which never goes back: writers need not come in order.
 pub(super) fn raise(t: &Transaction, id: &str, interactions: u64) -> rusqlite::Result<()> {
+    change(t, id, interactions, None)
+}
+
+/// The same, and its latents, if there are new ones.
+fn change(t: &Transaction, id: &str, interactions: u64, latents: Option<&str>) -> rusqlite::Result<()> {
     // Cached: to read the statement takes longer than to carry it out, and a flush has one for every world.
-    t.prepare_cached("UPDATE world SET interactions = max(interactions, ?2) WHERE id = ?1")?
-        .execute(params![id, interactions as i64])
-        .map(drop)
+    let update = "UPDATE world SET interactions = max(interactions, ?2), latents = coalesce(?3, latents) WHERE id = ?1";
+    t.prepare_cached(update)?.execute(params![id, interactions as i64, latents]).map(drop)
 }
 
 #[cfg(test)]
