@@ -1,6 +1,8 @@
 # make run   builds what is missing and runs the story: hidden world, estimate, policy, transfer, report
 # make test  everything a fresh machine needs, then all tests
 # make bench-wire steps per second over HTTP and ZeroMQ, beside bare requests, other servers and the library in process
+# make damage  a data directory damaged at random, 1000 truncations and 1000 bit flips: wrong data handed out must be 0
+# make kill  a server killed at 100 random moments of a workload over both transports: nothing acknowledged may be lost
 # make bench rollouts per second beside Pymunk on the same scenes, and how far that is from the machine's limits
 
 VENV := .venv
@@ -9,7 +11,7 @@ CARGO := cargo
 # Tests run every way the batched kernel can be compiled; one feature set for all of them, so that nothing is built twice.
 LEVELS := --features levels
 
-.PHONY: run test test-rust test-python test-clients test-examples lint bench bench-wire bench-hold openapi tasks clean help
+.PHONY: run test test-rust test-python test-clients test-examples lint damage kill bench bench-wire bench-hold openapi tasks clean help
 
 help:
 	@sed -n 's/^# //p' Makefile
@@ -57,6 +59,12 @@ $(VENV)/.installed: clients/python/pyproject.toml
 	python3 -m venv $(VENV)
 	$(PYTHON) -m pip install --quiet --disable-pip-version-check -e 'clients/python[test,learn,pandas,zmq]'
 	touch $@
+
+damage:
+	$(CARGO) test --locked $(LEVELS) --lib damage::a_directory_damaged_a_thousand -- --ignored --nocapture
+
+kill:
+	$(CARGO) test --locked $(LEVELS) --test serving kill::what_was_acknowledged_is_there_after_a_hundred -- --ignored --nocapture
 
 bench: $(VENV)/.installed
 	$(PYTHON) -m pip install --quiet --disable-pip-version-check pymunk==7.3.1 Box2D

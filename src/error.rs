@@ -47,6 +47,11 @@ pub enum Error {
     /// Reading or writing failed.
     #[error("{path}: {message}")]
     Io { path: String, message: String },
+    /// What was stored is not what was written.
+    #[error(
+        "{what}: damaged on the disk ({how}); `iplw check DIR` tells what is whole there and how to go on"
+    )]
+    Damaged { what: String, how: String },
     /// One entry of a batch stands in the way of all of it.
     #[error("`{field}`: {error}")]
     Entry { field: String, error: Box<Error> },

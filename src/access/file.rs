@@ -1,7 +1,8 @@
 //! Tokens as a file: JSON, `iplw.tokens/1`, a row for each. The same rows may come from elsewhere (an environment
-//! variable). Of a token its SHA-256 is written, never the token.
+//! variable). Of a token its SHA-256 is written, never the token. What this program writes has a checksum over the rows; a file
+//! that somebody wrote by hand needs none.
 
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -11,7 +12,7 @@ use super::token::{Digest, Kept};
 use super::when::{moment, written};
 use crate::error::{Error, Result};
 use crate::json;
-use crate::store::write_private;
+use crate::store::{make_private_directory, private_file, sha256, write_private};
 
 /// A file of tokens.
 pub struct TokenFile {
@@ -25,6 +26,9 @@ const FORMAT: &str = "iplw.tokens/1";
 struct Document {
     format: String,
     tokens: Vec<Row>,
+    /// [`seal`] of the rows.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    seal: Option<String>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -75,6 +79,10 @@ impl TokenFile {
                 Error::input("format", format!("{:?}", document.format), format!("{FORMAT:?}")).at(&place)
             );
         }
+        if document.seal.is_some_and(|told| told != seal(&document.tokens)) {
+            let how = "its checksum is another; whoever changed it by hand takes out the line `seal`";
+            return Err(Error::Damaged { what: place, how: how.into() });
+        }
         kept(document.tokens, "tokens").map_err(|e| e.at(&place)).map(Some)
     }
 
@@ -83,7 +91,8 @@ impl TokenFile {
         let _turn = self.locked()?;
         let mut tokens = self.read()?.unwrap_or_default();
         let done = how(&mut tokens)?;
-        let document = Document { format: FORMAT.into(), tokens: tokens.iter().map(Row::of).collect() };
+        let tokens: Vec<Row> = tokens.iter().map(Row::of).collect();
+        let document = Document { format: FORMAT.into(), seal: Some(seal(&tokens)), tokens };
         let text = serde_json::to_string_pretty(&document)
             .map_err(|e| Error::Failed(format!("tokens cannot be written as JSON: {e}")))?;
         write_private(&self.path, (text + "\n").as_bytes())?;
@@ -92,10 +101,10 @@ impl TokenFile {
 
     fn locked(&self) -> Result<File> {
         if let Some(directory) = self.path.parent().filter(|p| !p.as_os_str().is_empty()) {
-            std::fs::create_dir_all(directory).map_err(|e| Error::io(directory, e))?;
+            make_private_directory(directory)?;
         }
         let path = self.path.with_extension("lock");
-        let file = OpenOptions::new().write(true).create(true).truncate(false).open(&path);
+        let file = private_file().write(true).truncate(false).open(&path);
         let file = file.map_err(|e| Error::io(&path, e))?;
         file.lock().map_err(|e| Error::io(&path, e))?;
         Ok(file)
@@ -112,6 +121,11 @@ impl Row {
             expires: kept.expires.map(written),
         }
     }
+}
+
+/// SHA-256 of rows, as JSON.
+fn seal(rows: &[Row]) -> String {
+    sha256(&serde_json::to_vec(rows).unwrap_or_default())
 }
 
 /// Errors name the row, of what is called `list`.
@@ -169,6 +183,52 @@ mod tests {
             let mode = std::fs::metadata(file.path()).unwrap().permissions().mode();
             assert_eq!(mode & 0o777, 0o600);
         }
+    }
+
+    /// Every bit and every length of a file: it cannot be read, or it says what was written.
+    #[test]
+    fn a_damaged_file_lets_nobody_in_who_was_not_in_it() {
+        let place = tempfile::tempdir().unwrap();
+        let file = TokenFile::of_directory(place.path());
+        for (name, expires) in [("ann", Some(1_900_000_000)), ("bob", None)] {
+            file.change(|all| {
+                all.push(token(name, expires).1);
+                Ok(())
+            })
+            .unwrap();
+        }
+        let whole = std::fs::read(file.path()).unwrap();
+        let told = |rows: Vec<Kept>| -> Vec<String> {
+            rows.iter()
+                .map(|k| {
+                    format!("{} {} {} {:?} {}", k.name, k.scope.name(), k.made, k.expires, k.digest.hex())
+                })
+                .collect()
+        };
+        let wanted = told(file.read().unwrap().unwrap());
+        let mut refused = 0;
+        let mut met = |bytes: &[u8], what: &str| {
+            std::fs::write(file.path(), bytes).unwrap();
+            match file.read() {
+                Err(_) => refused += 1,
+                Ok(rows) => assert_eq!(told(rows.unwrap()), wanted, "{what}"),
+            }
+        };
+        for length in 0..whole.len() {
+            met(&whole[..length], &format!("{length} bytes"));
+        }
+        for at in 0..8 * whole.len() {
+            let mut bytes = whole.clone();
+            bytes[at / 8] ^= 1 << (at % 8);
+            met(&bytes, &format!("bit {at}"));
+        }
+        assert!(refused > 8 * whole.len(), "{refused} of {}", 9 * whole.len());
+        // What somebody writes by hand has no checksum.
+        let text = String::from_utf8(whole).unwrap();
+        let by_hand =
+            text.lines().filter(|l| !l.contains("seal")).collect::<Vec<_>>().join("\n").replace("],", "]");
+        std::fs::write(file.path(), by_hand.replace("ann", "eve")).unwrap();
+        assert_eq!(file.read().unwrap().unwrap()[0].name, "eve");
     }
 
     #[test]

@@ -6,6 +6,7 @@ mod effects;
 mod estimate;
 mod evidence;
 mod experiment;
+mod keep;
 mod launches;
 mod layout;
 mod measure;
@@ -45,6 +46,12 @@ enum Command {
     Serve(serve::Args),
     /// Make, list and revoke the tokens by which a server knows who asks.
     Token(token::Args),
+    /// Say whether a data directory is whole, and what of it is not.
+    Check(keep::CheckArgs),
+    /// Copy a data directory, also while a server runs on it.
+    Backup(keep::BackupArgs),
+    /// Put a backup into a data directory.
+    Restore(keep::RestoreArgs),
     /// Roll scenes out: one scene a line in, one result a line out.
     Rollout(rollout::Args),
     /// List tasks, splits and action spaces.
@@ -90,6 +97,9 @@ pub fn main() -> ExitCode {
         Command::Experiment(args) => experiment::experiment(&args),
         Command::Serve(args) => serve::run(&args),
         Command::Token(args) => token::run(&args),
+        Command::Check(args) => keep::run_check(&args),
+        Command::Backup(args) => keep::run_backup(&args),
+        Command::Restore(args) => keep::run_restore(&args),
         Command::Openapi => serve::print_openapi(),
         Command::Rollout(args) => rollout::run(&args),
         Command::Tasks(args) => tasks::run(&args),
@@ -127,6 +137,7 @@ fn exit_code(error: &Error) -> u8 {
         | Error::Sealed { .. }
         | Error::TooLarge { .. } => 2,
         Error::Io { .. }
+        | Error::Damaged { .. }
         | Error::Budget { .. }
         | Error::Capacity { .. }
         | Error::Interrupted { .. }

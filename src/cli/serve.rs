@@ -5,6 +5,7 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use iplw::access::days;
 use iplw::error::{Error, Result};
 use iplw::serve::{Limits, Log, LogForm, ServeConfig, openapi, serve_blocking};
 use tracing_subscriber::filter::Targets;
@@ -23,7 +24,8 @@ pub struct Args {
     /// ipc:///path/of/a/socket.
     #[arg(long, value_name = "ADDRESS")]
     zmq: Option<String>,
-    /// Directory for jobs and policies; without it they last as long as the server.
+    /// Directory for jobs, worlds, policies and tokens; without it they last as long as the server. Nobody else may read it.
+    /// What is damaged in it is named and not served: `iplw check`, `iplw backup`, `iplw restore`.
     #[arg(long, value_name = "DIR")]
     data_dir: Option<PathBuf>,
     /// Limits other than the usual ones: a JSON file of some of those that /v1/limits shows.
@@ -35,6 +37,10 @@ pub struct Args {
     /// Most worlds at a time [default: 4096]
     #[arg(long)]
     worlds: Option<usize>,
+    /// Forget jobs, with all that was measured for them and left by them, so long after they ended: 30d, 12h, 15m, 90s. All are
+    /// kept, if nothing is said.
+    #[arg(long, value_name = "SPAN")]
+    keep_jobs: Option<String>,
     /// Tokens of a file instead of the data directory's (`iplw token new NAME --may act --token-file FILE`). Rows of
     /// such a file may come in the environment variable IPLW_TOKENS as well.
     #[arg(long, value_name = "FILE")]
@@ -81,6 +87,9 @@ pub fn run(args: &Args) -> Result<()> {
     if let Some(worlds) = args.worlds {
         iplw::error::within("--worlds", worlds as f64, 4.0, 1e6)?;
         limits.worlds = worlds;
+    }
+    if let Some(span) = &args.keep_jobs {
+        limits.job_kept_seconds = days("--keep-jobs", span)?.map(|s| s as f64);
     }
     if args.exit_with_stdin {
         std::thread::spawn(|| {

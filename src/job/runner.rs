@@ -168,6 +168,21 @@ impl Runner {
         if self.shared.store.remove_job(number)? { Ok(Deleted::Forgotten) } else { Err(unknown(id)) }
     }
 
+    /// Forgets the jobs that ended before a moment, s since 1970, and what they left; returns how many. One that is told to stop
+    /// and has not noticed yet stays until it has.
+    pub fn forget_ended(&self, before: u64) -> Result<usize> {
+        let mut forgotten = 0;
+        for number in self.shared.store.ended_before(before)? {
+            let mut state = self.shared.state();
+            if state.live.get(&number).is_some_and(|live| !live.row.state.ended()) {
+                continue;
+            }
+            state.live.remove(&number);
+            forgotten += usize::from(self.shared.store.remove_job(number)?);
+        }
+        Ok(forgotten)
+    }
+
     /// Events of a job after event number `after` (0 for all there are).
     pub fn watch(&self, id: &str, after: u64) -> Result<Watcher> {
         Watcher::new(self.shared.clone(), id, after)
@@ -365,6 +380,23 @@ mod tests {
         assert_eq!(second.get(&running.id).unwrap().row.state, JobState::Running);
         second.delete(&running.id).unwrap();
         assert_eq!(reach(&second, &queued.id, JobState::Succeeded).row.result, Some(json!(1)));
+    }
+
+    #[test]
+    fn only_jobs_that_ended_long_ago_are_forgotten_with_what_they_left() {
+        let store = Arc::new(Store::in_memory().unwrap());
+        let (runner, begun) = on(&store, 4);
+        let done = submit(&runner, "one").unwrap();
+        let number = reach(&runner, &done.id, JobState::Succeeded).row.number;
+        store.put_artifact(number, "surface", b"s").unwrap();
+        begun.recv().unwrap();
+        let running = submit(&runner, "endless").unwrap();
+        begun.recv().unwrap();
+        assert_eq!(runner.forget_ended(1).unwrap(), 0, "it ended after that");
+        assert_eq!(runner.forget_ended(u64::MAX >> 1).unwrap(), 1);
+        assert!(runner.get(&done.id).is_err() && store.artifact(number, "surface").unwrap().is_none());
+        assert_eq!(runner.get(&running.id).unwrap().row.state, JobState::Running);
+        runner.delete(&running.id).unwrap();
     }
 
     #[test]

@@ -47,6 +47,8 @@ pub struct Limits {
     pub jobs_waiting: usize,
     /// Longest a job may compute, s, waiting for answers not counted; without end, if absent. Beyond: it fails with `deadline`.
     pub job_seconds: Option<f64>,
+    /// How long a job that has ended is kept with all that belongs to it, s; for ever, if absent.
+    pub job_kept_seconds: Option<f64>,
 }
 
 impl Default for Limits {
@@ -69,6 +71,7 @@ impl Default for Limits {
             jobs_running: 2,
             jobs_waiting: 64,
             job_seconds: None,
+            job_kept_seconds: None,
         }
     }
 }
@@ -98,6 +101,8 @@ impl Limits {
         }
         within("world_idle_seconds", self.world_idle_seconds, 1.0, 1e9)?;
         self.job_seconds.map_or(Ok(0.0), |s| within("job_seconds", s, 1.0, 1e9))?;
+        // No longer than a token's longest: 100 years.
+        self.job_kept_seconds.map_or(Ok(0.0), |s| within("job_kept_seconds", s, 1.0, 3_153_600_000.0))?;
         let whole = |field: &str, value: u64, low: u64, high: u64| {
             if (low..=high).contains(&value) {
                 return Ok(());

@@ -46,7 +46,7 @@ use std::time::Duration;
 
 use tokio::net::TcpListener;
 
-use crate::access::Who;
+use crate::access::{Who, now};
 use crate::error::{Error, Result};
 use app::App;
 pub use config::{Clock, ServeConfig};
@@ -155,6 +155,8 @@ impl Server {
         let Server { shared, listener, zmq, idle, callers, tls, .. } = self;
         let sweeper = tokio::spawn(sweep(shared.clone(), idle));
         let writer = tokio::spawn(write(shared.clone()));
+        let kept = shared.limits.job_kept_seconds.map(Limits::span);
+        let forgetter = kept.map(|kept| tokio::spawn(forget(shared.clone(), kept)));
         let (told, stopping) = (shared.clone(), shared.clone());
         let service = http::service(shared.clone(), &OPERATIONS, callers);
         let renewal = tokio::spawn(renew(tls.clone()));
@@ -184,6 +186,9 @@ impl Server {
         sweeper.abort();
         renewal.abort();
         writer.abort();
+        if let Some(forgetter) = forgetter {
+            forgetter.abort();
+        }
         let last = move || {
             stopping.jobs.stop(GRACE);
             flush(&stopping);
@@ -206,6 +211,27 @@ async fn sweep(shared: Arc<Shared>, idle: Duration) {
         if let Ok(Err(e)) = swept {
             tracing::error!("idle worlds could not be forgotten: {e}");
         }
+    }
+}
+
+/// Forgets jobs that ended long ago, and weights that no policy names any more.
+async fn forget(shared: Arc<Shared>, kept: Duration) {
+    let pause = (kept / 10).clamp(Duration::from_millis(200), Duration::from_secs(600));
+    loop {
+        let shared = shared.clone();
+        let before = now().saturating_sub(kept.as_secs());
+        let forget = move || {
+            let forgotten = shared.jobs.forget_ended(before)?;
+            shared.base.store.sweep_blobs().map(|()| forgotten)
+        };
+        match tokio::task::spawn_blocking(forget).await {
+            Ok(Ok(forgotten)) if forgotten > 0 => {
+                tracing::info!("{forgotten} jobs that ended long ago are forgotten")
+            }
+            Ok(Err(e)) => tracing::error!("jobs that ended long ago could not be forgotten: {e}"),
+            _ => {}
+        }
+        tokio::time::sleep(pause).await;
     }
 }
 

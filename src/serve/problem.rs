@@ -214,6 +214,10 @@ impl From<Error> for Problem {
                 problem(StatusCode::UNPROCESSABLE_ENTITY, "no-result", "The computation has no result")
             }
             Error::Io { .. } => problem(StatusCode::SERVICE_UNAVAILABLE, "storage", "Storage failed"),
+            Error::Damaged { what, .. } => Problem {
+                value: Some(what),
+                ..problem(StatusCode::SERVICE_UNAVAILABLE, "damaged", "A stored record is damaged")
+            },
             Error::Entry { field, error } => Problem { field: Some(field), detail, ..Problem::from(*error) },
         }
     }

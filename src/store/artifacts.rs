@@ -1,23 +1,27 @@
 //! What a job leaves besides its result: named bytes.
 
-use rusqlite::{OptionalExtension, params};
+use rusqlite::{OptionalExtension, Row, params};
 
-use super::{Store, sql};
+use super::{Store, seal, sql};
 use crate::error::Result;
 
 impl Store {
     /// Stores `body` as the job's artifact `name`, or replaces the one there.
     pub fn put_artifact(&self, job: i64, name: &str, body: &[u8]) -> Result<()> {
         self.connection()
-            .execute("INSERT OR REPLACE INTO artifact VALUES (?1, ?2, ?3)", params![job, name, body])
+            .execute(
+                "INSERT OR REPLACE INTO artifact (job, name, body) VALUES (?1, ?2, ?3)",
+                params![job, name, body],
+            )
             .map(drop)
             .map_err(sql)
     }
 
     /// The job's artifact `name`.
     pub fn artifact(&self, job: i64, name: &str) -> Result<Option<Vec<u8>>> {
-        let select = "SELECT body FROM artifact WHERE job = ?1 AND name = ?2";
-        self.connection().query_row(select, params![job, name], |r| r.get(0)).optional().map_err(sql)
+        let select = "SELECT body, whole, record FROM whole_artifact WHERE job = ?1 AND name = ?2";
+        let row = |r: &Row| seal::whole(r).and_then(|()| r.get(0));
+        self.connection().query_row(select, params![job, name], row).optional().map_err(sql)
     }
 }
 

@@ -1,11 +1,14 @@
-//! Weights as files, each written whole or not at all.
+//! Weights as files, each written whole or not at all, and looked at when read.
 
 use std::collections::HashMap;
 use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-use super::whole::write_whole;
+use super::private;
+use super::seal::sha256;
+use super::whole::write_private;
 use crate::error::{Error, Result};
 
 /// Where blobs are kept.
@@ -20,7 +23,7 @@ impl Blobs {
     }
 
     pub fn directory(path: &Path) -> Result<Blobs> {
-        fs::create_dir_all(path).map_err(|e| Error::io(path, e))?;
+        private::make_directory(path)?;
         Ok(Blobs::Directory(path.to_path_buf()))
     }
 
@@ -31,19 +34,40 @@ impl Blobs {
                 map.lock().unwrap_or_else(PoisonError::into_inner).insert(name.into(), bytes.to_vec());
                 Ok(())
             }
-            Blobs::Directory(directory) => write_whole(&directory.join(name), bytes),
+            Blobs::Directory(directory) => write_private(&directory.join(name), bytes),
         }
     }
 
-    pub fn read(&self, name: &str) -> Result<Vec<u8>> {
+    /// What is under `name`; errors unless its SHA-256 is `digest`.
+    pub fn read(&self, name: &str, digest: &str) -> Result<Vec<u8>> {
+        let damaged = |how: &str| Error::Damaged { what: format!("weights {name}"), how: how.into() };
+        let bytes = self.bytes(name)?.ok_or_else(|| damaged("the file is gone"))?;
+        if sha256(&bytes) == digest { Ok(bytes) } else { Err(damaged("their SHA-256 is another")) }
+    }
+
+    /// SHA-256 of what is under `name`, if that can be read.
+    pub fn digest(&self, name: &str) -> Option<String> {
+        self.bytes(name).ok().flatten().map(|bytes| sha256(&bytes))
+    }
+
+    /// How many bytes are under `name`.
+    pub fn length(&self, name: &str) -> Option<u64> {
         match self {
-            Blobs::Memory(map) => {
-                let map = map.lock().unwrap_or_else(PoisonError::into_inner);
-                map.get(name).cloned().ok_or_else(|| Error::Failed(format!("the weights {name} are gone")))
-            }
+            Blobs::Memory(_) => self.bytes(name).ok().flatten().map(|bytes| bytes.len() as u64),
+            Blobs::Directory(directory) => fs::metadata(directory.join(name)).ok().map(|m| m.len()),
+        }
+    }
+
+    fn bytes(&self, name: &str) -> Result<Option<Vec<u8>>> {
+        match self {
+            Blobs::Memory(map) => Ok(map.lock().unwrap_or_else(PoisonError::into_inner).get(name).cloned()),
             Blobs::Directory(directory) => {
                 let path = directory.join(name);
-                fs::read(&path).map_err(|e| Error::io(&path, e))
+                match fs::read(&path) {
+                    Ok(bytes) => Ok(Some(bytes)),
+                    Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
+                    Err(e) => Err(Error::io(&path, e)),
+                }
             }
         }
     }

@@ -2,11 +2,12 @@
 
 use std::collections::BTreeMap;
 
+use rusqlite::types::ValueRef;
 use rusqlite::{OptionalExtension, Row, params};
 use serde_json::Value;
 
 use super::requests::{Answered, keep};
-use super::{Store, json, sql};
+use super::{Store, json, seal, sql};
 use crate::error::Result;
 
 /// One job as stored.
@@ -94,7 +95,7 @@ impl Store {
         self.connection()
             .execute(
                 "UPDATE job SET state = ?2, result = ?3, error = ?4, stage = ?5, done = ?6, total = ?7, \
-                 events = ?8 WHERE number = ?1",
+                 events = ?8, ended = iif(?9, coalesce(ended, unixepoch()), NULL) WHERE number = ?1",
                 params![
                     job.number,
                     job.state.name(),
@@ -104,6 +105,7 @@ impl Store {
                     job.done as i64,
                     job.total as i64,
                     job.events as i64,
+                    job.state.ended(),
                 ],
             )
             .map(drop)
@@ -122,7 +124,7 @@ impl Store {
 
     /// Writes that a job is cancelled, whether or not it has noticed yet.
     pub fn cancel_job(&self, number: i64) -> Result<()> {
-        self.move_job(number, "state = 'cancelled'")
+        self.move_job(number, "state = 'cancelled', ended = unixepoch()")
     }
 
     /// Changes a job that has not ended.
@@ -137,7 +139,7 @@ impl Store {
     /// The job with this number.
     pub fn job(&self, number: i64) -> Result<Option<JobRow>> {
         self.connection()
-            .query_row(&format!("SELECT {COLUMNS} FROM job WHERE number = ?1"), [number], row)
+            .query_row(&format!("SELECT {COLUMNS} FROM whole_job WHERE number = ?1"), [number], row)
             .optional()
             .map_err(sql)
     }
@@ -171,28 +173,44 @@ impl Store {
         })
     }
 
+    /// Numbers of the jobs that ended before a moment, s since 1970. What ended under a version that did not note it ended when
+    /// the tables got the note.
+    pub fn ended_before(&self, moment: u64) -> Result<Vec<i64>> {
+        let c = self.connection();
+        let mut query = c.prepare("SELECT number FROM job WHERE ended < ?1").map_err(sql)?;
+        let rows = query.query_map([moment as i64], |r| r.get(0)).map_err(sql)?;
+        rows.collect::<rusqlite::Result<_>>().map_err(sql)
+    }
+
     fn select(&self, which: &str, with: impl rusqlite::Params) -> Result<Vec<JobRow>> {
         let c = self.connection();
-        let mut query = c.prepare(&format!("SELECT {COLUMNS} FROM job {which}")).map_err(sql)?;
+        let mut query = c.prepare(&format!("SELECT {COLUMNS} FROM whole_job {which}")).map_err(sql)?;
         let rows = query.query_map(with, row).map_err(sql)?;
         rows.collect::<rusqlite::Result<_>>().map_err(sql)
     }
 }
 
-const COLUMNS: &str = "number, kind, state, config, result, error, seed, version, stage, done, total, events, plan, starts, owner";
+const COLUMNS: &str = "number, kind, state, config, result, error, seed, version, stage, done, total, events, plan, starts, owner, \
+     whole, record";
 
 fn row(row: &Row) -> rusqlite::Result<JobRow> {
+    seal::whole(row)?;
     let text = |i: usize| row.get::<_, String>(i);
-    let optional = |i: usize| Ok::<_, rusqlite::Error>(row.get::<_, Option<String>>(i)?.map(|t| json(&t)));
+    let optional = |i: usize| match row.get_ref(i)? {
+        ValueRef::Null => Ok::<_, rusqlite::Error>(None),
+        _ => json(row, i).map(Some),
+    };
     let count = |i: usize| Ok::<_, rusqlite::Error>(row.get::<_, i64>(i)? as u64);
+    let state = text(2)?;
     Ok(JobRow {
         number: row.get(0)?,
         kind: text(1)?,
-        state: JobState::from_name(&text(2)?),
-        config: json(&text(3)?),
+        state: JobState::from_name(&state)
+            .ok_or_else(|| seal::unreadable(row, &format!("there is no state {state:?}")))?,
+        config: json(row, 3)?,
         result: optional(4)?,
         error: optional(5)?,
-        seed: text(6)?.parse().unwrap_or(0),
+        seed: text(6)?.parse().map_err(|_| seal::unreadable(row, "its seed is no number"))?,
         version: text(7)?,
         stage: text(8)?,
         done: count(9)?,
@@ -232,8 +250,8 @@ impl JobState {
         matches!(self, JobState::Succeeded | JobState::Failed | JobState::Cancelled)
     }
 
-    fn from_name(name: &str) -> JobState {
-        JobState::ALL.into_iter().find(|s| s.name() == name).unwrap_or(JobState::Failed)
+    fn from_name(name: &str) -> Option<JobState> {
+        JobState::ALL.into_iter().find(|s| s.name() == name)
     }
 }
 
@@ -269,6 +287,19 @@ mod tests {
         assert_eq!(counts, BTreeMap::from([("succeeded".into(), 1), ("waiting".into(), 1)]));
         assert_eq!(store.jobs(0, 1, None).unwrap(), [done]);
         assert_eq!(store.jobs(1, 9, None).unwrap(), [open]);
+    }
+
+    #[test]
+    fn only_jobs_that_ended_have_a_moment_at_which_they_did() {
+        let store = Store::in_memory().unwrap();
+        let (mut done, gone, open) = (add(&store, "iplw", 1), add(&store, "iplw", 2), add(&store, "iplw", 3));
+        store.begin_job(open.number).unwrap();
+        assert!(store.ended_before(i64::MAX as u64).unwrap().is_empty());
+        done.state = JobState::Succeeded;
+        store.update_job(&done).unwrap();
+        store.cancel_job(gone.number).unwrap();
+        assert_eq!(store.ended_before(i64::MAX as u64).unwrap(), [done.number, gone.number]);
+        assert!(store.ended_before(1).unwrap().is_empty());
     }
 
     #[test]

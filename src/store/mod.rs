@@ -1,38 +1,59 @@
 //! What lasts: jobs with their rounds and measurements, worlds, policies and answered requests, in SQLite (WAL)
 //! with weights as files beside it.
 //!
-//! A data directory holds `iplw.sqlite`, `policies/` and `lock`. One server at a time: the lock is the
-//! operating system's, so it goes with the process however that ends. Without a directory everything is kept
-//! in memory by the same code.
+//! A data directory holds `iplw.sqlite`, `policies/`, `lock` and what `access/` keeps there; its owner alone may read it. One server
+//! at a time: the lock is the operating system's, so it goes with the process however that ends. Without a directory everything is
+//! kept in memory by the same code.
+//!
+//! What comes out is what went in, or an error that names the record: rows have checksums (`seal`), weights digests (`blobs`), and
+//! all is looked at when the store is opened (`check`). `backup` copies and restores, `salvage` saves what is whole.
 //!
 //! What a function here wrote is on the disk when it returns, in one transaction, but for [`Store::note_world`],
 //! which waits for the next [`Store::flush_worlds`].
 
 mod artifacts;
+mod backup;
 mod blobs;
+mod check;
 mod jobs;
 mod pending;
+mod place;
 mod policies;
+mod private;
 mod requests;
 mod rounds;
+mod salvage;
+mod schema;
+mod seal;
+mod sqlite;
 mod surfaces;
 mod whole;
 mod worlds;
 
-use std::fs::{File, OpenOptions, TryLockError};
-use std::io::{Read, Write};
+#[cfg(test)]
+mod damage;
+
+use std::fs::File;
 use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use rusqlite::{Connection, Transaction, TransactionBehavior};
 
-use crate::error::{Error, Result};
+use crate::error::Result;
+pub use backup::{backup, restore};
 use blobs::Blobs;
+use check::Weights;
+pub use check::{Checked, Finding, check};
 pub use jobs::{JobRow, JobState};
 use pending::Pending;
+use place::{Place, locked};
 pub use policies::PolicyRow;
+pub use private::{make_directory as make_private_directory, options as private_file};
 pub use requests::Answered;
 pub use rounds::{Measured, RoundRow};
+pub use salvage::{Salvaged, salvage};
+pub use seal::sha256;
+use sqlite::{failed, json, sql};
 pub use surfaces::SurfaceRow;
 pub use whole::{write_private, write_whole};
 pub use worlds::WorldRow;
@@ -49,108 +70,41 @@ pub struct Store {
     _lock: Option<File>,
 }
 
-/// What makes the tables, step by step; a file that has had the first n is of version n.
-const STEPS: [&str; 4] = [
-    "
-    CREATE TABLE job (
-        number INTEGER PRIMARY KEY AUTOINCREMENT,
-        kind TEXT NOT NULL,
-        state TEXT NOT NULL,
-        config TEXT NOT NULL,
-        result TEXT,
-        error TEXT,
-        seed TEXT NOT NULL,
-        version TEXT NOT NULL,
-        stage TEXT NOT NULL DEFAULT '',
-        done INTEGER NOT NULL DEFAULT 0,
-        total INTEGER NOT NULL DEFAULT 0,
-        events INTEGER NOT NULL DEFAULT 0
-    ) STRICT;
-    CREATE TABLE policy (
-        number INTEGER PRIMARY KEY AUTOINCREMENT,
-        id TEXT NOT NULL UNIQUE,
-        task TEXT NOT NULL,
-        training TEXT NOT NULL,
-        about TEXT NOT NULL,
-        config TEXT NOT NULL,
-        job TEXT,
-        version TEXT NOT NULL,
-        blob TEXT NOT NULL,
-        bytes INTEGER NOT NULL
-    ) STRICT;
-",
-    "
-    ALTER TABLE job ADD COLUMN plan TEXT;
-    ALTER TABLE job ADD COLUMN starts INTEGER NOT NULL DEFAULT 0;
-    CREATE TABLE round (
-        job INTEGER NOT NULL,
-        number INTEGER NOT NULL,
-        asked TEXT NOT NULL,
-        done TEXT,
-        PRIMARY KEY (job, number)
-    ) STRICT;
-    CREATE TABLE measured (
-        job INTEGER NOT NULL,
-        number INTEGER NOT NULL,
-        outcome TEXT,
-        PRIMARY KEY (job, number)
-    ) STRICT;
-    CREATE TABLE artifact (
-        job INTEGER NOT NULL,
-        name TEXT NOT NULL,
-        body BLOB NOT NULL,
-        PRIMARY KEY (job, name)
-    ) STRICT;
-    CREATE TABLE world (
-        number INTEGER PRIMARY KEY AUTOINCREMENT,
-        id TEXT NOT NULL UNIQUE,
-        config TEXT NOT NULL,
-        latents TEXT,
-        interactions INTEGER NOT NULL DEFAULT 0
-    ) STRICT;
-    CREATE TABLE request (
-        number INTEGER PRIMARY KEY AUTOINCREMENT,
-        key TEXT NOT NULL UNIQUE,
-        fingerprint TEXT NOT NULL,
-        status INTEGER NOT NULL,
-        location TEXT,
-        body BLOB NOT NULL
-    ) STRICT;
-",
-    "
-    CREATE TABLE surface (
-        number INTEGER PRIMARY KEY AUTOINCREMENT,
-        task TEXT NOT NULL,
-        config TEXT NOT NULL,
-        body TEXT NOT NULL,
-        job TEXT,
-        version TEXT NOT NULL,
-        UNIQUE (task, config)
-    ) STRICT;
-",
-    "
-    ALTER TABLE job ADD COLUMN owner TEXT;
-    ALTER TABLE policy ADD COLUMN owner TEXT;
-    ALTER TABLE world ADD COLUMN owner TEXT;
-",
-];
-
 impl Store {
     /// A store that is gone when it is dropped.
     pub fn in_memory() -> Result<Store> {
-        let connection = Connection::open_in_memory().map_err(|e| failed("the store in memory", &e))?;
-        Store::of(connection, Blobs::memory(), None).ready(":memory:")
+        let mut connection = Connection::open_in_memory().map_err(|e| failed("the store in memory", &e))?;
+        seal::teach(&connection).map_err(sql)?;
+        let blobs = Blobs::memory();
+        schema::migrate(&mut connection, 0, &blobs).map_err(sql)?;
+        seal::guard(&connection).map_err(sql)?;
+        Ok(Store::of(connection, blobs, None))
     }
 
-    /// Opens or makes the store in `directory`; refuses if another server has it open.
+    /// Opens or makes the store in `directory`, which nobody else may read then; refuses if another server has it open, or if
+    /// what is in it is damaged.
     pub fn open(directory: &Path) -> Result<Store> {
-        std::fs::create_dir_all(directory).map_err(|e| Error::io(directory, e))?;
+        private::own_directory(directory)?;
         let lock = locked(directory)?;
-        let file = directory.join("iplw.sqlite");
-        let place = file.display().to_string();
-        let connection = Connection::open(&file).map_err(|e| failed(&place, &e))?;
-        let blobs = Blobs::directory(&directory.join("policies"))?;
-        Store::of(connection, blobs, Some(lock)).ready(&place)
+        private::tighten(directory);
+        let place = Place::at(directory);
+        place.whole_or_new()?;
+        let mut connection = place.connect()?;
+        let name = place.database.display().to_string();
+        let fail = |e: rusqlite::Error| failed(&name, &e);
+        check::refuse(&check::structure(&connection, &name)?)?;
+        let version = schema::version(&connection, &name)?;
+        check::refuse(&check::shape(&connection, version)?)?;
+        // The pragma's answer is the mode that holds.
+        connection.query_row("PRAGMA journal_mode = WAL", [], |row| row.get::<_, String>(0)).map_err(fail)?;
+        connection.pragma_update(None, "synchronous", "FULL").map_err(fail)?;
+        let blobs = Blobs::directory(&place.policies)?;
+        schema::migrate(&mut connection, version, &blobs).map_err(fail)?;
+        seal::guard(&connection).map_err(fail)?;
+        check::refuse(&check::content(&connection, &blobs, Weights::Size)?)?;
+        let store = Store::of(connection, blobs, Some(lock));
+        store.sweep_blobs()?;
+        Ok(store)
     }
 
     fn of(connection: Connection, blobs: Blobs, lock: Option<File>) -> Store {
@@ -161,33 +115,6 @@ impl Store {
             blobs,
             _lock: lock,
         }
-    }
-
-    fn ready(self, place: &str) -> Result<Store> {
-        {
-            let c = self.connection();
-            let fail = |e: rusqlite::Error| failed(place, &e);
-            // A database in memory has no log; the pragma's answer is the mode that holds.
-            c.query_row("PRAGMA journal_mode = WAL", [], |row| row.get::<_, String>(0)).map_err(fail)?;
-            c.pragma_update(None, "synchronous", "FULL").map_err(fail)?;
-            let version: i64 = c.query_row("PRAGMA user_version", [], |row| row.get(0)).map_err(fail)?;
-            let here = STEPS.len() as i64;
-            if !(0..=here).contains(&version) {
-                return Err(Error::Refused {
-                    reason: format!(
-                        "{place} was written by a later version of this program (tables {version}, \
-                         here {here}); use that version, or another data directory"
-                    ),
-                });
-            }
-            if version < here {
-                let missing = STEPS[version as usize..].concat();
-                c.execute_batch(&format!("BEGIN; {missing} PRAGMA user_version = {here}; COMMIT;"))
-                    .map_err(fail)?;
-            }
-        }
-        self.sweep_blobs()?;
-        Ok(self)
     }
 
     fn connection(&self) -> MutexGuard<'_, Connection> {
@@ -204,51 +131,6 @@ impl Store {
     }
 }
 
-/// Takes the directory's lock and writes this process's number into it.
-fn locked(directory: &Path) -> Result<File> {
-    let path = directory.join("lock");
-    let mut file = OpenOptions::new()
-        .read(true)
-        .write(true)
-        .create(true)
-        .truncate(false)
-        .open(&path)
-        .map_err(|e| Error::io(&path, e))?;
-    match file.try_lock() {
-        Ok(()) => {}
-        Err(TryLockError::WouldBlock) => {
-            let mut owner = String::new();
-            // Who it is only makes the message better; that someone has it is known.
-            let _ = file.read_to_string(&mut owner);
-            let owner =
-                if owner.trim().is_empty() { String::new() } else { format!(" (process {})", owner.trim()) };
-            return Err(Error::Refused {
-                reason: format!(
-                    "data directory {} is in use by another server{owner}; stop that one, or give another --data-dir",
-                    directory.display()
-                ),
-            });
-        }
-        Err(TryLockError::Error(e)) => return Err(Error::io(&path, e)),
-    }
-    file.set_len(0).map_err(|e| Error::io(&path, e))?;
-    writeln!(file, "{}", std::process::id()).map_err(|e| Error::io(&path, e))?;
-    Ok(file)
-}
-
-fn failed(place: &str, error: &rusqlite::Error) -> Error {
-    Error::Io { path: place.to_string(), message: error.to_string() }
-}
-
-fn sql(error: rusqlite::Error) -> Error {
-    failed("the store", &error)
-}
-
-/// JSON that this program wrote itself.
-fn json(text: &str) -> serde_json::Value {
-    serde_json::from_str(text).unwrap_or(serde_json::Value::Null)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -261,23 +143,6 @@ mod tests {
         assert!(refused.to_string().contains("in use by another server"), "{refused}");
         drop(first);
         Store::open(dir.path()).unwrap();
-    }
-
-    #[test]
-    fn an_older_file_gains_the_tables_it_lacks() {
-        let dir = tempfile::tempdir().unwrap();
-        let old = Connection::open(dir.path().join("iplw.sqlite")).unwrap();
-        old.execute_batch(&format!("{} PRAGMA user_version = 1;", STEPS[0])).unwrap();
-        let insert =
-            "INSERT INTO job (kind, state, config, seed, version) VALUES ('iplw', 'running', '{}', '1', '0')";
-        old.execute_batch(insert).unwrap();
-        drop(old);
-        for _ in 0..2 {
-            let store = Store::open(dir.path()).unwrap();
-            let job = &store.unfinished().unwrap()[0];
-            assert_eq!((job.number, job.starts, &job.plan), (1, 0, &serde_json::Value::Null));
-            assert!(store.worlds().unwrap().is_empty());
-        }
     }
 
     #[test]

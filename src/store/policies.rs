@@ -3,7 +3,7 @@
 use rusqlite::{OptionalExtension, Row, params};
 use serde_json::Value;
 
-use super::{Store, json, sql};
+use super::{Store, json, seal, sql};
 use crate::error::{Error, Result};
 
 /// One policy as stored.
@@ -38,9 +38,14 @@ impl Store {
         let next: i64 =
             c.query_row("SELECT coalesce(max(number), 0) + 1 FROM policy", [], |r| r.get(0)).map_err(sql)?;
         let old = c
-            .query_row("SELECT blob, owner FROM policy WHERE id = ?1", [&policy.id], |r| {
-                Ok((r.get::<_, String>(0)?, r.get::<_, Option<String>>(1)?))
-            })
+            .query_row(
+                "SELECT blob, owner, whole, record FROM whole_policy WHERE id = ?1",
+                [&policy.id],
+                |r| {
+                    seal::whole(r)?;
+                    Ok((r.get::<_, String>(0)?, r.get::<_, Option<String>>(1)?))
+                },
+            )
             .optional()
             .map_err(sql)?;
         let owner = old.as_ref().map_or(policy.owner.as_deref(), |(_, owner)| owner.as_deref());
@@ -52,7 +57,7 @@ impl Store {
         self.blobs.write(&blob, weights)?;
         c.execute(
             "INSERT OR REPLACE INTO policy (number, id, task, training, about, config, job, version, blob, bytes, \
-             owner) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11)",
+             owner, digest) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12)",
             params![
                 next,
                 policy.id,
@@ -65,6 +70,7 @@ impl Store {
                 blob,
                 weights.len() as i64,
                 owner,
+                seal::sha256(weights),
             ],
         )
         .map_err(sql)?;
@@ -78,7 +84,7 @@ impl Store {
     /// The policy called `id`.
     pub fn policy(&self, id: &str) -> Result<Option<PolicyRow>> {
         self.connection()
-            .query_row(&format!("SELECT {COLUMNS} FROM policy WHERE id = ?1"), [id], row)
+            .query_row(&format!("SELECT {COLUMNS} FROM whole_policy WHERE id = ?1"), [id], row)
             .optional()
             .map_err(sql)
     }
@@ -87,11 +93,14 @@ impl Store {
     pub fn weights(&self, id: &str) -> Result<Option<Vec<u8>>> {
         // The connection stays locked while the file is read: nobody replaces it meanwhile.
         let c = self.connection();
-        let blob: Option<String> = c
-            .query_row("SELECT blob FROM policy WHERE id = ?1", [id], |r| r.get(0))
+        let found = c
+            .query_row("SELECT blob, digest, whole, record FROM whole_policy WHERE id = ?1", [id], |r| {
+                seal::whole(r)?;
+                Ok((r.get::<_, String>(0)?, r.get::<_, String>(1)?))
+            })
             .optional()
             .map_err(sql)?;
-        blob.map(|name| self.blobs.read(&name)).transpose()
+        found.map(|(blob, digest)| self.blobs.read(&blob, &digest)).transpose()
     }
 
     /// At most `limit` policies with their numbers, in order of number, those after number `after`; one owner's,
@@ -99,10 +108,11 @@ impl Store {
     pub fn policies(&self, after: i64, limit: usize, owner: Option<&str>) -> Result<Vec<(i64, PolicyRow)>> {
         let c = self.connection();
         let which = "number > ?1 AND (?3 IS NULL OR owner = ?3)";
-        let select = format!("SELECT {COLUMNS}, number FROM policy WHERE {which} ORDER BY number LIMIT ?2");
+        let select =
+            format!("SELECT {COLUMNS}, number FROM whole_policy WHERE {which} ORDER BY number LIMIT ?2");
         let mut query = c.prepare(&select).map_err(sql)?;
         let rows = query
-            .query_map(params![after, limit as i64, owner], |r| Ok((r.get(9)?, row(r)?)))
+            .query_map(params![after, limit as i64, owner], |r| Ok((r.get("number")?, row(r)?)))
             .map_err(sql)?;
         rows.collect::<rusqlite::Result<_>>().map_err(sql)
     }
@@ -121,24 +131,26 @@ impl Store {
     }
 
     /// Removes weights that no row names: what a crash between two writes may leave.
-    pub(super) fn sweep_blobs(&self) -> Result<()> {
+    pub fn sweep_blobs(&self) -> Result<()> {
         let c = self.connection();
-        let mut query = c.prepare("SELECT blob FROM policy").map_err(sql)?;
+        let mut query = c.prepare("SELECT blob, whole, record FROM whole_policy").map_err(sql)?;
+        let row = |r: &Row| seal::whole(r).and_then(|()| r.get(0));
         let names: Vec<String> =
-            query.query_map([], |r| r.get(0)).map_err(sql)?.collect::<rusqlite::Result<_>>().map_err(sql)?;
+            query.query_map([], row).map_err(sql)?.collect::<rusqlite::Result<_>>().map_err(sql)?;
         self.blobs.retain(|name| names.iter().any(|n| n == name))
     }
 }
 
-const COLUMNS: &str = "id, task, training, about, config, job, version, bytes, owner";
+const COLUMNS: &str = "id, task, training, about, config, job, version, bytes, owner, whole, record";
 
 fn row(row: &Row) -> rusqlite::Result<PolicyRow> {
+    seal::whole(row)?;
     Ok(PolicyRow {
         id: row.get(0)?,
         task: row.get(1)?,
         training: row.get(2)?,
         about: row.get(3)?,
-        config: json(&row.get::<_, String>(4)?),
+        config: json(row, 4)?,
         job: row.get(5)?,
         version: row.get(6)?,
         bytes: row.get::<_, i64>(7)? as u64,
@@ -147,10 +159,10 @@ fn row(row: &Row) -> rusqlite::Result<PolicyRow> {
 }
 
 #[cfg(test)]
-mod tests {
+pub mod tests {
     use super::*;
 
-    fn named(id: &str) -> PolicyRow {
+    pub fn named(id: &str) -> PolicyRow {
         PolicyRow {
             id: id.into(),
             task: "bowling".into(),

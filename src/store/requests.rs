@@ -2,7 +2,7 @@
 
 use rusqlite::{OptionalExtension, Transaction, params};
 
-use super::{Store, sql};
+use super::{Store, seal, sql};
 use crate::error::Result;
 
 /// An answered request.
@@ -23,8 +23,9 @@ const KEPT: i64 = 10_000;
 impl Store {
     /// The request with this key, if it was answered.
     pub fn answered(&self, key: &str) -> Result<Option<Answered>> {
-        let select = "SELECT key, fingerprint, status, location, body FROM request WHERE key = ?1";
+        let select = "SELECT key, fingerprint, status, location, body, whole, record FROM whole_request WHERE key = ?1";
         let row = |r: &rusqlite::Row| {
+            seal::whole(r)?;
             Ok(Answered {
                 key: r.get(0)?,
                 fingerprint: r.get(1)?,

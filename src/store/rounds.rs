@@ -2,11 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use rusqlite::{OptionalExtension, Transaction, params};
+use rusqlite::{OptionalExtension, Row, Transaction, params};
 
 use super::requests::{Answered, keep};
 use super::worlds::raise;
-use super::{Store, sql};
+use super::{Store, seal, sql};
 use crate::error::Result;
 
 /// One round as stored; both texts are the caller's JSON.
@@ -27,21 +27,15 @@ impl Store {
     /// A job's rounds in order.
     pub fn rounds(&self, job: i64) -> Result<Vec<RoundRow>> {
         let c = self.connection();
-        let select = "SELECT number, asked, done FROM round WHERE job = ?1 ORDER BY number";
-        let mut query = c.prepare(select).map_err(sql)?;
-        let row = |r: &rusqlite::Row| {
-            Ok(RoundRow { number: r.get::<_, i64>(0)? as u64, asked: r.get(1)?, done: r.get(2)? })
-        };
+        let select = format!("SELECT {COLUMNS} FROM whole_round WHERE job = ?1 ORDER BY number");
+        let mut query = c.prepare(&select).map_err(sql)?;
         query.query_map([job], row).map_err(sql)?.collect::<rusqlite::Result<_>>().map_err(sql)
     }
 
     /// A job's last round.
     pub fn last_round(&self, job: i64) -> Result<Option<RoundRow>> {
-        let select = "SELECT number, asked, done FROM round WHERE job = ?1 ORDER BY number DESC LIMIT 1";
-        let row = |r: &rusqlite::Row| {
-            Ok(RoundRow { number: r.get::<_, i64>(0)? as u64, asked: r.get(1)?, done: r.get(2)? })
-        };
-        self.connection().query_row(select, [job], row).optional().map_err(sql)
+        let select = format!("SELECT {COLUMNS} FROM whole_round WHERE job = ?1 ORDER BY number DESC LIMIT 1");
+        self.connection().query_row(&select, [job], row).optional().map_err(sql)
     }
 
     /// Opens a round.
@@ -69,9 +63,13 @@ impl Store {
     /// What was measured for a job, numbers from `first` on.
     pub fn measured(&self, job: i64, first: u64) -> Result<Measured> {
         let c = self.connection();
-        let select = "SELECT number, outcome FROM measured WHERE job = ?1 AND number >= ?2";
+        let select =
+            "SELECT number, outcome, whole, record FROM whole_measured WHERE job = ?1 AND number >= ?2";
         let mut query = c.prepare(select).map_err(sql)?;
-        let row = |r: &rusqlite::Row| Ok((r.get::<_, i64>(0)? as u64, r.get(1)?));
+        let row = |r: &Row| {
+            seal::whole(r)?;
+            Ok((r.get::<_, i64>(0)? as u64, r.get(1)?))
+        };
         query
             .query_map(params![job, first as i64], row)
             .map_err(sql)?
@@ -89,7 +87,8 @@ impl Store {
         answered: Option<&Answered>,
     ) -> Result<()> {
         self.atomically(|t| {
-            let mut insert = t.prepare("INSERT OR REPLACE INTO measured VALUES (?1, ?2, ?3)")?;
+            let mut insert =
+                t.prepare("INSERT OR REPLACE INTO measured (job, number, outcome) VALUES (?1, ?2, ?3)")?;
             for (number, outcome) in measured {
                 insert.execute(params![job, *number as i64, outcome])?;
             }
@@ -100,6 +99,13 @@ impl Store {
             keep(t, answered)
         })
     }
+}
+
+const COLUMNS: &str = "number, asked, done, whole, record";
+
+fn row(r: &Row) -> rusqlite::Result<RoundRow> {
+    seal::whole(r)?;
+    Ok(RoundRow { number: r.get::<_, i64>(0)? as u64, asked: r.get(1)?, done: r.get(2)? })
 }
 
 /// The job got somewhere.

@@ -2,7 +2,7 @@
 
 use rusqlite::{OptionalExtension, Row, params};
 
-use super::{Store, sql};
+use super::{Store, seal, sql};
 use crate::error::Result;
 
 /// One surface as stored.
@@ -21,7 +21,7 @@ pub struct SurfaceRow {
     pub version: String,
 }
 
-const COLUMNS: &str = "number, task, config, body, job, version";
+const COLUMNS: &str = "number, task, config, body, job, version, whole, record";
 
 impl Store {
     /// Stores a surface, or replaces the one found in the same way; its number.
@@ -39,14 +39,14 @@ impl Store {
 
     /// The surface of that number.
     pub fn surface(&self, number: i64) -> Result<Option<SurfaceRow>> {
-        let select = format!("SELECT {COLUMNS} FROM surface WHERE number = ?1");
+        let select = format!("SELECT {COLUMNS} FROM whole_surface WHERE number = ?1");
         self.connection().query_row(&select, [number], row).optional().map_err(sql)
     }
 
     /// The surface of a task that was found in this way by this version of the program.
     pub fn surface_like(&self, task: &str, config: &str) -> Result<Option<SurfaceRow>> {
         let select =
-            format!("SELECT {COLUMNS} FROM surface WHERE task = ?1 AND config = ?2 AND version = ?3");
+            format!("SELECT {COLUMNS} FROM whole_surface WHERE task = ?1 AND config = ?2 AND version = ?3");
         let values = params![task, config, env!("CARGO_PKG_VERSION")];
         self.connection().query_row(&select, values, row).optional().map_err(sql)
     }
@@ -54,7 +54,8 @@ impl Store {
     /// At most `limit` surfaces in order of number, those after number `after`.
     pub fn surfaces(&self, after: i64, limit: usize) -> Result<Vec<SurfaceRow>> {
         let c = self.connection();
-        let select = format!("SELECT {COLUMNS} FROM surface WHERE number > ?1 ORDER BY number LIMIT ?2");
+        let select =
+            format!("SELECT {COLUMNS} FROM whole_surface WHERE number > ?1 ORDER BY number LIMIT ?2");
         let mut query = c.prepare(&select).map_err(sql)?;
         let rows = query.query_map(params![after, limit as i64], row).map_err(sql)?;
         rows.collect::<rusqlite::Result<_>>().map_err(sql)
@@ -68,6 +69,7 @@ impl Store {
 }
 
 fn row(row: &Row) -> rusqlite::Result<SurfaceRow> {
+    seal::whole(row)?;
     Ok(SurfaceRow {
         number: row.get(0)?,
         task: row.get(1)?,

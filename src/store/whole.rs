@@ -26,16 +26,18 @@ pub fn write_private(path: &Path, bytes: &[u8]) -> Result<()> {
     written(path, bytes, &private, synced)
 }
 
-#[cfg(unix)]
 fn private(path: &Path) -> io::Result<File> {
-    use std::os::unix::fs::OpenOptionsExt;
-    fs::OpenOptions::new().write(true).create(true).truncate(true).mode(0o600).open(path)
+    super::private::options().write(true).truncate(true).open(path)
 }
 
-/// Who may read it is up to the directory.
-#[cfg(not(unix))]
-fn private(path: &Path) -> io::Result<File> {
-    File::create(path)
+/// Gives a file that is written its name: on the disk, both, when this returns.
+pub fn named(part: &Path, path: &Path) -> Result<()> {
+    let directory = path.parent().unwrap_or(Path::new("."));
+    let done = File::open(part)
+        .and_then(|file| file.sync_all())
+        .and_then(|()| fs::rename(part, path))
+        .and_then(|()| synced(directory));
+    done.map_err(|e| Error::io(path, e))
 }
 
 fn written(
@@ -63,13 +65,13 @@ fn written(
 
 /// Waits until what the directory says of its files is on the disk.
 #[cfg(unix)]
-fn synced(directory: &Path) -> io::Result<()> {
+pub fn synced(directory: &Path) -> io::Result<()> {
     File::open(directory)?.sync_all()
 }
 
 /// A directory cannot be opened, and renaming lasts by itself.
 #[cfg(not(unix))]
-fn synced(_: &Path) -> io::Result<()> {
+pub fn synced(_: &Path) -> io::Result<()> {
     Ok(())
 }
 

@@ -9,7 +9,7 @@ use std::sync::PoisonError;
 use rusqlite::{Transaction, params};
 
 use super::requests::{Answered, keep};
-use super::{Store, sql};
+use super::{Store, seal, sql};
 use crate::error::Result;
 
 /// One world as stored; the texts are the caller's JSON.
@@ -55,9 +55,11 @@ impl Store {
     /// All worlds in order of making.
     pub fn worlds(&self) -> Result<Vec<WorldRow>> {
         let c = self.connection();
-        let select = "SELECT id, config, latents, interactions, owner FROM world ORDER BY number";
+        let select =
+            "SELECT id, config, latents, interactions, owner, whole, record FROM whole_world ORDER BY number";
         let mut query = c.prepare(select).map_err(sql)?;
         let row = |r: &rusqlite::Row| {
+            seal::whole(r)?;
             Ok(WorldRow {
                 id: r.get(0)?,
                 config: r.get(1)?,
@@ -114,10 +116,7 @@ impl Store {
         };
         let written = self.atomically(|t| {
             for (id, (interactions, latents)) in &worlds {
-                raise(t, id, *interactions)?;
-                if latents.is_some() {
-                    t.execute("UPDATE world SET latents = ?2 WHERE id = ?1", params![id, latents])?;
-                }
+                change(t, id, *interactions, latents.as_deref())?;
             }
             Ok(())
         });
@@ -155,10 +154,14 @@ fn note(
 
 /// Sets a world's counter, which never goes back: writers need not come in order.
 pub(super) fn raise(t: &Transaction, id: &str, interactions: u64) -> rusqlite::Result<()> {
+    change(t, id, interactions, None)
+}
+
+/// The same, and its latents, if there are new ones.
+fn change(t: &Transaction, id: &str, interactions: u64, latents: Option<&str>) -> rusqlite::Result<()> {
     // Cached: to read the statement takes longer than to carry it out, and a flush has one for every world.
-    t.prepare_cached("UPDATE world SET interactions = max(interactions, ?2) WHERE id = ?1")?
-        .execute(params![id, interactions as i64])
-        .map(drop)
+    let update = "UPDATE world SET interactions = max(interactions, ?2), latents = coalesce(?3, latents) WHERE id = ?1";
+    t.prepare_cached(update)?.execute(params![id, interactions as i64, latents]).map(drop)
 }
 
 #[cfg(test)]

@@ -49,7 +49,7 @@ const HOMES: [(&str, &[&str]); 17] = [
     ("rmp_serde", &["serve"]),
     ("serde_transcode", &["serve"]),
     ("rusqlite", &["store"]),
-    ("ring", &["access", "serve"]),
+    ("ring", &["access", "serve", "store"]),
     ("rustls", &["serve"]),
     ("hyper", &["serve"]),
     ("hyper_util", &["serve"]),

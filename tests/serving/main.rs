@@ -6,6 +6,8 @@ mod worlds;
 
 mod access;
 mod http;
+mod kept;
+mod kill;
 mod limits;
 mod log;
 mod openapi;

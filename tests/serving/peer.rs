@@ -1,7 +1,7 @@
 //! A ZeroMQ client of a few lines, written from docs/zeromq.md and the specification of ZMTP: greeting, NULL or PLAIN,
 //! one request at a time.
 
-use std::io::{Read, Write};
+use std::io::{self, Read, Write};
 use std::net::TcpStream;
 use std::time::Duration;
 
@@ -42,24 +42,34 @@ impl Peer {
 
     /// Flags and body of the next frame.
     pub fn frame(&mut self) -> (u8, Vec<u8>) {
+        self.try_frame().unwrap()
+    }
+
+    /// The same; errors once the server is gone.
+    pub fn try_frame(&mut self) -> io::Result<(u8, Vec<u8>)> {
         let mut head = [0; 2];
-        self.0.read_exact(&mut head).unwrap();
+        self.0.read_exact(&mut head)?;
         let length = if head[0] & 2 == 0 {
             u64::from(head[1])
         } else {
             let mut rest = [0; 7];
-            self.0.read_exact(&mut rest).unwrap();
+            self.0.read_exact(&mut rest)?;
             rest.iter().fold(u64::from(head[1]), |n, b| n << 8 | u64::from(*b))
         };
         let mut body = vec![0; length as usize];
-        self.0.read_exact(&mut body).unwrap();
-        (head[0], body)
+        self.0.read_exact(&mut body)?;
+        Ok((head[0], body))
     }
 
     /// Sends one frame that is a whole message.
     pub fn send(&mut self, body: &[u8]) {
+        self.try_send(body).unwrap();
+    }
+
+    /// The same; errors once the server is gone.
+    pub fn try_send(&mut self, body: &[u8]) -> io::Result<()> {
         let head = [&[2][..], &(body.len() as u64).to_be_bytes()].concat();
-        self.0.write_all(&[&head, body].concat()).unwrap();
+        self.0.write_all(&[&head, body].concat())
     }
 
     /// What is answered to one request, as JSON; arrays that follow are dropped.
@@ -75,12 +85,17 @@ impl Peer {
     }
 
     pub fn answer(&mut self) -> Value {
-        let (mut flags, head) = self.frame();
+        self.try_answer().unwrap()
+    }
+
+    /// The same; errors once the server is gone.
+    pub fn try_answer(&mut self) -> io::Result<Value> {
+        let (mut flags, head) = self.try_frame()?;
         while flags & 1 != 0 {
-            flags = self.frame().0;
+            flags = self.try_frame()?.0;
         }
         let packed = rmpv::decode::read_value(&mut &head[..]).unwrap();
-        json(&packed)
+        Ok(json(&packed))
     }
 }
 

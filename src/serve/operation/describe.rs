@@ -47,7 +47,7 @@ impl Described {
     /// What a token must allow for it: what is answered without one, or with a weaker one.
     pub fn needs(&mut self, needs: Option<Scope>) {
         self.problem(421, "The server is not called so");
-        self.problem(503, "The request's deadline has passed, or storage fails");
+        self.problem(503, "The request's deadline has passed, or storage fails or is damaged");
         let Some(scope) = needs else {
             self.problem(403, "Not from this page");
             self.operation.security = Some(Vec::new());

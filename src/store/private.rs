@@ -1,0 +1,161 @@
+//! Files and directories that their owner alone may read.
+
+use std::fs::{self, OpenOptions};
+use std::path::Path;
+
+use crate::error::{Error, Result};
+
+/// What a data directory may hold; anything else in it is not ours.
+const OURS: [&str; 6] = ["iplw.sqlite", "policies", "tokens.", "lock", "restoring", "restored.part"];
+
+/// Makes a directory that nobody else may read, if there is none; its parents are made as usual.
+pub fn make_directory(path: &Path) -> Result<()> {
+    if let Some(parent) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
+        fs::create_dir_all(parent).map_err(|e| Error::io(parent, e))?;
+    }
+    let mut builder = fs::DirBuilder::new();
+    #[cfg(unix)]
+    std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
+    match builder.create(path) {
+        Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists && path.is_dir() => Ok(()),
+        done => done.map_err(|e| Error::io(path, e)),
+    }
+}
+
+/// The same for a data directory. One that others may read is taken from them, or it is said that they may: where it holds
+/// other things, too, these may be meant for them.
+pub fn own_directory(path: &Path) -> Result<()> {
+    make_directory(path)?;
+    if !open_to_others(path) {
+        return Ok(());
+    }
+    let entries = fs::read_dir(path).map_err(|e| Error::io(path, e))?;
+    let ours = |name: &str| OURS.iter().any(|o| name.trim_start_matches('.').starts_with(o));
+    let all_ours = entries.flatten().all(|entry| entry.file_name().to_str().is_some_and(ours));
+    if all_ours && close(path, 0o700) {
+        tracing::warn!("{}: others could read this data directory; now they cannot", path.display());
+    } else {
+        tracing::warn!(
+            "{}: others may list this data directory, as it holds other things, too, or is not ours to change; \
+             `chmod 700` it, or take one of its own. The files of the server are closed to them",
+            path.display()
+        );
+    }
+    Ok(())
+}
+
+/// Takes the files of a data directory from others who may read them: earlier versions let them.
+pub fn tighten(directory: &Path) {
+    close(&directory.join("policies"), 0o700);
+    for folder in [directory.to_path_buf(), directory.join("policies")] {
+        for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+            let named =
+                entry.file_name().to_str().is_some_and(|name| OURS.iter().any(|o| name.starts_with(o)));
+            let blob = entry.path().parent().is_some_and(|p| p != directory);
+            if (named || blob) && entry.file_type().is_ok_and(|t| t.is_file()) {
+                close(&entry.path(), 0o600);
+            }
+        }
+    }
+}
+
+/// How to open a file that nobody else may read, and make it if it is not there.
+pub fn options() -> OpenOptions {
+    let mut options = OpenOptions::new();
+    options.create(true);
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+    options
+}
+
+#[cfg(unix)]
+fn open_to_others(path: &Path) -> bool {
+    use std::os::unix::fs::PermissionsExt;
+    fs::metadata(path).is_ok_and(|m| m.permissions().mode() & 0o077 != 0)
+}
+
+/// Whether others cannot read it now.
+#[cfg(unix)]
+fn close(path: &Path, mode: u32) -> bool {
+    use std::os::unix::fs::PermissionsExt;
+    if open_to_others(path)
+        && let Err(e) = fs::set_permissions(path, fs::Permissions::from_mode(mode))
+    {
+        tracing::warn!("{}: others may read it, and it cannot be closed to them: {e}", path.display());
+    }
+    !open_to_others(path)
+}
+
+/// Who may read what is up to the directory it is in.
+#[cfg(not(unix))]
+fn open_to_others(_: &Path) -> bool {
+    false
+}
+
+#[cfg(not(unix))]
+fn close(_: &Path, _: u32) -> bool {
+    true
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use std::collections::BTreeMap;
+    use std::os::unix::fs::PermissionsExt;
+    use std::path::PathBuf;
+
+    use super::*;
+    use crate::store::Store;
+    use crate::store::policies::tests::named;
+
+    fn modes(directory: &Path) -> BTreeMap<PathBuf, u32> {
+        let mut all = BTreeMap::new();
+        let mut pending = vec![directory.to_path_buf()];
+        while let Some(path) = pending.pop() {
+            all.insert(path.clone(), fs::metadata(&path).unwrap().permissions().mode() & 0o7777);
+            if path.is_dir() {
+                pending.extend(fs::read_dir(&path).unwrap().map(|e| e.unwrap().path()));
+            }
+        }
+        all
+    }
+
+    fn assert_private(directory: &Path) {
+        for (path, mode) in modes(directory) {
+            let wanted = if path.is_dir() { 0o700 } else { 0o600 };
+            assert_eq!(mode, wanted, "{}", path.display());
+        }
+    }
+
+    #[test]
+    fn nobody_else_reads_a_data_directory_also_one_of_an_earlier_version() {
+        let place = tempfile::tempdir().unwrap();
+        let directory = place.path().join("new").join("data");
+        for _ in 0..2 {
+            let store = Store::open(&directory).unwrap();
+            store.put_policy(&named("a"), &[1, 2, 3], None).unwrap();
+            store.add_world(&format!("w{}", store.worlds().unwrap().len()), "{}", None, None).unwrap();
+            assert!(directory.join("iplw.sqlite-wal").exists(), "it is looked at while it is written");
+            assert_private(&directory);
+            drop(store);
+            assert_private(&directory);
+            // As earlier versions left it.
+            for path in modes(&directory).into_keys() {
+                let mode = if path.is_dir() { 0o755 } else { 0o644 };
+                fs::set_permissions(path, fs::Permissions::from_mode(mode)).unwrap();
+            }
+        }
+    }
+
+    #[test]
+    fn a_directory_with_other_things_in_it_is_left_to_those_who_use_it() {
+        let place = tempfile::tempdir().unwrap();
+        fs::set_permissions(place.path(), fs::Permissions::from_mode(0o755)).unwrap();
+        let other = place.path().join("others.txt");
+        fs::write(&other, "theirs").unwrap();
+        fs::set_permissions(&other, fs::Permissions::from_mode(0o644)).unwrap();
+        drop(Store::open(place.path()).unwrap());
+        let modes = modes(place.path());
+        assert_eq!((modes[place.path()], modes[&other]), (0o755, 0o644));
+        assert_eq!(modes[&place.path().join("iplw.sqlite")], 0o600);
+    }
+}

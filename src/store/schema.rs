@@ -1,0 +1,303 @@
+//! The tables, version by version, and whether a file has them as they should be.
+
+use rusqlite::Connection;
+
+use super::blobs::Blobs;
+use super::seal;
+use super::sqlite::failed;
+use crate::error::{Error, Result};
+
+/// What makes the tables, step by step; a file that has had the first n is of version n.
+pub const STEPS: [&str; 5] = [
+    "
+    CREATE TABLE job (
+        number INTEGER PRIMARY KEY AUTOINCREMENT,
+        kind TEXT NOT NULL,
+        state TEXT NOT NULL,
+        config TEXT NOT NULL,
+        result TEXT,
+        error TEXT,
+        seed TEXT NOT NULL,
+        version TEXT NOT NULL,
+        stage TEXT NOT NULL DEFAULT '',
+        done INTEGER NOT NULL DEFAULT 0,
+        total INTEGER NOT NULL DEFAULT 0,
+        events INTEGER NOT NULL DEFAULT 0
+    ) STRICT;
+    CREATE TABLE policy (
+        number INTEGER PRIMARY KEY AUTOINCREMENT,
+        id TEXT NOT NULL UNIQUE,
+        task TEXT NOT NULL,
+        training TEXT NOT NULL,
+        about TEXT NOT NULL,
+        config TEXT NOT NULL,
+        job TEXT,
+        version TEXT NOT NULL,
+        blob TEXT NOT NULL,
+        bytes INTEGER NOT NULL
+    ) STRICT;
+",
+    "
+    ALTER TABLE job ADD COLUMN plan TEXT;
+    ALTER TABLE job ADD COLUMN starts INTEGER NOT NULL DEFAULT 0;
+    CREATE TABLE round (
+        job INTEGER NOT NULL,
+        number INTEGER NOT NULL,
+        asked TEXT NOT NULL,
+        done TEXT,
+        PRIMARY KEY (job, number)
+    ) STRICT;
+    CREATE TABLE measured (
+        job INTEGER NOT NULL,
+        number INTEGER NOT NULL,
+        outcome TEXT,
+        PRIMARY KEY (job, number)
+    ) STRICT;
+    CREATE TABLE artifact (
+        job INTEGER NOT NULL,
+        name TEXT NOT NULL,
+        body BLOB NOT NULL,
+        PRIMARY KEY (job, name)
+    ) STRICT;
+    CREATE TABLE world (
+        number INTEGER PRIMARY KEY AUTOINCREMENT,
+        id TEXT NOT NULL UNIQUE,
+        config TEXT NOT NULL,
+        latents TEXT,
+        interactions INTEGER NOT NULL DEFAULT 0
+    ) STRICT;
+    CREATE TABLE request (
+        number INTEGER PRIMARY KEY AUTOINCREMENT,
+        key TEXT NOT NULL UNIQUE,
+        fingerprint TEXT NOT NULL,
+        status INTEGER NOT NULL,
+        location TEXT,
+        body BLOB NOT NULL
+    ) STRICT;
+",
+    "
+    CREATE TABLE surface (
+        number INTEGER PRIMARY KEY AUTOINCREMENT,
+        task TEXT NOT NULL,
+        config TEXT NOT NULL,
+        body TEXT NOT NULL,
+        job TEXT,
+        version TEXT NOT NULL,
+        UNIQUE (task, config)
+    ) STRICT;
+",
+    "
+    ALTER TABLE job ADD COLUMN owner TEXT;
+    ALTER TABLE policy ADD COLUMN owner TEXT;
+    ALTER TABLE world ADD COLUMN owner TEXT;
+",
+    "
+    ALTER TABLE job ADD COLUMN ended INTEGER;
+    UPDATE job SET ended = unixepoch() WHERE state IN ('succeeded', 'failed', 'cancelled');
+    ALTER TABLE policy ADD COLUMN digest TEXT NOT NULL DEFAULT '';
+    ALTER TABLE job ADD COLUMN seal INTEGER;
+    ALTER TABLE policy ADD COLUMN seal INTEGER;
+    ALTER TABLE round ADD COLUMN seal INTEGER;
+    ALTER TABLE measured ADD COLUMN seal INTEGER;
+    ALTER TABLE artifact ADD COLUMN seal INTEGER;
+    ALTER TABLE world ADD COLUMN seal INTEGER;
+    ALTER TABLE request ADD COLUMN seal INTEGER;
+    ALTER TABLE surface ADD COLUMN seal INTEGER;
+",
+];
+
+/// Version of the tables as they are here.
+pub const HERE: i64 = STEPS.len() as i64;
+/// First version whose rows have checksums, and whose weights have digests.
+pub const SEALED: i64 = 5;
+
+/// Version of a file's tables; refuses what a later version of the program wrote.
+pub fn version(c: &Connection, place: &str) -> Result<i64> {
+    let version: i64 =
+        c.query_row("PRAGMA user_version", [], |row| row.get(0)).map_err(|e| failed(place, &e))?;
+    if (0..=HERE).contains(&version) {
+        return Ok(version);
+    }
+    Err(Error::Refused {
+        reason: format!(
+            "{place} was written by a later version of this program (tables {version}, \
+             here {HERE}); use that version, or another data directory"
+        ),
+    })
+}
+
+/// Brings a file of any version to the one here, all of the way or not at all. What it holds is taken as it is found:
+/// rows get their checksums and weights their digests now.
+pub fn migrate(c: &mut Connection, from: i64, blobs: &Blobs) -> rusqlite::Result<()> {
+    if from == HERE {
+        return Ok(());
+    }
+    let t = c.transaction_with_behavior(rusqlite::TransactionBehavior::Immediate)?;
+    t.execute_batch(&STEPS[from as usize..].concat())?;
+    if from < SEALED {
+        let mut named = t.prepare("SELECT number, blob FROM policy")?;
+        let policies: Vec<(i64, String)> =
+            named.query_map([], |r| Ok((r.get(0)?, r.get(1)?)))?.collect::<rusqlite::Result<_>>()?;
+        for (number, blob) in policies {
+            // Weights that are gone have no digest; a check names them.
+            let digest = blobs.digest(&blob).unwrap_or_default();
+            t.execute("UPDATE policy SET digest = ?2 WHERE number = ?1", rusqlite::params![number, digest])?;
+        }
+        drop(named);
+        for table in &seal::TABLES {
+            t.execute(&format!("UPDATE {} SET seal = {}", table.name, table.seal("")), [])?;
+        }
+    }
+    t.pragma_update(None, "user_version", HERE)?;
+    t.commit()
+}
+
+/// Every table with its columns and indexes, as text to be compared.
+pub fn shape(c: &Connection) -> rusqlite::Result<String> {
+    let select = "
+        SELECT m.name || ' strict=' || t.strict || ' ' || x.name || ' ' || x.type || ' ' || x.\"notnull\" || ' '
+            || coalesce(x.dflt_value, '-') || ' ' || x.pk
+        FROM sqlite_schema m JOIN pragma_table_list(m.name) t ON t.schema = 'main' JOIN pragma_table_xinfo(m.name) x
+        WHERE m.type = 'table'
+        UNION ALL
+        SELECT m.name || ' unique=' || l.\"unique\" || ' ' || coalesce(i.name, '-') || ' ' || i.seqno || ' ' || i.coll
+        FROM sqlite_schema m JOIN pragma_index_list(m.name) l JOIN pragma_index_xinfo(l.name) i
+        WHERE m.type = 'table'
+        UNION ALL
+        SELECT type || ' ' || name FROM sqlite_schema WHERE type <> 'table'
+        ORDER BY 1";
+    let mut query = c.prepare(select)?;
+    let lines: Vec<String> = query.query_map([], |r| r.get(0))?.collect::<rusqlite::Result<_>>()?;
+    Ok(lines.join("\n"))
+}
+
+/// The shape of the tables of some version.
+pub fn shape_of(version: i64) -> rusqlite::Result<String> {
+    let c = Connection::open_in_memory()?;
+    c.execute_batch(&STEPS[..version as usize].concat())?;
+    shape(&c)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::path::Path;
+
+    use serde_json::json;
+
+    use super::*;
+    use crate::store::{JobState, RoundRow, Store, check};
+
+    /// What versions of the tables hold, as the programs of their time wrote it.
+    const FILLED: [&str; 4] = [
+        "INSERT INTO job (kind, state, config, result, seed, version, events)
+             VALUES ('iplw', 'succeeded', '{\"a\":1}', '[1.5]', '18446744073709551615', '0', 3);
+         INSERT INTO job (kind, state, config, seed, version) VALUES ('train', 'running', '{}', '1', '0');
+         INSERT INTO policy (id, task, training, about, config, version, blob, bytes)
+             VALUES ('p', 'bowling', 'fixed', 'old', '{}', '0', 'p.1.safetensors', 3);",
+        "UPDATE job SET plan = '{\"b\":2}', starts = 2 WHERE number = 2;
+         INSERT INTO round (job, number, asked, done) VALUES (2, 0, '[0, 1]', 'done'), (2, 1, '[2]', NULL);
+         INSERT INTO measured (job, number, outcome) VALUES (2, 0, 'a'), (2, 1, NULL);
+         INSERT INTO artifact (job, name, body) VALUES (1, 'surface', x'00ff');
+         INSERT INTO world (id, config, latents, interactions) VALUES ('w', '{}', 'l', 7);
+         INSERT INTO request (key, fingerprint, status, location, body) VALUES ('k', 'f', 201, '/here', x'7b7d');",
+        "INSERT INTO surface (task, config, body, job, version) VALUES ('bowling', 'c', 's', 'job-1', '0');",
+        "UPDATE job SET owner = 'ann'; UPDATE policy SET owner = 'ann'; UPDATE world SET owner = 'ann';",
+    ];
+
+    /// A data directory of an earlier version.
+    fn of_version(directory: &Path, version: usize) {
+        let c = Connection::open(directory.join("iplw.sqlite")).unwrap();
+        for (steps, rows) in STEPS.iter().zip(FILLED).take(version) {
+            c.execute_batch(steps).unwrap();
+            c.execute_batch(rows).unwrap();
+        }
+        c.pragma_update(None, "user_version", version as i64).unwrap();
+        fs::create_dir(directory.join("policies")).unwrap();
+        fs::write(directory.join("policies/p.1.safetensors"), [1, 2, 3]).unwrap();
+    }
+
+    #[test]
+    fn every_earlier_version_is_brought_here_with_all_it_holds() {
+        assert_eq!(FILLED.len() as i64, HERE - 1, "a version more: say what the last one holds");
+        let now = shape_of(HERE).unwrap();
+        for version in 1..HERE as usize {
+            let place = tempfile::tempdir().unwrap();
+            of_version(place.path(), version);
+            assert!(check(place.path()).unwrap().damaged.is_empty(), "{version}, before");
+            for _ in 0..2 {
+                let store = Store::open(place.path()).unwrap();
+                assert_eq!(shape(&store.connection()).unwrap(), now, "{version}");
+                holds(&store, version);
+            }
+            let checked = check(place.path()).unwrap();
+            assert_eq!((checked.version, checked.damaged), (HERE, vec![]), "{version}, after");
+        }
+    }
+
+    /// Errors unless all of [`FILLED`] is there.
+    fn holds(store: &Store, version: usize) {
+        let owner = (version >= 4).then_some("ann");
+        let (done, open) = (store.job(1).unwrap().unwrap(), &store.unfinished().unwrap()[0]);
+        assert_eq!(
+            (done.state, &done.result, done.seed),
+            (JobState::Succeeded, &Some(json!([1.5])), u64::MAX)
+        );
+        assert_eq!((done.config, done.events, done.owner.as_deref()), (json!({"a": 1}), 3, owner));
+        assert_eq!(store.ended_before(u64::MAX >> 1).unwrap(), [1]);
+        let policy = store.policy("p").unwrap().unwrap();
+        assert_eq!((policy.about.as_str(), policy.owner.as_deref()), ("old", owner));
+        assert_eq!(store.weights("p").unwrap().unwrap(), [1, 2, 3]);
+        if version < 2 {
+            assert_eq!((open.starts, &open.plan), (0, &json!(null)));
+            return assert!(store.worlds().unwrap().is_empty());
+        }
+        assert_eq!((open.number, open.starts, &open.plan), (2, 2, &json!({"b": 2})));
+        let round = |number, asked: &str, done: Option<&str>| RoundRow {
+            number,
+            asked: asked.into(),
+            done: done.map(String::from),
+        };
+        assert_eq!(store.rounds(2).unwrap(), [round(0, "[0, 1]", Some("done")), round(1, "[2]", None)]);
+        assert_eq!(store.measured(2, 0).unwrap(), [(0, Some("a".to_string())), (1, None)].into());
+        assert_eq!(store.artifact(1, "surface").unwrap().unwrap(), [0, 255]);
+        let world = &store.worlds().unwrap()[0];
+        assert_eq!(
+            (world.interactions, world.latents.as_deref(), world.owner.as_deref()),
+            (7, Some("l"), owner)
+        );
+        let answered = store.answered("k").unwrap().unwrap();
+        assert_eq!((answered.status, answered.body.as_slice()), (201, &b"{}"[..]));
+        if version >= 3 {
+            assert_eq!(store.surface(1).unwrap().unwrap().body, "s");
+        }
+    }
+
+    #[test]
+    fn later_versions_and_tables_of_another_version_are_refused() {
+        for version in 1..=HERE as usize {
+            for told in 0..=HERE + 2 {
+                let place = tempfile::tempdir().unwrap();
+                if version < HERE as usize {
+                    of_version(place.path(), version);
+                } else {
+                    drop(Store::open(place.path()).unwrap());
+                }
+                let database = place.path().join("iplw.sqlite");
+                let c = Connection::open(&database).unwrap();
+                c.pragma_update(None, "user_version", told).unwrap();
+                drop(c);
+                let before = fs::read(&database).unwrap();
+                let opened = Store::open(place.path()).err().map(|e| e.to_string());
+                if told == version as i64 {
+                    assert_eq!(opened, None);
+                    continue;
+                }
+                let opened = opened.expect("refused");
+                let word = if told > HERE { "later version" } else { "not those of version" };
+                assert!(opened.contains(word), "{version} told to be {told}: {opened}");
+                assert_eq!(fs::read(&database).unwrap(), before, "and left as it was");
+            }
+        }
+    }
+}
