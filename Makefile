@@ -9,7 +9,7 @@ CARGO := cargo
 # Tests run every way the batched kernel can be compiled; one feature set for all of them, so that nothing is built twice.
 LEVELS := --features levels
 
-.PHONY: run test test-rust test-python test-clients test-examples lint bench bench-wire bench-hold openapi tasks clean help
+.PHONY: run test test-rust test-python test-clients test-examples lint bench bench-wire bench-hold openapi tasks web web-check test-web clean help
 
 help:
 	@sed -n 's/^# //p' Makefile
@@ -80,6 +80,14 @@ openapi:
 	$(CARGO) build --locked $(LEVELS) --bin iplw --examples
 	./target/debug/iplw openapi > openapi/openapi.json.new && mv openapi/openapi.json.new openapi/openapi.json
 	python3 clients/python/generate.py
+
+# The page: its bundle is committed, so that building the program needs no Node.
+web: web/node_modules/.installed
+	cd web && npm run --silent types && npm run --silent check && npm run --silent build
+
+web/node_modules/.installed: web/package-lock.json
+	cd web && npm ci --silent --no-audit --no-fund
+	touch $@
 
 # Searches the built-in tasks anew; only when physics or selection changed.
 tasks:
