@@ -28,7 +28,7 @@ use rusqlite::{Connection, Transaction, TransactionBehavior};
 
 use crate::error::{Error, Result};
 use blobs::Blobs;
-pub use jobs::{JobRow, JobState};
+pub use jobs::{JobList, JobRow, JobState};
 use pending::Pending;
 pub use policies::PolicyRow;
 pub use requests::Answered;

@@ -100,7 +100,8 @@ fn words() -> String {
 }
 
 fn tag(bytes: &[u8]) -> String {
-    let half = &digest(&SHA256, bytes).as_ref()[..16];
+    let whole = digest(&SHA256, bytes);
+    let half = &whole.as_ref()[..16];
     format!("\"{}\"", half.iter().map(|b| format!("{b:02x}")).collect::<String>())
 }
 

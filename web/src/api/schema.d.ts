@@ -653,6 +653,38 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/simulate": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        post: operations["simulate"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/place": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        post: operations["place"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
 }
 export type webhooks = Record<string, never>;
 export interface components {
@@ -1677,6 +1709,42 @@ export interface components {
             truncated: boolean[];
             /** @description Whether the action could be placed. */
             valid: boolean[];
+        };
+        SimulateIn: {
+            task?: string | null;
+            scene?: Record<string, never> | null;
+            action?: null | components["schemas"]["ActionIn"];
+            latents?: null | components["schemas"]["LatentsIn"];
+            effects?: components["schemas"]["EffectIn"][] | null;
+            engine?: string | null;
+            observe_every?: number | null;
+            stop?: boolean | null;
+        };
+        ContactOut: {
+            t: number;
+            between: string[];
+            speed: number;
+        };
+        Simulated: {
+            engine: string;
+            valid: boolean;
+            reason?: string | null;
+            solved?: boolean | null;
+            end?: string | null;
+            steps: number;
+            t: number[];
+            bodies: {
+                [key: string]: components["schemas"]["BodyTrack"];
+            };
+            contacts: components["schemas"]["ContactOut"][];
+        };
+        PlaceIn: {
+            task?: string | null;
+            scene?: Record<string, never> | null;
+            actions: components["schemas"]["ActionIn"][];
+        };
+        Places: {
+            reasons: (string | null)[];
         };
     };
     responses: never;
@@ -2907,6 +2975,8 @@ export interface operations {
                 limit?: number;
                 /** @description `next` of the page before */
                 cursor?: string;
+                order?: string;
+                state?: string;
             };
             header?: never;
             path?: never;
@@ -5763,6 +5833,68 @@ export interface operations {
             };
             /** @description The request's deadline has passed, or storage fails */
             503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    simulate: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["SimulateIn"];
+            };
+        };
+        responses: {
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Simulated"];
+                };
+            };
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    place: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["PlaceIn"];
+            };
+        };
+        responses: {
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Places"];
+                };
+            };
+            422: {
                 headers: {
                     [name: string]: unknown;
                 };
