@@ -18,7 +18,7 @@ run:
 	$(CARGO) build --release --locked
 	./target/release/iplw run --out out/quickstart
 
-test: lint test-rust test-examples test-python test-clients
+test: lint test-rust test-examples test-python test-clients test-web
 
 lint:
 	$(CARGO) fmt --check
@@ -85,6 +85,21 @@ openapi:
 web: web/node_modules/.installed
 	cd web && npm run --silent types && npm run --silent check && npm run --silent build
 
+# Fails if what is committed is not what the sources make.
+web-check: web/node_modules/.installed
+	cd web && npm run --silent check && npm test --silent && node build.mjs --check
+	cd web && npx --no-install openapi-typescript ../openapi/openapi.json --output out/schema.d.ts >/dev/null 2>&1 && \
+		cmp out/schema.d.ts src/api/schema.d.ts
+
+# Flows in Debian's Chromium, which it installs where it may.
+test-web: $(VENV)/.browser
+	$(CARGO) build --locked $(LEVELS) --bin iplw --examples
+	IPLW_BIN=$(CURDIR)/target/debug/iplw sh web/browser/run.sh $(CURDIR)/$(PYTHON)
+
+$(VENV)/.browser: web/browser/requirements.txt $(VENV)/.installed
+	$(PYTHON) -m pip install --quiet --disable-pip-version-check -r web/browser/requirements.txt
+	touch $@
+
 web/node_modules/.installed: web/package-lock.json
 	cd web && npm ci --silent --no-audit --no-fund
 	touch $@
@@ -96,4 +111,4 @@ tasks:
 		./target/release/iplw tasks $$(basename $$f .certified.json) --certify > $$f.new && mv $$f.new $$f; done
 
 clean:
-	rm -rf out $(VENV) $(VENV)-peers clients/generated/node_modules clients/generated/out
+	rm -rf out $(VENV) $(VENV)-peers clients/generated/node_modules clients/generated/out web/node_modules web/out

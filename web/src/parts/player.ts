@@ -63,7 +63,8 @@ export function player(shown: (time: number) => void, signal: AbortSignal): Play
   };
   scrub.addEventListener("input", () => seek(Number(scrub.value)));
   choice.addEventListener("change", () => (speed = Number(choice.value)));
-  signal.addEventListener("abort", pause);
+  signal.addEventListener("abort", () => cancelAnimationFrame(asked));
+  show();
   return {
     element,
     load: (now) => {

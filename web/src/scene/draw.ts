@@ -70,8 +70,9 @@ export function line(points: readonly Point[], attributes: Attributes): SVGPolyl
 
 function statics(scene: Scene, box: Box): SVGElement[] {
   const wanted = goalNames(scene);
+  const placeable = new Set(scene.action?.components.map((c) => c.target));
   return (scene.statics ?? []).map((thing) => {
-    const look = { class: wanted.has(thing.name) ? "static wanted" : "static" };
+    const look = { class: `static${wanted.has(thing.name) ? " wanted" : ""}${placeable.has(thing.name) ? " placeable" : ""}` };
     const place = thing.shape.type === "halfspace" ? {} : { transform: transform(thing) };
     return s("g", { ...place, "data-name": thing.name }, ...forms(thing.shape, look, box));
   });

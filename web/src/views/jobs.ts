@@ -165,8 +165,8 @@ function whole(job: Job, context: Context): HTMLElement[] {
 
 function result(job: Job): HTMLElement {
   const found = job.result as Record<string, unknown>;
-  const plain = Object.entries(found).filter(([, v]) => typeof v === "number" || typeof v === "string" || typeof v === "boolean");
-  const words = plain.slice(0, 12).flatMap(([name, v]) => [h("dt", {}, name.replaceAll("_", " ")), h("dd", {}, typeof v === "number" ? short(v) : String(v))]);
+  const plain = Object.entries(found).flatMap(([name, v]) => (said(v) === null ? [] : [[name, said(v)!] as const]));
+  const words = plain.slice(0, FACTS).flatMap(([name, v]) => [h("dt", {}, name.replaceAll("_", " ")), h("dd", {}, v)]);
   const save = h("button", { type: "button" }, "Save as a file");
   save.addEventListener("click", () => {
     const url = URL.createObjectURL(new Blob([JSON.stringify(found, null, 2)], { type: "application/json" }));
@@ -178,6 +178,19 @@ function result(job: Job): HTMLElement {
 
 function document_(title: string, value: unknown): HTMLElement {
   return h("section", { class: "card stack" }, h("h2", {}, title), text(`${title}, as JSON`, value));
+}
+
+/** Most facts of a result that are shown apart. */
+const FACTS = 16;
+
+/** A value in words; `null` if it is no single one, nor a few numbers by name. */
+function said(value: unknown): string | null {
+  if (typeof value === "string" || typeof value === "boolean") return String(value);
+  if (typeof value === "number") return Number.isInteger(value) ? String(value) : short(value);
+  if (typeof value !== "object" || value === null || Array.isArray(value)) return null;
+  const entries = Object.entries(value);
+  const few = entries.length > 0 && entries.length <= 6 && entries.every(([, v]) => typeof v === "number");
+  return few ? entries.map(([name, v]) => `${name} ${said(v)}`).join(", ") : null;
 }
 
 /** Characters of JSON that are shown; a file has all of them. */

@@ -37,7 +37,7 @@ export function stage(scene: Scene, label: string, context: Context): Stage {
   let lit: { t: number; ring: SVGCircleElement }[] = [];
   const apart = curve({ about: "Distance between simulated and real, m over s", x: "s", y: "m apart" }, (x) => play.seek(x));
   const gap = h("figure", { class: "gap", hidden: true }, h("figcaption", {}, "Distance between simulation and reality"), apart.svg);
-  const contacts = h("details", {});
+  const contacts = h("details", { hidden: true });
   const verdicts = h("div", { class: "row verdicts", role: "status" });
   const verdict: Record<"sim" | "real", string | null> = { sim: null, real: null };
   const play = player((time) => {
@@ -112,7 +112,7 @@ function ringed(film: Film, contact: Contact, width: number): { t: number; ring:
 /** Contacts in words, the first of them. */
 function listed(contacts: readonly Contact[]): HTMLElement[] {
   const items = contacts.slice(0, 50).map((c) => h("li", {}, `${c.t.toFixed(2)} s: ${c.between.join(" and ")}, ${short(c.speed, "m/s")}`));
-  return [h("summary", {}, `${contacts.length} contacts in the simulation`), h("ol", {}, ...items)];
+  return [h("summary", {}, contacts.length === 1 ? "1 contact in the simulation" : `${contacts.length} contacts in the simulation`), h("ol", {}, ...items)];
 }
 
 function badge(name: string, which: string, verdict: string | null): HTMLElement | null {
