@@ -9,6 +9,7 @@ mod http;
 mod limits;
 mod log;
 mod openapi;
+mod page;
 mod peer;
 mod survive;
 mod tls;

@@ -17,7 +17,6 @@ WIDTHS = {"wide": (1280, 900), "phone": (390, 844)}
 def played(page: Page, server: Any) -> None:
     """A task placed, run and half way through its film."""
     page.locator(".badge.sim").wait_for()
-    page.wait_for_function("document.querySelector('.stage .shade').getAttribute('d')")
     page.get_by_role("button", name="Run in the real world").click()
     page.locator(".badge.real").wait_for()
     page.get_by_label("Time").fill("1.6")

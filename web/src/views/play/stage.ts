@@ -36,7 +36,8 @@ export function stage(scene: Scene, label: string, context: Context): Stage {
   const films: { sim: Film | null; real: Film | null } = { sim: null, real: null };
   let lit: { t: number; ring: SVGCircleElement }[] = [];
   const apart = curve({ about: "Distance between simulated and real, m over s", x: "s", y: "m apart" }, (x) => play.seek(x));
-  const gap = h("figure", { class: "gap", hidden: true }, h("figcaption", {}, "Distance between simulation and reality"), apart.svg);
+  const legend = scene.bodies.map((b) => h("span", { class: "key" }, key(colours(scene).get(b.name)!), b.name));
+  const gap = h("figure", { class: "gap", hidden: true }, h("figcaption", { class: "row" }, "Distance between simulation and reality", ...legend), apart.svg);
   const contacts = h("details", { hidden: true });
   const verdicts = h("div", { class: "row verdicts", role: "status" });
   const verdict: Record<"sim" | "real", string | null> = { sim: null, real: null };
@@ -82,6 +83,11 @@ export function stage(scene: Scene, label: string, context: Context): Stage {
     real: shown("real"),
     restart: play.restart,
   };
+}
+
+/** A dash of a colour, beside a name. */
+function key(colour: string): SVGElement {
+  return s("svg", { width: 18, height: 10, "aria-hidden": "true" }, s("line", { x1: 0, x2: 18, y1: 5, y2: 5, stroke: colour, "stroke-width": 3 }));
 }
 
 function starts(scene: Scene): Map<string, { x: number; y: number; angle: number }> {
