@@ -43,8 +43,8 @@ fn browsers_get_the_page_and_others_are_told_where_things_are() {
     let plain = get("/", &[("accept", "*/*")]);
     assert!(plain.headers()["content-type"].to_str().unwrap().starts_with("text/plain"));
     assert!(plain.text().unwrap().contains("/docs/"));
-    problem(server.send(Method::GET, "/assets/nope.js", ""), 404, "no-route");
-    problem(server.send(Method::POST, "/", ""), 405, "no-method");
+    problem(server.send(Method::GET, "/assets/nope.js", ""), 404, "not-found");
+    problem(server.send(Method::POST, "/", ""), 405, "method-not-allowed");
 }
 
 #[test]
