@@ -11,7 +11,7 @@ CARGO := cargo
 # Tests run every way the batched kernel can be compiled; one feature set for all of them, so that nothing is built twice.
 LEVELS := --features levels
 
-.PHONY: run test test-rust test-python test-clients test-examples lint damage kill bench bench-wire bench-hold openapi tasks clean help
+.PHONY: run test test-rust test-python test-clients test-examples lint damage kill bench bench-wire bench-hold openapi tasks web web-check test-web clean help
 
 help:
 	@sed -n 's/^# //p' Makefile
@@ -20,7 +20,7 @@ run:
 	$(CARGO) build --release --locked
 	./target/release/iplw run --out out/quickstart
 
-test: lint test-rust test-examples test-python test-clients
+test: lint test-rust test-examples test-python test-clients test-web
 
 lint:
 	$(CARGO) fmt --check
@@ -89,6 +89,29 @@ openapi:
 	./target/debug/iplw openapi > openapi/openapi.json.new && mv openapi/openapi.json.new openapi/openapi.json
 	python3 clients/python/generate.py
 
+# The page: its bundle is committed, so that building the program needs no Node.
+web: web/node_modules/.installed
+	cd web && npm run --silent types && npm run --silent check && npm run --silent build
+
+# Fails if what is committed is not what the sources make.
+web-check: web/node_modules/.installed
+	cd web && npm run --silent check && npm test --silent && node build.mjs --check
+	cd web && npx --no-install openapi-typescript ../openapi/openapi.json --output out/schema.d.ts >/dev/null 2>&1 && \
+		cmp out/schema.d.ts src/api/schema.d.ts
+
+# Flows in Debian's Chromium, which it installs where it may.
+test-web: $(VENV)/.browser
+	$(CARGO) build --locked $(LEVELS) --bin iplw --examples
+	IPLW_BIN=$(CURDIR)/target/debug/iplw sh web/browser/run.sh $(CURDIR)/$(PYTHON)
+
+$(VENV)/.browser: web/browser/requirements.txt $(VENV)/.installed
+	$(PYTHON) -m pip install --quiet --disable-pip-version-check -r web/browser/requirements.txt
+	touch $@
+
+web/node_modules/.installed: web/package-lock.json
+	cd web && npm ci --silent --no-audit --no-fund
+	touch $@
+
 # Searches the built-in tasks anew; only when physics or selection changed.
 tasks:
 	$(CARGO) build --release --locked
@@ -96,4 +119,4 @@ tasks:
 		./target/release/iplw tasks $$(basename $$f .certified.json) --certify > $$f.new && mv $$f.new $$f; done
 
 clean:
-	rm -rf out $(VENV) $(VENV)-peers clients/generated/node_modules clients/generated/out
+	rm -rf out $(VENV) $(VENV)-peers clients/generated/node_modules clients/generated/out web/node_modules web/out

@@ -13,7 +13,7 @@ use super::shared::{RunnerConfig, Shared, Told};
 use super::watch::Watcher;
 use super::work::Recipes;
 use crate::error::{Error, Result};
-use crate::store::{Answered, JobRow, JobState, Store};
+use crate::store::{Answered, JobList, JobRow, JobState, Store};
 
 /// A job to run.
 pub struct New<'a> {
@@ -112,8 +112,14 @@ impl Runner {
     }
 
     /// At most `limit` jobs, oldest first, those after number `after`; one owner's, or everybody's.
-    pub fn list(&self, after: i64, limit: usize, owner: Option<&str>) -> Result<Vec<Job>> {
-        let rows = self.shared.store.jobs(after, limit, owner)?;
+    pub fn list(
+        &self,
+        list: JobList,
+        after: Option<i64>,
+        limit: usize,
+        owner: Option<&str>,
+    ) -> Result<Vec<Job>> {
+        let rows = self.shared.store.jobs(list, after, limit, owner)?;
         let (state, now) = (self.shared.state(), self.shared.now());
         let live = |row: JobRow| state.live.get(&row.number).map_or_else(|| Job::of(row), |l| l.job(now));
         Ok(rows.into_iter().map(live).collect())

@@ -27,6 +27,7 @@ mod many;
 pub mod observation;
 mod registry;
 mod saved;
+mod sketch;
 mod state;
 mod world;
 
@@ -39,5 +40,6 @@ pub use limits::RequestLimits;
 pub use many::{Autoreset, Turned, reset_many, step_many};
 pub use registry::{Listed, Registry, RegistryConfig};
 pub use saved::SavedWorld;
+pub use sketch::{Sketch, Sketched, obstacles};
 pub use state::Phase;
 pub use world::{Description, World};

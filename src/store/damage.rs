@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use serde_json::json;
 
 use super::policies::tests::named;
-use super::{Answered, JobState, Measured, Store, check, salvage};
+use super::{Answered, JobList, JobState, Measured, Store, check, salvage};
 use crate::error::{Error, Result};
 
 /// Numbers that look random, always the same ones (Marsaglia 2003, xorshift with shifts 13, 7, 17).
@@ -70,8 +70,8 @@ fn told(store: &Store) -> BTreeMap<String, Result<String>> {
     }
     ask("worlds".into(), debug(store.worlds()));
     ask("unfinished".into(), debug(store.unfinished()));
-    ask("jobs".into(), debug(store.jobs(0, 1000, None)));
-    ask("jobs of ann".into(), debug(store.jobs(0, 1000, Some("ann"))));
+    ask("jobs".into(), debug(store.jobs(JobList::default(), None, 1000, None)));
+    ask("jobs of ann".into(), debug(store.jobs(JobList::default(), None, 1000, Some("ann"))));
     ask("states".into(), debug(store.jobs_by_state()));
     ask("ended".into(), debug(store.ended_before(1 << 40)));
     ask("policies".into(), debug(store.policies(0, 1000, None)));

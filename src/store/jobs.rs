@@ -38,6 +38,15 @@ pub struct JobRow {
     pub owner: Option<String>,
 }
 
+/// Which jobs are listed, and in which order.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct JobList {
+    /// The newest first, instead of the oldest.
+    pub newest: bool,
+    /// Only those in this state.
+    pub state: Option<JobState>,
+}
+
 /// Where a job stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum JobState {
@@ -144,10 +153,25 @@ impl Store {
             .map_err(sql)
     }
 
-    /// At most `limit` jobs in order of number, those after number `after`; one owner's, or everybody's.
-    pub fn jobs(&self, after: i64, limit: usize, owner: Option<&str>) -> Result<Vec<JobRow>> {
-        let which = "WHERE number > ?1 AND (?3 IS NULL OR owner = ?3) ORDER BY number LIMIT ?2";
-        self.select(which, params![after, limit as i64, owner])
+    /// At most `limit` jobs, one owner's or everybody's, that come after number `after` in the order asked for.
+    pub fn jobs(
+        &self,
+        list: JobList,
+        after: Option<i64>,
+        limit: usize,
+        owner: Option<&str>,
+    ) -> Result<Vec<JobRow>> {
+        let which = match list.newest {
+            false => {
+                "WHERE (?1 IS NULL OR number > ?1) AND (?3 IS NULL OR owner = ?3) \
+                      AND (?4 IS NULL OR state = ?4) ORDER BY number LIMIT ?2"
+            }
+            true => {
+                "WHERE (?1 IS NULL OR number < ?1) AND (?3 IS NULL OR owner = ?3) \
+                     AND (?4 IS NULL OR state = ?4) ORDER BY number DESC LIMIT ?2"
+            }
+        };
+        self.select(which, params![after, limit as i64, owner, list.state.map(JobState::name)])
     }
 
     /// Every job that has not ended, in order of number.
@@ -205,7 +229,7 @@ fn row(row: &Row) -> rusqlite::Result<JobRow> {
     Ok(JobRow {
         number: row.get(0)?,
         kind: text(1)?,
-        state: JobState::from_name(&state)
+        state: JobState::named(&state)
             .ok_or_else(|| seal::unreadable(row, &format!("there is no state {state:?}")))?,
         config: json(row, 3)?,
         result: optional(4)?,
@@ -250,7 +274,8 @@ impl JobState {
         matches!(self, JobState::Succeeded | JobState::Failed | JobState::Cancelled)
     }
 
-    fn from_name(name: &str) -> Option<JobState> {
+    /// The state of this name.
+    pub fn named(name: &str) -> Option<JobState> {
         JobState::ALL.into_iter().find(|s| s.name() == name)
     }
 }
@@ -285,8 +310,14 @@ mod tests {
         assert_eq!(store.unfinished().unwrap(), std::slice::from_ref(&open));
         let counts = store.jobs_by_state().unwrap();
         assert_eq!(counts, BTreeMap::from([("succeeded".into(), 1), ("waiting".into(), 1)]));
-        assert_eq!(store.jobs(0, 1, None).unwrap(), [done]);
-        assert_eq!(store.jobs(1, 9, None).unwrap(), [open]);
+        let list = JobList::default();
+        let newest = JobList { newest: true, ..list };
+        assert_eq!(store.jobs(list, None, 1, None).unwrap(), std::slice::from_ref(&done));
+        assert_eq!(store.jobs(list, Some(1), 9, None).unwrap(), std::slice::from_ref(&open));
+        assert_eq!(store.jobs(newest, None, 1, None).unwrap(), std::slice::from_ref(&open));
+        assert_eq!(store.jobs(newest, Some(2), 9, None).unwrap(), std::slice::from_ref(&done));
+        let waiting = JobList { state: Some(JobState::Waiting), ..list };
+        assert_eq!(store.jobs(waiting, None, 9, None).unwrap(), [open]);
     }
 
     #[test]

@@ -44,7 +44,7 @@ pub use backup::{backup, restore};
 use blobs::Blobs;
 use check::Weights;
 pub use check::{Checked, Finding, check};
-pub use jobs::{JobRow, JobState};
+pub use jobs::{JobList, JobRow, JobState};
 use pending::Pending;
 use place::{Place, locked};
 pub use policies::PolicyRow;

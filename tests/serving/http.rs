@@ -741,7 +741,7 @@ fn bad_input_is_a_problem_that_names_it() {
         row("GET", "/v1/jobs/99", "", 404, missing, ""),
         row("DELETE", "/v1/jobs/job-99", "", 404, missing, ""),
         row("GET", "/v1/jobs/job-99/events", "", 404, missing, ""),
-        row("GET", "/", "", 404, missing, ""),
+        row("GET", "/nowhere", "", 404, missing, ""),
         row("GET", "/docs/nope.js", "", 404, missing, ""),
         row("PATCH", worlds, "", 405, "method-not-allowed", ""),
         row("GET", step, "", 405, "method-not-allowed", ""),

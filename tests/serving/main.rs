@@ -11,6 +11,7 @@ mod kill;
 mod limits;
 mod log;
 mod openapi;
+mod page;
 mod peer;
 mod survive;
 mod tls;

@@ -76,8 +76,8 @@ impl Callers {
         Some((StatusCode::NO_CONTENT, told).into_response())
     }
 
-    /// What every answer tells browsers.
-    pub fn cover(&self, origin: Option<&str>, is_docs: bool, response: &mut Response) {
+    /// What every answer tells browsers; `policy` is what they may do with this one.
+    pub fn cover(&self, origin: Option<&str>, policy: &'static str, response: &mut Response) {
         let headers = response.headers_mut();
         let mut put = |name: &'static str, value: &'static str| {
             headers.insert(HeaderName::from_static(name), HeaderValue::from_static(value));
@@ -85,7 +85,7 @@ impl Callers {
         put("x-content-type-options", "nosniff");
         put("x-frame-options", "DENY");
         put("referrer-policy", "no-referrer");
-        put("content-security-policy", if is_docs { OF_DOCS } else { OF_ANSWERS });
+        put("content-security-policy", policy);
         let allowed = origin.filter(|o| self.allows(o)).and_then(|o| HeaderValue::from_str(o).ok());
         put("cross-origin-resource-policy", if allowed.is_some() { "cross-origin" } else { "same-origin" });
         if let Some(origin) = allowed {
@@ -121,9 +121,9 @@ const TAKEN: &str = "Authorization, Content-Type, Accept, Idempotency-Key, Last-
 /// Headers that a page may read.
 const SHOWN: &str = "Location, Retry-After, Idempotent-Replayed, X-Request-Id";
 /// Nothing in an answer runs or loads anything; a picture may say how it looks.
-const OF_ANSWERS: &str = "default-src 'none'; style-src 'unsafe-inline'; frame-ancestors 'none'; sandbox";
+pub const OF_ANSWERS: &str = "default-src 'none'; style-src 'unsafe-inline'; frame-ancestors 'none'; sandbox";
 /// The documentation is a page of ours.
-const OF_DOCS: &str = "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; \
+pub const OF_DOCS: &str = "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; \
     frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
 
 fn text(headers: &HeaderMap, name: HeaderName) -> Option<&str> {

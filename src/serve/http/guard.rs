@@ -8,6 +8,7 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
 use super::browser::Callers;
+use super::page;
 use crate::access::{Scope, Unknown, Who, digest, now};
 use crate::serve::operation::Operation;
 use crate::serve::problem::Problem;
@@ -48,7 +49,9 @@ impl Guard {
     fn is_open(&self, request: &Request) -> bool {
         let path = request.extensions().get::<MatchedPath>().map(MatchedPath::as_str);
         let of = |path| self.operations.iter().filter(move |o| o.path == path);
-        path.is_some_and(|path| of(path).count() > 0 && of(path).all(|o| o.needs.is_none()))
+        path.is_some_and(|path| {
+            page::has(path) || (of(path).count() > 0 && of(path).all(|o| o.needs.is_none()))
+        })
     }
 }
 

@@ -1,9 +1,10 @@
-//! The service over HTTP: a route for every operation, `/docs`, and what holds for all answers.
+//! The service over HTTP: a route for every operation, the page, `/docs`, and what holds for all answers.
 //!
 //! | file | what it does |
 //! |---|---|
 //! | `guard` | who asks, and whether they may |
 //! | `browser` | what pages may do, and what answers tell browsers |
+//! | `page` | the page for people, at `/` |
 //! | `listen` `timed` `tls` | connections: taken, timed, encrypted |
 //! | `route` | a request to what was asked, and what is answered to a response |
 //! | `body` | bodies within their limit |
@@ -17,6 +18,7 @@ mod browser;
 mod document;
 mod guard;
 mod listen;
+mod page;
 mod route;
 mod stream;
 mod timed;
@@ -57,6 +59,7 @@ pub fn service(shared: Arc<Shared>, operations: &'static [Operation], callers: C
         .iter()
         .fold(Router::new(), |router, operation| router.route(operation.path, route::of(operation)))
         .merge(docs)
+        .merge(page::routes())
         .fallback(no_route)
         .method_not_allowed_fallback(no_method)
         .layer(CatchPanicLayer::custom(panicked))
@@ -99,6 +102,15 @@ fn named(operation: &Operation) -> &'static str {
         HttpMethod::Put => "PUT",
         HttpMethod::Delete => "DELETE",
         _ => "GET",
+    }
+}
+
+/// What a browser may do with what is answered at a path.
+fn policy(path: &str) -> &'static str {
+    match path {
+        _ if page::has(path) => page::MAY,
+        _ if path.starts_with("/docs") => browser::OF_DOCS,
+        _ => browser::OF_ANSWERS,
     }
 }
 
@@ -154,6 +166,6 @@ async fn count(
         response.headers_mut().insert(HeaderName::from_static("x-request-id"), id);
     }
     shared.base.metrics.answered(&method, &route, response.status().as_u16());
-    callers.cover(origin.as_deref(), path.starts_with("/docs"), &mut response);
+    callers.cover(origin.as_deref(), policy(&path), &mut response);
     response
 }

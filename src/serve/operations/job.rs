@@ -1,6 +1,6 @@
 //! Jobs of all kinds.
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::job::Deleted;
 use crate::serve::app::App;
 use crate::serve::operation::{
@@ -8,11 +8,14 @@ use crate::serve::operation::{
 };
 use crate::serve::problem::Answer;
 use crate::serve::wire::{JobOut, Jobs};
+use crate::store::{JobList, JobState};
 
 /// What can be asked of jobs.
 pub fn operations() -> Vec<Operation> {
     vec![
-        get("list_jobs", "/v1/jobs", "jobs", READ).about("Jobs, oldest first.").does(list),
+        get("list_jobs", "/v1/jobs", "jobs", READ)
+            .about("Jobs, oldest first unless asked otherwise.")
+            .does(list),
         get("get_job", "/v1/jobs/{id}", "jobs", READ)
             .about("One job.")
             .refuses(&[(404, "")])
@@ -49,10 +52,45 @@ impl Input for LastEvent {
     }
 }
 
-fn list(app: &App, page: Page) -> Result<Jobs> {
-    let after: i64 = page.after("jobs")?.unwrap_or(0);
-    let mut all = app.jobs().list(after, page.fetch())?;
-    let next = page.cut("jobs", &mut all, |j| j.row.number);
+/// Which jobs, in which order, and which part of them.
+struct Listed(JobList, Page);
+
+impl Input for Listed {
+    fn describe(to: &mut Described) {
+        to.query::<String>("order", "`oldest` (default) or `newest` first");
+        to.query::<String>("state", "Only jobs in this state");
+        Page::describe(to);
+    }
+
+    fn read(from: &mut Asked) -> Answer<Listed> {
+        let mut query = from.query()?;
+        let mut taken = |name: &str| {
+            let at = query.iter().position(|(n, _)| n == name);
+            at.map(|i| query.remove(i).1)
+        };
+        let newest = match taken("order").as_deref() {
+            None | Some("oldest") => false,
+            Some("newest") => true,
+            Some(other) => {
+                return Err(Error::input("order", format!("{other:?}"), "oldest or newest").into());
+            }
+        };
+        let state = match taken("state") {
+            None => None,
+            Some(name) => Some(JobState::named(&name).ok_or_else(|| {
+                let all = JobState::ALL.map(JobState::name).join(", ");
+                Error::input("state", format!("{name:?}"), format!("one of {all}"))
+            })?),
+        };
+        Ok(Listed(JobList { newest, state }, Page::from_query(&query)?))
+    }
+}
+
+fn list(app: &App, Listed(list, page): Listed) -> Result<Jobs> {
+    // A cursor goes on with the list it came from.
+    let name = if list.newest { "jobs-newest" } else { "jobs" };
+    let mut all = app.jobs().list(list, page.after(name)?, page.fetch())?;
+    let next = page.cut(name, &mut all, |j| j.row.number);
     Ok(Jobs { jobs: all.into_iter().map(JobOut::from).collect(), next })
 }
 

@@ -14,6 +14,7 @@ mod measured;
 mod policy;
 mod render;
 mod rounds;
+mod sketch;
 mod stored;
 mod surface;
 mod system;
@@ -32,7 +33,7 @@ use crate::error::Error;
 use crate::job::{Recipe, Recipes};
 
 /// A row a file.
-const FILES: [fn() -> Vec<Operation>; 16] = [
+const FILES: [fn() -> Vec<Operation>; 17] = [
     asked::operations,
     batch::operations,
     diagnosis::operations,
@@ -43,6 +44,7 @@ const FILES: [fn() -> Vec<Operation>; 16] = [
     learning::operations,
     policy::operations,
     render::operations,
+    sketch::operations,
     surface::operations,
     system::operations,
     task::operations,

@@ -17,6 +17,7 @@ pub mod pack;
 mod physics;
 mod policy;
 mod rollout;
+mod sketch;
 mod space;
 mod strict;
 mod surface;
@@ -37,6 +38,7 @@ pub use policy::{
     ActIn, Acted, EvaluateIn, LearnIn, Policies, PolicyOut, RankingIn, Scored, TrainIn, TrainingIn,
 };
 pub use rollout::{BatchOut, RolloutIn};
+pub use sketch::{PlaceIn, Places, SimulateIn, Simulated};
 pub use strict::Object;
 pub use surface::{SensitivityOut, SurfaceIn, SurfaceOut, SurfaceWhole, Surfaces};
 pub use task::{Families, FamilyOut, FamilyTasks, TaskOut};

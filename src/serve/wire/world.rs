@@ -121,7 +121,7 @@ impl CreateWorld {
 }
 
 /// The engine named, or `auto`.
-fn engine(name: Option<&str>) -> Result<Engine> {
+pub fn engine(name: Option<&str>) -> Result<Engine> {
     let Some(name) = name else { return Ok(Engine::Auto) };
     Engine::from_name(name).map_err(|e| match e {
         Error::NotFound { known, .. } => {

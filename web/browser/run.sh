@@ -1,0 +1,19 @@
+#!/bin/sh
+# The page's own tests and its flows in Chromium. A machine without Node or Chromium skips them in a line, which fails where
+# CI=true.  sh web/browser/run.sh PYTHON
+set -eu
+cd "$(dirname "$0")"
+
+skip() {
+	echo "test-web skipped: $1"
+	[ "${CI:-}" != true ] || exit 1
+	exit 0
+}
+
+command -v npm >/dev/null || skip "no Node (apt-get install nodejs npm)"
+if ! command -v chromium >/dev/null && command -v apt-get >/dev/null && [ "$(id -u)" = 0 ]; then
+	(apt-get update -qq && apt-get install -qq -y --no-install-recommends chromium) >/dev/null 2>&1 || true
+fi
+command -v chromium >/dev/null || skip "no Chromium (apt-get install chromium)"
+make -C ../.. --no-print-directory web-check
+exec "$1" -m pytest -q -p no:cacheprovider -rA --no-header .

@@ -1,0 +1,84 @@
+"""Jobs: followed, cancelled, failed and why; they survive the server and the page says so; long lists come in pages."""
+
+import sqlite3
+import time
+from collections.abc import Callable
+from typing import Any
+
+from playwright.sync_api import expect
+
+LONG = {"task": "bowling", "rounds": 200, "actions": 50, "samples": 4000, "seed": 1}
+SHORT = {"task": "bowling", "rounds": 1, "actions": 2, "samples": 20, "seed": 2}
+
+
+def test_jobs_go_on_when_the_server_comes_back(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
+    server = serve()
+    job = server.ask("POST", "/v1/iplw", LONG)["id"]
+    page = see(server).open("#/jobs")
+    row = page.locator(f"tr[data-job={job}]")
+    expect(row).to_contain_text("Estimation")
+    expect(row.locator(".state")).to_have_text("running")
+    server.kill()
+    expect(page.locator(".banner")).to_be_visible()
+    server.back()
+    expect(page.locator(".banner")).to_be_hidden()
+    expect(row.locator(".state")).to_have_text("running")
+    page.get_by_role("button", name=f"Cancel {job}").click()
+    expect(row.locator(".state")).to_have_text("cancelled")
+    short = server.ask("POST", "/v1/iplw", SHORT)["id"]
+    server.ended(short)
+    expect(page.locator(f"tr[data-job={short}] .state")).to_have_text("succeeded")
+    page.locator(f"tr[data-job={short}]").get_by_role("link", name="Result").click()
+    expect(page.locator(".result")).to_contain_text("real interactions")
+    page.get_by_role("button", name=f"Forget {short}").click()
+    expect(page.locator(f"tr[data-job={job}]")).to_be_visible()
+    expect(page.locator(f"tr[data-job={short}]")).to_have_count(0)
+
+
+def test_one_job_is_followed_across_a_restart(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
+    server = serve()
+    job = server.ask("POST", "/v1/iplw", LONG)["id"]
+    page = see(server).open(f"#/jobs/{job}")
+    expect(page.locator(".state")).to_have_text("running")
+    server.kill()
+    expect(page.locator(".banner")).to_be_visible()
+    server.back()
+    expect(page.locator(".banner")).to_be_hidden()
+    server.ask("DELETE", f"/v1/jobs/{job}")
+    expect(page.locator(".state")).to_have_text("cancelled")
+
+
+def test_ten_thousand_jobs_come_in_pages(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
+    server = serve()
+    job = server.ask("POST", "/v1/iplw", SHORT)["id"]
+    server.ended(job)
+    server.kill()
+    copied(next(server.folder.glob("*.sqlite*")), 10_000)
+    server.back()
+    sight = see(server)
+    page = sight.open("#/play")
+    page.locator(".badge.sim").wait_for()
+    begun = time.perf_counter()
+    page.get_by_role("link", name="Jobs").click()
+    page.locator("tbody tr").first.wait_for()
+    took = time.perf_counter() - begun
+    print(f"10,000 jobs, first rows: {1e3 * took:.0f} ms")
+    expect(page.locator("tbody tr")).to_have_count(25)
+    newest = page.locator("tbody tr").first.get_attribute("data-job")
+    page.get_by_role("button", name="Older").click()
+    page.wait_for_function(f"document.querySelector('tbody tr')?.dataset.job !== '{newest}'")
+    expect(page.locator("tbody tr")).to_have_count(25)
+    page.get_by_role("button", name="Newer").click()
+    page.wait_for_function(f"document.querySelector('tbody tr')?.dataset.job === '{newest}'")
+    page.get_by_label("Show").select_option("failed")
+    expect(page.get_by_text("No job is failed.")).to_be_visible()
+
+
+def copied(database: Any, times: int) -> None:
+    """Copies the one job of a store."""
+    with sqlite3.connect(database) as store:
+        names = [row[1] for row in store.execute("PRAGMA table_info(job)") if row[1] != "number"]
+        columns = ", ".join(names)
+        row = store.execute(f"SELECT {columns} FROM job").fetchone()
+        marks = ", ".join("?" for _ in names)
+        store.executemany(f"INSERT INTO job ({columns}) VALUES ({marks})", [row] * times)

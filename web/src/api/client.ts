@@ -1,0 +1,64 @@
+// The public API, typed from openapi/openapi.json: `await ok(api.GET("/v1/jobs/{id}", { params: { path: { id } } }))`.
+
+import createClient from "openapi-fetch";
+import { GoneError, type Problem, ProblemError } from "./problem";
+import type { components, paths } from "./schema";
+import { lose } from "./connection";
+import { token } from "./token";
+
+/** A type of the API's: `Schema<"WorldOut">`. */
+export type Schema<K extends keyof components["schemas"]> = components["schemas"][K];
+
+/** Told whenever the server wants a token, or another one. */
+export const unauthorized = new EventTarget();
+
+/** Every operation by its path. */
+export const api = createClient<paths>({ fetch: (request) => send(request) });
+
+/** `fetch` with the token; throws `GoneError` where nobody answers. An abort stays an abort. */
+export async function send(request: Request): Promise<Response> {
+  const known = token();
+  if (known) request.headers.set("Authorization", `Bearer ${known}`);
+  let response: Response;
+  try {
+    response = await fetch(request);
+  } catch (e) {
+    if (request.signal.aborted || (e instanceof DOMException && e.name === "AbortError")) throw e;
+    lose();
+    throw new GoneError();
+  }
+  if (response.status === 401) unauthorized.dispatchEvent(new Event("needed"));
+  return response;
+}
+
+/** What an operation answers; throws what it refuses as `ProblemError`. */
+export async function ok<T>(
+  asked: Promise<{ data?: T; error?: unknown; response: Response }>,
+): Promise<NonNullable<T>> {
+  const { data, error, response } = await asked;
+  if (!response.ok) throw new ProblemError(problem(error, response), seconds(response));
+  return data as NonNullable<T>;
+}
+
+/** All items of a list, page by page. */
+export async function all<P, T>(page: (cursor: string | undefined) => Promise<P & { next?: string | null }>, items: (page: P) => T[]): Promise<T[]> {
+  const found: T[] = [];
+  for (let cursor: string | undefined; ; ) {
+    const one = await page(cursor);
+    found.push(...items(one));
+    if (!one.next) return found;
+    cursor = one.next;
+  }
+}
+
+/** The problem of an answer; one in our words where the answer is none (a proxy's page). */
+export function problem(body: unknown, response: Response): Problem {
+  if (typeof body === "object" && body !== null && "detail" in body && "type" in body) return body as Problem;
+  const detail = `the server answered with status ${response.status} and no explanation`;
+  return { type: "about:blank", title: response.statusText || "Error", status: response.status, detail };
+}
+
+function seconds(response: Response): number | null {
+  const after = Number(response.headers.get("Retry-After") ?? Number.NaN);
+  return Number.isFinite(after) ? after : null;
+}

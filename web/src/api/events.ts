@@ -1,0 +1,88 @@
+// Server-sent events by `fetch`, so that a token can go along (`EventSource` sends none). A stream that breaks is taken
+// up again after the last event seen, also across a restart of the server.
+
+import { back, lose } from "./connection";
+import { problem, send } from "./client";
+import { GoneError, ProblemError } from "./problem";
+
+export interface ServerEvent {
+  id: string | null;
+  event: string;
+  data: string;
+}
+
+/** Calls `take` with every event of a stream until it ends, `last` is seen, or `signal` aborts. */
+export async function follow(
+  path: string,
+  take: (event: ServerEvent) => void,
+  signal: AbortSignal,
+  last = "done",
+): Promise<void> {
+  let seen: string | null = null;
+  while (!signal.aborted) {
+    try {
+      const headers: Record<string, string> = seen === null ? {} : { "Last-Event-ID": seen };
+      const response = await send(new Request(path, { headers, signal }));
+      // 204: nothing more will ever come.
+      if (response.status === 204) return;
+      if (!response.ok) throw new ProblemError(problem(await response.json().catch(() => null), response));
+      for await (const event of events(response.body!)) {
+        seen = event.id ?? seen;
+        take(event);
+        if (event.event === last) return;
+      }
+      // The server ended it without the last event: it stops, or sheds load.
+      await pause(1_000, signal);
+    } catch (e) {
+      if (signal.aborted) return;
+      if (e instanceof ProblemError) throw e;
+      if (!(e instanceof GoneError)) lose();
+      await back();
+    }
+  }
+}
+
+/** The events of a body, as they come. */
+export async function* events(body: ReadableStream<Uint8Array>): AsyncGenerator<ServerEvent> {
+  const reader = body.getReader();
+  const decoder = new TextDecoder();
+  let text = "";
+  try {
+    for (;;) {
+      const { done, value } = await reader.read();
+      if (done) return;
+      text += decoder.decode(value, { stream: true });
+      const blocks = text.split(/\r?\n\r?\n/);
+      text = blocks.pop() ?? "";
+      for (const block of blocks) {
+        const event = parsed(block);
+        if (event) yield event;
+      }
+    }
+  } finally {
+    void reader.cancel().catch(() => undefined);
+  }
+}
+
+/** One block of lines; `null` if it holds no data (a comment that keeps the connection). */
+export function parsed(block: string): ServerEvent | null {
+  const event: ServerEvent = { id: null, event: "message", data: "" };
+  const data: string[] = [];
+  for (const line of block.split(/\r?\n/)) {
+    const colon = line.indexOf(":");
+    if (colon === 0) continue;
+    const name = colon < 0 ? line : line.slice(0, colon);
+    const value = colon < 0 ? "" : line.slice(colon + 1).replace(/^ /, "");
+    if (name === "data") data.push(value);
+    else if (name === "id") event.id = value;
+    else if (name === "event") event.event = value;
+  }
+  return data.length ? { ...event, data: data.join("\n") } : null;
+}
+
+function pause(ms: number, signal: AbortSignal): Promise<void> {
+  return new Promise((resolve) => {
+    const end = setTimeout(resolve, ms);
+    signal.addEventListener("abort", () => (clearTimeout(end), resolve()), { once: true });
+  });
+}

@@ -1,0 +1,114 @@
+// What stands around every view: navigation, banner, sign-in, errors; and which view is open.
+
+import { unauthorized } from "./api/client";
+import { back, isLost, watch } from "./api/connection";
+import { told, ProblemError } from "./api/problem";
+import { h, put, set } from "./dom";
+import { signedIn, signIn, signOut } from "./signin";
+import { seen, toggle } from "./theme";
+import { link, parsed, type View } from "./view";
+
+/** Builds the page and opens the view of the address. */
+export function start(views: readonly View[]): void {
+  const parts = build(views);
+  document.body.append(...parts.all);
+  let leave = new AbortController();
+  const show = (): void => {
+    leave.abort();
+    leave = new AbortController();
+    open(views, parts, leave.signal);
+  };
+  addEventListener("hashchange", show);
+  watch((lost) => (parts.banner.hidden = !lost));
+  parts.banner.hidden = !isLost();
+  unauthorized.addEventListener("needed", () => signIn(parts.main, show));
+  signedIn((now) => (parts.out.hidden = !now));
+  parts.out.addEventListener("click", () => {
+    signOut();
+    show();
+  });
+  show();
+}
+
+interface Parts {
+  all: HTMLElement[];
+  nav: HTMLElement;
+  main: HTMLElement;
+  heading: HTMLElement;
+  about: HTMLElement;
+  banner: HTMLElement;
+  errors: HTMLElement;
+  status: HTMLElement;
+  place: HTMLElement;
+  out: HTMLButtonElement;
+}
+
+function build(views: readonly View[]): Parts {
+  const items = views.map((v) => h("li", {}, h("a", { href: link(v.id), "data-view": v.id }, v.title)));
+  const nav = h("nav", { "aria-label": "Views" }, h("ul", {}, ...items));
+  const out = h("button", { type: "button", class: "quiet", hidden: true }, "Sign out");
+  const theme = h("button", { type: "button", class: "quiet" });
+  const named = (): void => {
+    const other = seen() === "dark" ? "Light" : "Dark";
+    put(set(theme, { "aria-label": `${other} theme` }), other);
+  };
+  theme.addEventListener("click", () => (toggle(), named()));
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", named);
+  named();
+  const docs = h("a", { href: "/docs/", class: "quiet" }, "API");
+  const brand = h("a", { href: "#/", class: "brand" }, "iplw");
+  const header = h("header", {}, brand, nav, h("div", { class: "tools" }, docs, theme, out));
+  const banner = h(
+    "div",
+    { class: "banner", role: "alert", hidden: true },
+    "Connection lost: the server does not answer. Jobs go on where it left them; this page goes on when it is back.",
+  );
+  const heading = h("h1", { tabindex: "-1" });
+  const about = h("p", { class: "about" });
+  const errors = h("div", { class: "errors", role: "alert" });
+  const status = h("div", { class: "unseen", role: "status", "aria-live": "polite" });
+  const place = h("div", { class: "place" });
+  const main = h("main", { id: "main" }, h("div", { class: "title" }, heading, about), errors, place);
+  const skip = h("a", { href: "#main", class: "skip" }, "Skip to the view");
+  // The address belongs to the views.
+  skip.addEventListener("click", (e) => (e.preventDefault(), heading.focus()));
+  return { all: [skip, header, banner, main, status], nav, main, heading, about, banner, errors, status, place, out };
+}
+
+function open(views: readonly View[], parts: Parts, signal: AbortSignal): void {
+  const asked = parsed(location.hash);
+  const view = views.find((v) => v.id === asked.view) ?? views[0];
+  if (!view) return;
+  for (const a of parts.nav.querySelectorAll("a")) {
+    set(a, { "aria-current": a.dataset.view === view.id ? "page" : null });
+  }
+  const moved = document.title !== "iplw" && !document.title.startsWith(view.title);
+  document.title = `${view.title} · iplw`;
+  put(parts.heading, view.title);
+  put(parts.about, view.about);
+  put(parts.errors);
+  if (moved) parts.heading.focus();
+  const fail = (error: unknown): void => {
+    if (!signal.aborted) show(parts.errors, error);
+  };
+  const say = (text: string): void => void put(parts.status, text);
+  const run = async (): Promise<void> => view.open(put(parts.place), { ...asked, signal, fail, say });
+  run().catch((error: unknown) => {
+    fail(error);
+    // Nothing was shown: opened anew when the server is back.
+    if (isLost()) void back().then(() => signal.aborted || open(views, parts, signal));
+  });
+}
+
+/** Shows an error in words; `null` takes it away. */
+function show(place: HTMLElement, error: unknown): void {
+  if (error === null || error === undefined) return void put(place);
+  if (error instanceof DOMException && error.name === "AbortError") return;
+  // The sign-in says it.
+  if (error instanceof ProblemError && error.problem.status === 401) return;
+  const { title, detail, field } = told(error);
+  const close = h("button", { type: "button", class: "quiet", "aria-label": "Close the message" }, "×");
+  close.addEventListener("click", () => put(place));
+  const text = h("p", {}, h("strong", {}, title), ": ", detail, field ? h("code", {}, ` ${field}`) : null);
+  put(place, h("div", { class: "error" }, text, close));
+}

@@ -1,0 +1,36 @@
+// A slider with its label and value; the keyboard moves it as well.
+
+import { fresh, h, put, set } from "../dom";
+
+export interface Slider {
+  element: HTMLElement;
+  /** Moves it without telling. */
+  show: (share: number) => void;
+}
+
+/** A slider from 0 to 1; `text` says what a place means, `moved` is told while it is dragged. */
+export function slider(label: string, share: number, text: (share: number) => string, moved: (share: number) => void): Slider {
+  const id = fresh("slider");
+  const input = h("input", { id, type: "range", min: 0, max: 1, step: 0.001 });
+  const output = h("output", { for: id });
+  const show = (now: number): void => {
+    input.value = String(now);
+    const said = text(now);
+    put(output, said);
+    set(input, { "aria-valuetext": said });
+  };
+  input.addEventListener("input", () => {
+    const now = Number(input.value);
+    show(now);
+    moved(now);
+  });
+  show(share);
+  return { element: h("div", { class: "slider" }, h("label", { for: id }, label), output, input), show };
+}
+
+/** A number as people read it. */
+export function short(value: number, unit = ""): string {
+  const size = Math.abs(value);
+  const digits = size >= 100 ? 0 : size >= 10 ? 1 : size >= 1 ? 2 : 3;
+  return `${value.toFixed(size === 0 ? 0 : digits)}${unit ? ` ${unit}` : ""}`;
+}

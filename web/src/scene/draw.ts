@@ -1,0 +1,142 @@
+// A scene as SVG in metres: one unit is a metre, and a group turns y up. Lines keep their width at any size.
+
+import { type Attributes, put, s, set } from "../dom";
+import { colours } from "./colour";
+import type { Body, Box, Point, Pose, Scene, Shape } from "./types";
+import { halfPlane, seen } from "./view";
+
+/** How movable bodies are drawn. */
+export type Look = "solid" | "ghost" | "refused";
+
+/** A picture of a scene, with places for what views add. */
+export interface Picture {
+  svg: SVGSVGElement;
+  /** World frame, y up: children are given in metres. Under the bodies. */
+  under: SVGGElement;
+  /** The same, over the bodies. */
+  over: SVGGElement;
+  box: Box;
+  /** Moves bodies; those not named are hidden. */
+  pose: (look: Look, poses: ReadonlyMap<string, Pose>) => void;
+  /** Draws another scene of the same extent. */
+  redraw: (scene: Scene) => void;
+  /** A place on the screen in the world, m. */
+  at: (event: { clientX: number; clientY: number }) => Point;
+}
+
+/** Draws a scene; bodies without a position stay hidden until they are posed. */
+export function picture(scene: Scene, label: string, box: Box = seen(scene)): Picture {
+  const [width, height] = [box[2] - box[0], box[3] - box[1]];
+  const world = s("g", { transform: "scale(1 -1)" });
+  const svg = s("svg", { class: "scene", viewBox: `${box[0]} ${-box[3]} ${width} ${height}`, role: "img", "aria-label": label }, world);
+  const [fixed, under, over] = [s("g"), s("g"), s("g")];
+  const layers: Record<Look, SVGGElement> = { ghost: s("g"), solid: s("g"), refused: s("g") };
+  put(world, fixed, under, layers.ghost, layers.solid, layers.refused, over);
+  const bodies = new Map<Look, Map<string, SVGGElement>>();
+  const redraw = (now: Scene): void => {
+    put(fixed, ...statics(now, box), goal(now));
+    for (const look of ["ghost", "solid", "refused"] as const) {
+      const drawn = movables(now, look);
+      bodies.set(look, drawn);
+      put(layers[look], ...drawn.values());
+    }
+    const starts = now.bodies.filter((b) => b.position);
+    pose("solid", new Map(starts.map((b) => [b.name, { x: b.position![0], y: b.position![1], angle: b.angle ?? 0 }])));
+    pose("ghost", new Map());
+    pose("refused", new Map());
+  };
+  const pose = (look: Look, poses: ReadonlyMap<string, Pose>): void => {
+    for (const [name, element] of bodies.get(look) ?? []) {
+      const pose = poses.get(name);
+      if (pose) set(element, { transform: `translate(${pose.x} ${pose.y}) rotate(${(pose.angle * 180) / Math.PI})` });
+      element.setAttribute("visibility", pose ? "visible" : "hidden");
+    }
+  };
+  const at = (event: { clientX: number; clientY: number }): Point => {
+    const matrix = world.getScreenCTM();
+    if (!matrix) return [0, 0];
+    const p = new DOMPoint(event.clientX, event.clientY).matrixTransform(matrix.inverse());
+    return [p.x, p.y];
+  };
+  redraw(scene);
+  return { svg, under, over, box, pose, redraw, at };
+}
+
+/** A line through points, m. */
+export function line(points: readonly Point[], attributes: Attributes): SVGPolylineElement {
+  const text = points.map((p) => `${round(p[0])},${round(p[1])}`).join(" ");
+  return s("polyline", { points: text, fill: "none", "vector-effect": "non-scaling-stroke", ...attributes });
+}
+
+function statics(scene: Scene, box: Box): SVGElement[] {
+  const wanted = goalNames(scene);
+  const placeable = new Set(scene.action?.components.map((c) => c.target));
+  return (scene.statics ?? []).map((thing) => {
+    const look = { class: `static${wanted.has(thing.name) ? " wanted" : ""}${placeable.has(thing.name) ? " placeable" : ""}` };
+    const place = thing.shape.type === "halfspace" ? {} : { transform: transform(thing) };
+    return s("g", { ...place, "data-name": thing.name }, ...forms(thing.shape, look, box));
+  });
+}
+
+function goal(scene: Scene): SVGElement | null {
+  if (scene.goal?.type !== "inside") return null;
+  return s("polygon", { class: "goal", points: points(scene.goal.region), "vector-effect": "non-scaling-stroke" });
+}
+
+function movables(scene: Scene, look: Look): Map<string, SVGGElement> {
+  const [dealt, wanted] = [colours(scene), goalNames(scene)];
+  const thing = (body: Body): SVGGElement => {
+    const colour = dealt.get(body.name)!;
+    const paint: Attributes = { class: `body ${look}${wanted.has(body.name) ? " wanted" : ""}`, fill: colour, stroke: colour };
+    const spoke =
+      body.shape.type === "disc"
+        ? s("line", { class: `spoke ${look}`, x2: 0.82 * body.shape.radius, stroke: colour, "vector-effect": "non-scaling-stroke" })
+        : null;
+    return s("g", { "data-name": body.name, "data-look": look }, ...forms(body.shape, paint, null), spoke);
+  };
+  return new Map(scene.bodies.map((body) => [body.name, thing(body)]));
+}
+
+/** A shape in its own frame. */
+function forms(shape: Shape, paint: Attributes, box: Box | null): SVGElement[] {
+  const common = { ...paint, "vector-effect": "non-scaling-stroke" };
+  switch (shape.type) {
+    case "disc":
+      return [s("circle", { ...common, r: shape.radius })];
+    case "box": {
+      const { half_width: w, half_height: h } = shape;
+      return [s("rect", { ...common, x: -w, y: -h, width: 2 * w, height: 2 * h })];
+    }
+    case "polygon":
+      return [s("polygon", { ...common, points: points(shape.vertices) })];
+    case "segment": {
+      const { from, to, radius = 0 } = shape;
+      const ends = { x1: from[0], y1: from[1], x2: to[0], y2: to[1] };
+      // Thinner than a pen it is drawn with one.
+      const thick = { ...paint, class: `${paint.class} thick`, stroke: paint.fill, "stroke-width": 2 * radius, "stroke-linecap": "round" };
+      return [radius > 0 ? s("line", { ...thick, ...ends }) : s("line", { ...common, class: `${paint.class} thin`, ...ends })];
+    }
+    case "halfspace":
+      return box ? [s("polygon", { ...common, points: points(halfPlane(shape.normal, shape.offset, box)) })] : [];
+    case "compound":
+      return shape.pieces.map((p) => s("g", { transform: transform(p) }, ...forms(p, paint, box)));
+  }
+}
+
+function goalNames(scene: Scene): Set<string> {
+  if (scene.goal?.type === "contact") return new Set(scene.goal.bodies);
+  return new Set(scene.goal ? [scene.goal.body] : []);
+}
+
+function transform(placed: { position?: Point | null; angle?: number }): string {
+  const [x, y] = placed.position ?? [0, 0];
+  return `translate(${x} ${y}) rotate(${((placed.angle ?? 0) * 180) / Math.PI})`;
+}
+
+function points(list: readonly Point[]): string {
+  return list.map((p) => p.join(",")).join(" ");
+}
+
+function round(v: number): number {
+  return Math.round(v * 1e4) / 1e4;
+}

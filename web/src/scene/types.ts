@@ -1,0 +1,64 @@
+// `iplw.scene/1` as far as it is drawn and placed (docs/formats.md). SI; y up; angles counter-clockwise.
+
+export type Point = [number, number];
+
+export type Shape =
+  | { type: "disc"; radius: number }
+  | { type: "box"; half_width: number; half_height: number }
+  | { type: "polygon"; vertices: Point[] }
+  | { type: "segment"; from: Point; to: Point; radius?: number }
+  | { type: "halfspace"; normal: Point; offset: number }
+  | { type: "compound"; pieces: (Shape & { position?: Point; angle?: number })[] };
+
+export interface Body {
+  name: string;
+  shape: Shape;
+  position?: Point | null;
+  angle?: number;
+  velocity?: Point;
+  angular_velocity?: number;
+  density?: number;
+  mass?: number;
+  friction?: number;
+  restitution?: number;
+}
+
+export type Goal =
+  | { type: "contact"; bodies: [string, string]; hold_s?: number; tolerance?: number }
+  | { type: "inside"; body: string; region: Point[]; hold_s?: number };
+
+export interface Component {
+  target: string;
+  set: "x" | "y" | "radius" | "angle" | "vx" | "vy" | "omega";
+  low: number;
+  high: number;
+}
+
+/** Left, bottom, right, top; m. */
+export type Box = [number, number, number, number];
+
+export interface Scene {
+  format: "iplw.scene/1";
+  name?: string;
+  bodies: Body[];
+  statics?: Body[];
+  goal?: Goal | null;
+  action?: { components: Component[]; bounds?: Box | { min: Point; max: Point } | null } | null;
+  time_step?: number;
+  steps?: number;
+  observe_every?: number;
+  carriers?: string[];
+  [more: string]: unknown;
+}
+
+/** Where a body is: m, m, rad. */
+export interface Pose {
+  x: number;
+  y: number;
+  angle: number;
+}
+
+/** Movable bodies and statics. */
+export function everything(scene: Scene): Body[] {
+  return [...scene.bodies, ...(scene.statics ?? [])];
+}

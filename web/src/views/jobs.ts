@@ -1,0 +1,233 @@
+// Jobs: everything that runs, waits, has ended or failed. `#/jobs` is the list, `#/jobs/job-3` one job.
+
+import { api, ok, type Schema } from "../api/client";
+import { back, isLost } from "../api/connection";
+import { follow } from "../api/events";
+import { fresh, h, put } from "../dom";
+import { short } from "../parts/slider";
+import { type Context, link, type View } from "../view";
+import "./jobs.css";
+
+export const jobs: View = {
+  id: "jobs",
+  title: "Jobs",
+  about: "Everything that runs, waits, has ended or failed. Jobs outlive this page and the server.",
+  open: (place, context) => (context.rest[0] ? one(place, context.rest[0], context) : list(place, context)),
+};
+
+type Job = Schema<"JobOut">;
+/** Rows of a page. */
+const ROWS = 25;
+/** Time between two looks at what has not ended, ms. */
+const LOOK = 1_000;
+const STATES = ["queued", "running", "waiting", "succeeded", "failed", "cancelled"];
+
+async function list(place: HTMLElement, context: Context): Promise<void> {
+  const { signal } = context;
+  const id = fresh("state");
+  const asked = context.query.get("state") ?? "";
+  const state = h("select", { id }, h("option", { value: "" }, "all"), ...STATES.map((s) => h("option", { value: s, selected: s === asked }, s)));
+  const [newer, older] = [h("button", { type: "button" }, "Newer"), h("button", { type: "button" }, "Older")];
+  const body = h("tbody");
+  const none = h("p", { class: "soft", hidden: true });
+  const heads = ["Job", "What", "State", "Progress", ""].map((t) => h("th", { scope: "col" }, t || h("span", { class: "unseen" }, "Actions")));
+  const rows = h("table", { class: "jobs" }, h("caption", { class: "unseen" }, "Jobs, newest first"), h("thead", {}, h("tr", {}, ...heads)), body);
+  const pages = h("div", { class: "row", role: "group", "aria-label": "Pages" }, newer, older);
+  put(place, h("div", { class: "row" }, h("label", { for: id }, "Show"), state, pages), h("div", { class: "card wide" }, rows, none));
+  // Cursors of the pages before this one; the first has none.
+  const before: (string | undefined)[] = [];
+  let [cursor, next, page]: [string | undefined, string | null, Job[]] = [undefined, null, []];
+  const ask = (of: { limit: number; cursor?: string }): Promise<Schema<"Jobs">> => {
+    const query = { order: "newest", ...(state.value ? { state: state.value } : {}), ...of };
+    return ok(api.GET("/v1/jobs", { params: { query }, signal }));
+  };
+  const show = (): void => {
+    put(body, ...page.map((job) => row(job, () => void load().catch(context.fail), context)));
+    [newer.disabled, older.disabled] = [before.length === 0, next === null];
+    [none.hidden, rows.hidden] = [page.length > 0, page.length === 0];
+    put(none, state.value ? `No job is ${state.value}.` : "No jobs yet. Estimations, diagnoses and trainings are listed here.");
+  };
+  const load = async (): Promise<void> => {
+    const found = await ask({ limit: ROWS, ...(cursor ? { cursor } : {}) });
+    [page, next] = [found.jobs, found.next ?? null];
+    show();
+  };
+  const turn = (change: () => void) => (): void => {
+    change();
+    load().catch(context.fail);
+  };
+  older.addEventListener("click", turn(() => (before.push(cursor), (cursor = next ?? undefined))));
+  newer.addEventListener("click", turn(() => (cursor = before.pop())));
+  state.addEventListener("change", turn(() => ((before.length = 0), (cursor = undefined))));
+  await load();
+  const look = async (): Promise<void> => {
+    if (document.hidden) return;
+    const fresh = before.length === 0 ? (await ask({ limit: 1 })).jobs[0]?.id : page[0]?.id;
+    if (fresh !== page[0]?.id) return load();
+    // Only what moves is asked for again: results of what has ended may be large.
+    const moving = page.filter((job) => !ended(job));
+    const now = await Promise.all(moving.map((job) => ok(api.GET("/v1/jobs/{id}", { params: { path: { id: job.id } }, signal }))));
+    if (!now.length) return;
+    const known = new Map(now.map((job) => [job.id, job]));
+    page = page.map((job) => known.get(job.id) ?? job);
+    refreshed(body, page, (job) => row(job, () => void load().catch(context.fail), context));
+  };
+  void again(look, context);
+}
+
+/** Looks again and again; while the connection is lost it waits, and then it goes on. */
+async function again(look: () => Promise<void>, context: Context): Promise<void> {
+  while (!context.signal.aborted) {
+    await new Promise((resolve) => setTimeout(resolve, LOOK));
+    if (context.signal.aborted) return;
+    if (isLost()) {
+      await back();
+      context.say("The connection is back.");
+    }
+    await look().catch((e: unknown) => {
+      if (!isLost()) context.fail(e);
+    });
+  }
+}
+
+/** Replaces the rows that changed, so that what has the focus keeps it. */
+function refreshed(body: HTMLElement, page: readonly Job[], make: (job: Job) => HTMLElement): void {
+  page.forEach((job, i) => {
+    const old = body.children[i] as HTMLElement | undefined;
+    if (old && old.dataset.seen !== seen(job) && !old.contains(document.activeElement)) old.replaceWith(make(job));
+    else if (old && old.dataset.seen !== seen(job)) put(old.querySelector(".progress")!, ...progress(job));
+  });
+}
+
+function row(job: Job, changed: () => void, context: Context): HTMLElement {
+  return h(
+    "tr",
+    { "data-job": job.id, "data-seen": seen(job) },
+    h("th", { scope: "row" }, h("a", { href: link("jobs", [job.id]) }, job.id)),
+    h("td", {}, h("strong", {}, KINDS[job.kind] ?? job.kind), " ", h("span", { class: "soft" }, about(job))),
+    h("td", {}, h("span", { class: `state ${job.state}` }, job.state)),
+    h("td", { class: "progress" }, ...progress(job)),
+    h("td", {}, button(job, changed, context)),
+  );
+}
+
+/** How far it is, or why it failed. */
+function progress(job: Job): HTMLElement[] {
+  if (job.state === "failed") return [h("p", { class: "why" }, job.error?.detail ?? "It failed without a word.")];
+  if (ended(job)) return job.state === "succeeded" ? [h("a", { href: link("jobs", [job.id]) }, "Result")] : [];
+  const { done, total, stage, eta_s: left } = job.progress;
+  const bar = total > 0 ? h("progress", { max: total, value: done, "aria-label": `Progress of ${job.id}` }) : null;
+  const words = [stage || job.state, total > 0 ? `${done} of ${total}` : "", typeof left === "number" ? `${duration(left)} left` : ""];
+  return [bar, h("span", { class: "soft" }, words.filter(Boolean).join(", "))].filter((e) => e !== null);
+}
+
+/** Cancels what has not ended, forgets what has. */
+function button(job: Job, changed: () => void, context: Context): HTMLElement {
+  const what = ended(job) ? "Forget" : "Cancel";
+  const element = h("button", { type: "button", "aria-label": `${what} ${job.id}` }, what);
+  element.addEventListener("click", () => {
+    element.disabled = true;
+    context.fail(null);
+    ok(api.DELETE("/v1/jobs/{id}", { params: { path: { id: job.id } } }) as Promise<{ data?: unknown; response: Response }>)
+      .then(changed)
+      .catch((e: unknown) => ((element.disabled = false), context.fail(e)));
+  });
+  return element;
+}
+
+async function one(place: HTMLElement, id: string, context: Context): Promise<void> {
+  const { signal } = context;
+  const show = (job: Job): void => put(place, ...whole(job, context)) && undefined;
+  show(await ok(api.GET("/v1/jobs/{id}", { params: { path: { id } }, signal })));
+  await follow(`/v1/jobs/${encodeURIComponent(id)}/events`, (event) => show(JSON.parse(event.data) as Job), signal);
+}
+
+/** A job with what was asked for and what came of it. */
+function whole(job: Job, context: Context): HTMLElement[] {
+  const leave = (): void => void (location.hash = link("jobs"));
+  const facts: [string, HTMLElement | string][] = [
+    ["Kind", KINDS[job.kind] ?? job.kind],
+    ["State", h("span", { class: `state ${job.state}` }, job.state)],
+    ["Seed", String(job.seed)],
+    ["Program", job.version],
+  ];
+  const head = h(
+    "section",
+    { class: "card stack", "data-job": job.id },
+    h("p", {}, h("a", { href: link("jobs") }, "All jobs")),
+    h("h2", {}, job.id),
+    h("dl", { class: "facts" }, ...facts.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)])),
+    h("div", { class: "progress" }, ...(job.state === "succeeded" ? [] : progress(job))),
+    h("div", { class: "row" }, button(job, leave, context)),
+  );
+  return [head, ...(job.result ? [result(job)] : []), document_("Asked for", job.config)];
+}
+
+function result(job: Job): HTMLElement {
+  const found = job.result as Record<string, unknown>;
+  const plain = Object.entries(found).flatMap(([name, v]) => (said(v) === null ? [] : [[name, said(v)!] as const]));
+  const words = plain.slice(0, FACTS).flatMap(([name, v]) => [h("dt", {}, name.replaceAll("_", " ")), h("dd", {}, v)]);
+  const save = h("button", { type: "button" }, "Save as a file");
+  save.addEventListener("click", () => {
+    const url = URL.createObjectURL(new Blob([JSON.stringify(found, null, 2)], { type: "application/json" }));
+    h("a", { href: url, download: `${job.id}.json` }).click();
+    URL.revokeObjectURL(url);
+  });
+  return h("section", { class: "card stack result" }, h("h2", {}, "Result"), h("dl", { class: "facts" }, ...words), h("div", { class: "row" }, save), text("Result as JSON", found));
+}
+
+function document_(title: string, value: unknown): HTMLElement {
+  return h("section", { class: "card stack" }, h("h2", {}, title), text(`${title}, as JSON`, value));
+}
+
+/** Most facts of a result that are shown apart. */
+const FACTS = 16;
+
+/** A value in words; `null` if it is no single one, nor a few numbers by name. */
+function said(value: unknown): string | null {
+  if (typeof value === "string" || typeof value === "boolean") return String(value);
+  if (typeof value === "number") return Number.isInteger(value) ? String(value) : short(value);
+  if (typeof value !== "object" || value === null || Array.isArray(value)) return null;
+  const entries = Object.entries(value);
+  const few = entries.length > 0 && entries.length <= 6 && entries.every(([, v]) => typeof v === "number");
+  return few ? entries.map(([name, v]) => `${name} ${said(v)}`).join(", ") : null;
+}
+
+/** Characters of JSON that are shown; a file has all of them. */
+const SHOWN = 20_000;
+
+function text(label: string, value: unknown): HTMLElement {
+  const whole = JSON.stringify(value, null, 2);
+  const cut = whole.length > SHOWN ? `${whole.slice(0, SHOWN)}\n… ${whole.length - SHOWN} more characters` : whole;
+  return h("pre", { tabindex: 0, role: "region", "aria-label": label }, cut);
+}
+
+const KINDS: Record<string, string> = {
+  iplw: "Estimation",
+  diagnose: "Diagnosis",
+  surface: "Surface",
+  train: "Training",
+  learn: "Learning on",
+  evaluate: "Evaluation",
+};
+
+function about(job: Job): string {
+  const config = job.config as Record<string, unknown>;
+  const named = ["task", "world", "policy"].map((key) => config[key]).filter((v) => typeof v === "string");
+  return named.join(", ");
+}
+
+function ended(job: Job): boolean {
+  return ["succeeded", "failed", "cancelled"].includes(job.state);
+}
+
+function seen(job: Job): string {
+  return JSON.stringify([job.state, job.progress]);
+}
+
+/** Seconds as people say them. */
+export function duration(seconds: number): string {
+  if (seconds < 90) return `${Math.max(1, Math.round(seconds))} s`;
+  if (seconds < 5400) return `${Math.round(seconds / 60)} min`;
+  return `${Math.round(seconds / 3600)} h`;
+}

@@ -1,0 +1,97 @@
+// The real world beside the simulation: which one, how often it was acted in, and the one button that does.
+
+import { all, api, ok, type Schema } from "../../api/client";
+import { fresh, h, put, set } from "../../dom";
+import type { Film } from "../../scene/film";
+import type { Context } from "../../view";
+import type { Task } from "./tasks";
+
+export interface Ran {
+  film: Film;
+  solved: boolean | null;
+}
+
+export interface Reality {
+  element: HTMLElement;
+  /** Another task: its real worlds are offered. */
+  about: (task: Task) => Promise<void>;
+  /** Whether the action can be run. */
+  ready: (placed: boolean) => void;
+}
+
+/** `run` gives the action to run; `ran` is told what came of it. */
+export function reality(action: () => number[], ran: (ran: Ran) => void, context: Context): Reality {
+  let [task, worlds, placeable, busy]: [Task | null, Schema<"WorldOut">[], boolean, boolean] = [null, [], false, false];
+  const id = fresh("world");
+  const choice = h("select", { id });
+  const count = h("strong", { class: "count" });
+  const left = h("span", { class: "soft" });
+  const button = h("button", { type: "button", class: "main" }, "Run in the real world");
+  const none = h("p", { class: "soft" }, "There is no real world for this scene: everything here is simulated, and free.");
+  const some = h("div", { class: "row" }, h("label", { for: id }, "Real world"), choice, button);
+  const tally = h("p", { class: "tally", role: "status" }, "Real interactions spent: ", count, " ", left);
+  const chosen = (): Schema<"WorldOut"> | undefined => worlds.find((w) => w.id === choice.value);
+  const show = (): void => {
+    const world = chosen();
+    some.hidden = !world;
+    tally.hidden = !world;
+    none.hidden = Boolean(world);
+    button.disabled = !placeable || busy || world?.remaining === 0;
+    put(count, world?.interactions ?? 0);
+    const budget = world?.budget === null || world?.budget === undefined ? "" : `of ${world.budget}.`;
+    put(left, `${budget} Only this button spends one. ${world?.sealed ? "Its latents and effects are hidden." : ""}`);
+  };
+  const refresh = async (): Promise<void> => {
+    const world = chosen();
+    if (!world) return;
+    const now = await ok(api.GET("/v1/worlds/{id}", { params: { path: { id: world.id } }, signal: context.signal }));
+    worlds = worlds.map((w) => (w.id === now.id ? now : w));
+    show();
+  };
+  const run = async (): Promise<void> => {
+    const world = chosen();
+    if (!world || !task) return;
+    const of = task.family ? { task: task.id } : {};
+    const body = { actions: [action()], trajectories: true, ...of };
+    const batch = await ok(api.POST("/v1/worlds/{id}/rollout", { params: { path: { id: world.id } }, body, signal: context.signal }));
+    const result = batch.results[0];
+    if (!result?.valid || !result.t || !result.bodies) throw new Error(result?.reason ?? "the real world showed nothing");
+    ran({ film: { t: result.t, bodies: result.bodies, contacts: [] }, solved: result.solved ?? null });
+  };
+  button.addEventListener("click", () => {
+    busy = true;
+    context.fail(null);
+    show();
+    run()
+      .catch(context.fail)
+      // Also what failed may have been spent.
+      .then(refresh)
+      .catch(() => undefined)
+      .finally(() => {
+        busy = false;
+        show();
+      });
+  });
+  choice.addEventListener("change", show);
+  const about = async (now: Task): Promise<void> => {
+    const found = await all(
+      (cursor) => ok(api.GET("/v1/worlds", { params: { query: cursor ? { cursor, limit: 1000 } : { limit: 1000 } }, signal: context.signal })),
+      (page) => page.worlds,
+    );
+    task = now;
+    worlds = found.filter((w) => w.kind === "real" && (w.task === now.family || w.task === now.id));
+    const kept = choice.value;
+    put(choice, ...worlds.map((w) => h("option", { value: w.id, selected: w.id === kept }, w.id)));
+    show();
+  };
+  show();
+  return {
+    element: h("div", { class: "card reality" }, tally, some, none),
+    about,
+    ready: (placed) => {
+      placeable = placed;
+      set(button, {});
+      show();
+    },
+  };
+}

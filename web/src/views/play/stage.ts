@@ -1,0 +1,127 @@
+// The film over the scene: bodies, trails, contacts, simulated and real, and the distance between them.
+
+import { h, put, s, set } from "../../dom";
+import { curve } from "../../parts/curve";
+import { player } from "../../parts/player";
+import { short } from "../../parts/slider";
+import { colours } from "../../scene/colour";
+import { line, picture, type Picture } from "../../scene/draw";
+import { at, type Contact, distance, end, type Film, way } from "../../scene/film";
+import { placed } from "../../scene/place";
+import type { Point, Scene } from "../../scene/types";
+import type { Context } from "../../view";
+
+/** Radius of a contact's ring: so much of the picture's width, more the harder it was. */
+const RING = 0.008;
+/** Seconds for which a contact lights up. */
+const LIT = 0.2;
+
+export interface Stage {
+  element: HTMLElement;
+  picture: Picture;
+  /** Shows where things are placed, without a film. */
+  place: (action: readonly number[], reason: string | null) => void;
+  simulated: (film: Film | null, solved: boolean | null) => void;
+  real: (film: Film | null, solved: boolean | null) => void;
+  restart: () => void;
+}
+
+/** The stage of a scene. */
+export function stage(scene: Scene, label: string, context: Context): Stage {
+  const at_ = picture(scene, label);
+  set(at_.svg, { tabindex: 0, role: "application" });
+  const trails = s("g");
+  const rings = s("g");
+  at_.over.append(trails, rings);
+  const films: { sim: Film | null; real: Film | null } = { sim: null, real: null };
+  let lit: { t: number; ring: SVGCircleElement }[] = [];
+  const apart = curve({ about: "Distance between simulated and real, m over s", x: "s", y: "m apart" }, (x) => play.seek(x));
+  const legend = scene.bodies.map((b) => h("span", { class: "key" }, key(colours(scene).get(b.name)!), b.name));
+  const gap = h("figure", { class: "gap", hidden: true }, h("figcaption", { class: "row" }, "Distance between simulation and reality", ...legend), apart.svg);
+  const contacts = h("details", { hidden: true });
+  const verdicts = h("div", { class: "row verdicts", role: "status" });
+  const verdict: Record<"sim" | "real", string | null> = { sim: null, real: null };
+  const play = player((time) => {
+    if (films.sim) at_.pose("solid", at(films.sim, time));
+    at_.pose("ghost", films.real ? at(films.real, time) : new Map());
+    for (const { t, ring } of lit) ring.classList.toggle("lit", time >= t && time < t + LIT);
+    apart.at(time);
+  }, context.signal);
+  const draw = (): void => {
+    const dealt = colours(scene);
+    const width = at_.box[2] - at_.box[0];
+    put(trails, ...(films.sim ? paths(films.sim, dealt, "trail") : []), ...(films.real ? [...paths(films.real, dealt, "trail real"), ...dots(films.real, dealt, width)] : []));
+    lit = films.sim ? films.sim.contacts.flatMap((c) => ringed(films.sim!, c, width)) : [];
+    put(rings, ...lit.map((l) => l.ring));
+    put(contacts, ...listed(films.sim?.contacts ?? []));
+    contacts.hidden = !films.sim?.contacts.length;
+    gap.hidden = !(films.sim && films.real);
+    if (films.sim && films.real) {
+      const { t, bodies } = distance(films.sim, films.real);
+      const lines = [...bodies].map(([name, y]) => ({ name, colour: dealt.get(name) ?? "currentColor", x: t, y }));
+      apart.draw(lines, films.sim.contacts.map((c) => c.t));
+    }
+    play.load(Math.max(films.sim ? end(films.sim) : 0, films.real ? end(films.real) : 0));
+    put(verdicts, badge("Simulation", "sim", verdict.sim), badge("Reality", "real", verdict.real));
+    at_.svg.dataset.film = String(Number(at_.svg.dataset.film ?? 0) + 1);
+  };
+  const shown = (which: "sim" | "real") => (film: Film | null, solved: boolean | null): void => {
+    films[which] = film;
+    verdict[which] = film === null ? null : solved === null ? "no goal" : solved ? "solved" : "not solved";
+    draw();
+  };
+  const place = (action: readonly number[], reason: string | null): void => {
+    at_.redraw(placed(scene, action));
+    if (reason) at_.pose("refused", starts(placed(scene, action)));
+  };
+  put(at_.svg, s("title", {}, label), ...at_.svg.childNodes);
+  return {
+    element: h("div", { class: "stage" }, at_.svg, play.element, verdicts, gap, contacts),
+    picture: at_,
+    place,
+    simulated: shown("sim"),
+    real: shown("real"),
+    restart: play.restart,
+  };
+}
+
+/** A dash of a colour, beside a name. */
+function key(colour: string): SVGElement {
+  return s("svg", { width: 18, height: 10, "aria-hidden": "true" }, s("line", { x1: 0, x2: 18, y1: 5, y2: 5, stroke: colour, "stroke-width": 3 }));
+}
+
+function starts(scene: Scene): Map<string, { x: number; y: number; angle: number }> {
+  const placed = scene.bodies.filter((b) => b.position && scene.action?.components.some((c) => c.target === b.name));
+  return new Map(placed.map((b) => [b.name, { x: b.position![0], y: b.position![1], angle: b.angle ?? 0 }]));
+}
+
+function paths(film: Film, dealt: Map<string, string>, look: string): SVGElement[] {
+  return Object.keys(film.bodies).map((name) => line(way(film, name, end(film)), { class: look, stroke: dealt.get(name) ?? "currentColor" }));
+}
+
+/** Where a real body was seen. */
+function dots(film: Film, dealt: Map<string, string>, width: number): SVGElement[] {
+  return Object.entries(film.bodies).flatMap(([name, track]) =>
+    film.t.map((_, k) => s("circle", { class: "seen", cx: track.x[k]!, cy: track.y[k]!, r: width * 0.003, fill: dealt.get(name) ?? "currentColor" })),
+  );
+}
+
+function ringed(film: Film, contact: Contact, width: number): { t: number; ring: SVGCircleElement }[] {
+  const poses = at(film, contact.t);
+  const points = contact.between.map((name) => poses.get(name)).filter((p) => p !== undefined);
+  if (!points.length) return [];
+  const [x, y]: Point = [points.reduce((sum, p) => sum + p.x, 0) / points.length, points.reduce((sum, p) => sum + p.y, 0) / points.length];
+  const r = width * RING * (0.5 + Math.min(2, Math.sqrt(contact.speed) / 3));
+  return [{ t: contact.t, ring: s("circle", { class: "contact", cx: x, cy: y, r, "vector-effect": "non-scaling-stroke" }) }];
+}
+
+/** Contacts in words, the first of them. */
+function listed(contacts: readonly Contact[]): HTMLElement[] {
+  const items = contacts.slice(0, 50).map((c) => h("li", {}, `${c.t.toFixed(2)} s: ${c.between.join(" and ")}, ${short(c.speed, "m/s")}`));
+  return [h("summary", {}, contacts.length === 1 ? "1 contact in the simulation" : `${contacts.length} contacts in the simulation`), h("ol", {}, ...items)];
+}
+
+function badge(name: string, which: string, verdict: string | null): HTMLElement | null {
+  if (verdict === null) return null;
+  return h("span", { class: `badge ${which}`, "data-verdict": verdict }, `${name}: ${verdict}`);
+}

@@ -1,0 +1,92 @@
+// Which task: a family, one of its tasks by picture, or a scene file.
+
+import { api, ok, type Schema } from "../../api/client";
+import { fresh, h, put, set } from "../../dom";
+import { picture } from "../../scene/draw";
+import type { Scene } from "../../scene/types";
+import type { Context } from "../../view";
+
+/** What is played with. */
+export interface Task {
+  /** `bowling:017`; of a scene file `custom:NAME`. */
+  id: string;
+  /** Absent for a scene file. */
+  family: string | null;
+  scene: Scene;
+}
+
+/** The choice of a task; `chosen` is called with every task that is picked. */
+export function choice(families: Schema<"FamilyOut">[], chosen: (task: Task) => void, context: Context): { element: HTMLElement; pick: (id: string) => Promise<void> } {
+  const named = h("strong");
+  const gallery = h("div", { class: "gallery" });
+  const close = h("button", { type: "button" }, "Close");
+  const dialog = h("dialog", { class: "tasks", "aria-label": "Choose a task" }, h("div", { class: "row" }, h("h2", {}, "Choose a task"), close), gallery);
+  close.addEventListener("click", () => dialog.close());
+  const open = h("button", { type: "button" }, "Choose a task");
+  const pick = async (id: string): Promise<void> => {
+    const task = await load(id, context.signal);
+    put(named, id);
+    chosen(task);
+  };
+  open.addEventListener("click", () => {
+    if (!gallery.childElementCount) put(gallery, ...families.flatMap((f) => pictures(f, (id) => (dialog.close(), pick(id).catch(context.fail)), context)));
+    dialog.showModal();
+  });
+  const id = fresh("scene");
+  const file = h("input", { id, type: "file", accept: ".json,application/json", class: "unseen" });
+  const label = h("label", { for: id, class: "button" }, "Open a scene file");
+  file.addEventListener("change", () => {
+    const one = file.files?.[0];
+    if (!one) return;
+    context.fail(null);
+    read(one)
+      .then((scene) => (put(named, scene.name || one.name), chosen({ id: `custom:${scene.name || "scene"}`, family: null, scene })))
+      .catch(context.fail);
+    file.value = "";
+  });
+  return { element: h("div", { class: "row" }, named, open, h("span", { class: "file" }, file, label), dialog), pick };
+}
+
+/** A task of the server's by its id. */
+export async function load(id: string, signal: AbortSignal): Promise<Task> {
+  const [family = "", number = ""] = id.split(":");
+  const path = { family, number: String(Number(number)) };
+  const task = await ok(api.GET("/v1/tasks/{family}/{number}", { params: { path }, signal }));
+  return { id: task.id, family, scene: task.scene as unknown as Scene };
+}
+
+async function read(file: File): Promise<Scene> {
+  let scene: unknown;
+  try {
+    scene = JSON.parse(await file.text());
+  } catch (e) {
+    throw new Error(`${file.name} is not JSON (${e instanceof Error ? e.message : e}). A scene file is an iplw.scene/1 document.`);
+  }
+  const known = typeof scene === "object" && scene !== null && (scene as Scene).format === "iplw.scene/1" && Array.isArray((scene as Scene).bodies);
+  if (!known) throw new Error(`${file.name} is no scene: \`format\` must be "iplw.scene/1", with a list of \`bodies\`.`);
+  return scene as Scene;
+}
+
+/** A family's tasks, drawn when they come into sight. */
+function pictures(family: Schema<"FamilyOut">, picked: (id: string) => void, context: Context): HTMLElement[] {
+  const sight = new IntersectionObserver((entries) => {
+    for (const { isIntersecting, target } of entries) {
+      if (!isIntersecting) continue;
+      sight.unobserve(target);
+      const id = (target as HTMLElement).dataset.task!;
+      load(id, context.signal)
+        .then((task) => put(target.querySelector(".thumb")!, picture(task.scene, "").svg))
+        .catch(context.fail);
+    }
+  });
+  const tiles = Array.from({ length: family.tasks }, (_, i) => {
+    const id = `${family.name}:${String(i).padStart(3, "0")}`;
+    const tile = h("button", { type: "button", class: "tile", "data-task": id }, h("span", { class: "thumb", "aria-hidden": "true" }), id);
+    tile.addEventListener("click", () => picked(id));
+    sight.observe(tile);
+    return tile;
+  });
+  context.signal.addEventListener("abort", () => sight.disconnect());
+  const heading = h("h3", {}, family.name, h("span", { class: "soft" }, ` ${family.about}`));
+  return [heading, set(h("div", { class: "tiles" }, ...tiles), { role: "group", "aria-label": family.name })];
+}
