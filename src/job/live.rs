@@ -15,6 +15,8 @@ use crate::store::{JobRow, JobState};
 /// A job at hand.
 pub struct Live {
     pub row: JobRow,
+    /// Whose turn it takes: its owner's, or of whoever asked for it where nobody is known.
+    pub client: String,
     pub work: Option<Work>,
     /// Set by its owner.
     pub cancel: Arc<AtomicBool>,
@@ -39,9 +41,10 @@ pub struct Event {
 }
 
 impl Live {
-    /// Newly queued, or found in the store.
-    pub fn new(row: JobRow, work: Option<Work>) -> Live {
+    /// Newly queued by somebody at `place`, or found in the store.
+    pub fn new(row: JobRow, place: &str, work: Option<Work>) -> Live {
         Live {
+            client: row.owner.clone().unwrap_or_else(|| place.to_string()),
             events: VecDeque::from([Event::of(&row, None)]),
             changed: channel::Sender::new(row.events),
             cancel: Arc::default(),

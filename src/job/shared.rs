@@ -53,9 +53,53 @@ pub struct Shared {
 /// The jobs.
 #[derive(Default)]
 pub struct State {
+    /// In the order in which they came; [`State::pop`] says which is next.
     pub queue: VecDeque<i64>,
+    /// Clients whose jobs were begun, the latest last.
+    begun: VecDeque<String>,
     /// Jobs that have not ended, and recently ended ones that may be watched.
     pub live: BTreeMap<i64, Live>,
+}
+
+/// Of a full queue, a client with fewer jobs than one in so many of it may have one more: who fills it keeps nobody out.
+const KEPT: usize = 8;
+/// Clients remembered.
+const MOST_BEGUN: usize = 256;
+
+impl State {
+    /// Whether nothing more of this client's is queued, of a queue of so many.
+    pub fn is_full(&self, client: &str, most: usize) -> bool {
+        let own = self.queue.iter().filter(|n| self.live.get(n).is_some_and(|l| l.client == client)).count();
+        self.queue.len() >= most && (own >= most / KEPT || self.queue.len() >= 2 * most)
+    }
+
+    /// The next job: of the clients of whom one waits, the one with the fewest running, and of those the one whose turn is
+    /// longest ago; its oldest.
+    fn pop(&mut self) -> Option<i64> {
+        let mut running: BTreeMap<&str, usize> = BTreeMap::new();
+        for live in self.live.values().filter(|l| l.row.state == JobState::Running) {
+            *running.entry(&live.client).or_default() += 1;
+        }
+        let turn = |client: &str| {
+            let last = self.begun.iter().rposition(|c| c == client);
+            (running.get(client).copied().unwrap_or(0), last)
+        };
+        let waiting = self.queue.iter().enumerate();
+        // What is queued and not at hand was cancelled meanwhile.
+        let known = waiting.filter_map(|(at, number)| Some((turn(&self.live.get(number)?.client), at)));
+        let Some((_, at)) = known.min() else {
+            self.queue.clear();
+            return None;
+        };
+        let number = self.queue.remove(at)?;
+        let client = self.live.get(&number)?.client.clone();
+        self.begun.retain(|c| *c != client);
+        self.begun.push_back(client);
+        // Whose last turn is that long ago is as good as new.
+        let many = self.begun.len().saturating_sub(MOST_BEGUN);
+        self.begun.drain(..many);
+        Some(number)
+    }
 }
 
 impl Shared {
@@ -100,7 +144,7 @@ impl Shared {
         }
         row.events += 1;
         self.store.update_job(&row)?;
-        state.live.insert(number, Live::new(row, None));
+        state.live.insert(number, Live::new(row, "", None));
         match work {
             Err(e) => self.end(&mut state, number, Err(e)),
             Ok(_) if waiting => {}
@@ -145,7 +189,7 @@ impl Shared {
             if self.stopping.load(Ordering::SeqCst) {
                 return None;
             }
-            if let Some(number) = state.queue.pop_front() {
+            if let Some(number) = state.pop() {
                 let taken = state.live.get_mut(&number).and_then(|live| {
                     let work = live.work.take()?;
                     live.row.state = JobState::Running;

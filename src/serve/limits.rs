@@ -31,6 +31,9 @@ pub struct Limits {
     /// Most connections over HTTP. Beyond: the one that has waited longest for a request is hung up on; where all are busy,
     /// the new one.
     pub connections: usize,
+    /// Most connections of one client, its token or else its address, over HTTP and as many over ZeroMQ. Beyond: the one of
+    /// them that has waited longest for a request is hung up on; where all are busy, or over ZeroMQ, the new one.
+    pub client_connections: usize,
     /// Most bodies times time steps that a request may simulate. Beyond: 413 `too-large`.
     pub body_steps: u64,
     /// Most actions, or worlds, in a request. Beyond: 413 `too-large`.
@@ -61,6 +64,7 @@ impl Default for Limits {
             idle_seconds: 120.0,
             write_seconds: 60.0,
             connections: 4096,
+            client_connections: 1024,
             body_steps: most.body_steps,
             actions: most.actions,
             samples: most.samples,
@@ -105,6 +109,7 @@ impl Limits {
             Err(Error::input(field, value, format!("a whole number from {low} to {high}")))
         };
         whole("connections", self.connections as u64, 8, 1_000_000)?;
+        whole("client_connections", self.client_connections as u64, 4, 1_000_000)?;
         whole("body_steps", self.body_steps, 10_000, 10_000_000_000)?;
         whole("actions", self.actions as u64, 1, 65_536)?;
         whole("samples", self.samples, 10_000, 100_000_000)?;

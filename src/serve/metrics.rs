@@ -120,6 +120,12 @@ impl Metrics {
         self.times_text(&mut out);
         head(&mut out, "iplw_requests_under_way", "gauge", "Requests worked on or waiting to be.");
         line(&mut out, "iplw_requests_under_way", &[], gauges.under_way);
+        head(&mut out, "iplw_requests_waiting", "gauge", "Requests that wait for their client's turn.");
+        line(&mut out, "iplw_requests_waiting", &[], gauges.waiting);
+        head(&mut out, "iplw_connections", "gauge", "Open connections.");
+        for (transport, n) in ["http", "zmq"].into_iter().zip(gauges.connections) {
+            line(&mut out, "iplw_connections", &[("transport", transport)], n);
+        }
         head(&mut out, "iplw_worlds", "gauge", "Worlds there are.");
         for (kind, n) in [Kind::Sim, Kind::Real].into_iter().zip(gauges.worlds) {
             line(&mut out, "iplw_worlds", &[("kind", kind.name())], n);
@@ -147,6 +153,10 @@ impl Metrics {
 pub struct Gauges {
     /// Requests worked on or waiting to be.
     pub under_way: u64,
+    /// Requests that wait for their client's turn.
+    pub waiting: u64,
+    /// Open connections over HTTP and over ZeroMQ.
+    pub connections: [u64; 2],
     /// Simulated and real worlds.
     pub worlds: [u64; 2],
     /// Jobs by state.

@@ -9,6 +9,7 @@
 //! | `wire/` | JSON and msgpack in and out |
 //! | `problem` | errors as RFC 9457 |
 //! | `shared` `app` | what requests share, and what one of them sees of it; work runs off the async threads |
+//! | `client` `fair` `gate` `crowd` | whom the server shares itself out between, and how |
 //! | `exposure` | who could reach the server, and what is asked for before they can |
 //! | `leave` | how long a request may go on |
 //! | `limits` | what is taken, and for how long |
@@ -25,8 +26,12 @@
 #![allow(clippy::result_large_err)]
 
 mod app;
+mod client;
 mod config;
+mod crowd;
 mod exposure;
+mod fair;
+mod gate;
 mod http;
 mod leave;
 mod limits;
@@ -49,7 +54,9 @@ use tokio::net::TcpListener;
 use crate::access::Who;
 use crate::error::{Error, Result};
 use app::App;
+use client::Client;
 pub use config::{Clock, ServeConfig};
+use fair::Fair;
 pub use limits::Limits;
 pub use log::{Log, LogForm, Sink};
 use operations::OPERATIONS;
@@ -87,7 +94,7 @@ pub async fn serve(config: ServeConfig) -> Result<()> {
 pub fn serve_blocking(config: ServeConfig) -> Result<()> {
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .enable_all()
-        .max_blocking_threads(shared::THREADS)
+        .max_blocking_threads(Fair::threads())
         .build()
         .map_err(|e| Error::Failed(format!("no threads to serve with: {e}")))?;
     let done = runtime.block_on(serve(config));
@@ -125,7 +132,8 @@ impl Server {
             let keyring = exposure::keyring(&config)?;
             exposure::allowed(&config, &keyring, address.ip(), zmq_at)?;
             let shared = Arc::new(Shared::new(&config, keyring, operations::recipes, &DOCUMENT)?);
-            operations::asked::catch_up(&App::new(&shared, Who::anybody(), Duration::from_secs(86_400)))?;
+            let day = Duration::from_secs(86_400);
+            operations::asked::catch_up(&App::new(&shared, Who::anybody(), &Client::local(), day))?;
             Ok(shared)
         };
         let shared = tokio::task::spawn_blocking(made)

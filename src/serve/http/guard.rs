@@ -8,7 +8,9 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
 use super::browser::Callers;
+use super::seat::Seat;
 use crate::access::{Scope, Unknown, Who, digest, now};
+use crate::serve::client::Client;
 use crate::serve::operation::Operation;
 use crate::serve::problem::Problem;
 use crate::serve::shared::Shared;
@@ -35,6 +37,14 @@ pub async fn admitted(State(guard): State<Guard>, mut request: Request, next: Ne
         Err(_) if guard.is_open(&request) => Who { name: None, scope: Scope::Read },
         Err(unknown) => return Problem::unauthorized(unknown).into_response(),
     };
+    // Who is let in though not known stays where the connection is from.
+    let seat = request.extensions().get::<Arc<Seat>>();
+    if let Some(seat) = seat.filter(|_| who.name.is_some())
+        && !seat.is_of(&Client::of(&who, seat.from()))
+    {
+        let limit = guard.shared.limits.client_connections;
+        return ([(header::CONNECTION, "close")], Problem::crowded(limit)).into_response();
+    }
     request.extensions_mut().insert(who.clone());
     request.extensions_mut().insert(page);
     let mut response = next.run(request).await;

@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `guard` | who asks, and whether they may |
 //! | `browser` | what pages may do, and what answers tell browsers |
-//! | `listen` `timed` `tls` | connections: taken, timed, encrypted |
+//! | `listen` `seat` `timed` `tls` | connections: taken, whose, timed, encrypted |
 //! | `route` | a request to what was asked, and what is answered to a response |
 //! | `body` | bodies within their limit |
 //! | `accept` | which form of an answer is wanted |
@@ -18,6 +18,7 @@ mod document;
 mod guard;
 mod listen;
 mod route;
+mod seat;
 mod stream;
 mod timed;
 mod tls;

@@ -82,9 +82,19 @@ pub struct Call {
 pub enum Weight {
     /// A fraction of a millisecond without waiting for the disk, however it ends.
     Light,
+    /// It waits for the disk at most.
     Usual,
-    /// The answer is large: as JSON it goes out piece by piece.
+    /// It simulates, ranks or draws.
+    Heavy,
+    /// The same, and the answer is large: as JSON it goes out piece by piece.
     Large,
+}
+
+impl Weight {
+    /// Whether it takes a processor for as long as it lasts.
+    pub fn computes(self) -> bool {
+        matches!(self, Weight::Heavy | Weight::Large)
+    }
 }
 
 impl Operation {
@@ -196,6 +206,14 @@ impl Declaration {
         work: impl Fn(&App, I) -> Result<O> + Copy + Send + Sync + 'static,
     ) -> Operation {
         self.weighed(|_, _| Weight::Usual, work)
+    }
+
+    /// The same for what computes.
+    pub fn computes<I: Input, O: Output>(
+        self,
+        work: impl Fn(&App, I) -> Result<O> + Copy + Send + Sync + 'static,
+    ) -> Operation {
+        self.weighed(|_, _| Weight::Heavy, work)
     }
 
     /// The same, `weigh` telling what it costs.

@@ -80,5 +80,5 @@ const FEW: usize = 16;
 
 fn weight(app: &App, worlds: &[String]) -> Weight {
     let light = |id: &String| app.worlds().get(id).is_ok_and(|w| w.is_light());
-    if worlds.len() <= FEW && worlds.iter().all(light) { Weight::Light } else { Weight::Usual }
+    if worlds.len() <= FEW && worlds.iter().all(light) { Weight::Light } else { Weight::Heavy }
 }

@@ -42,7 +42,7 @@ pub fn operations() -> Vec<Operation> {
                  always there, likes them in an order drawn once.",
             )
             .refuses(&[(404, "Unknown policy or task"), (409, "`untrained`, which knows nothing yet")])
-            .does(act),
+            .computes(act),
     ]
 }
 

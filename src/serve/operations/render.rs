@@ -21,7 +21,7 @@ pub fn operations() -> Vec<Operation> {
                 (422, "Also an action that cannot be placed"),
                 (429, "The budget is spent"),
             ])
-            .does(render),
+            .computes(render),
     ]
 }
 

@@ -99,9 +99,9 @@ fn rollout(app: &App, (Id(id), Body(body), Raw(raw)): (Id, Body<RolloutIn>, Raw)
 }
 
 fn size(_: &App, (_, Body(body), _): &(Id, Body<RolloutIn>, Raw)) -> Weight {
-    if body.trajectories == Some(true) { Weight::Large } else { Weight::Usual }
+    if body.trajectories == Some(true) { Weight::Large } else { Weight::Heavy }
 }
 
 fn weight(app: &App, id: &str) -> Weight {
-    if app.worlds().get(id).is_ok_and(|w| w.is_light()) { Weight::Light } else { Weight::Usual }
+    if app.worlds().get(id).is_ok_and(|w| w.is_light()) { Weight::Light } else { Weight::Heavy }
 }
