@@ -272,7 +272,8 @@ mod tests {
     });
 
     fn submit(runner: &Runner, act: &str) -> Result<Job> {
-        runner.submit(New { kind: "act", config: &json!({}), plan: &json!(act), seed: 0 }, None, "", &|_| None)
+        runner
+            .submit(New { kind: "act", config: &json!({}), plan: &json!(act), seed: 0 }, None, "", &|_| None)
     }
 
     /// The job once it is in this state.

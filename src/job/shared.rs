@@ -239,7 +239,7 @@ impl Shared {
     pub fn end(&self, state: &mut State, number: i64, result: Result<Value>) {
         state.queue.retain(|n| *n != number);
         let Some(live) = state.live.get_mut(&number) else { return };
-        live.work = None;
+        (live.work, live.row.plan) = (None, Value::Null);
         match result {
             Ok(value) => (live.row.state, live.row.result) = (JobState::Succeeded, Some(value)),
             Err(Error::Cancelled) => live.row.state = JobState::Cancelled,
@@ -276,13 +276,18 @@ struct Running<'a> {
 }
 
 impl Stage for Running<'_> {
-    fn report(&self, stage: &str, done: u64, total: u64) -> Result<()> {
+    fn look(&self) -> Result<()> {
         if self.cancel.load(Ordering::SeqCst) || self.shared.stopping.load(Ordering::SeqCst) {
             return Err(Error::Cancelled);
         }
         if let Some(most) = self.shared.config.most.filter(|most| self.begun.elapsed() > *most) {
             return Err(Error::Deadline { seconds: most.as_secs_f64() });
         }
+        Ok(())
+    }
+
+    fn report(&self, stage: &str, done: u64, total: u64) -> Result<()> {
+        self.look()?;
         let mut state = self.shared.state();
         if let Some(live) = state.live.get_mut(&self.number) {
             // A percent at a time is all an eye can follow; every event is sent to every watcher.
@@ -307,5 +312,63 @@ impl Stage for Running<'_> {
         if let Some(live) = self.shared.state().live.get_mut(&self.number) {
             live.pace.round(self.shared.now(), done, total);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    /// A queue of jobs by the first letter of whose they are.
+    fn queued(clients: &str) -> State {
+        let store = Store::in_memory().unwrap();
+        let mut state = State::default();
+        for client in clients.chars() {
+            let row = store.add_job("act", &json!({}), &json!(1), 0, None, &|_| None).unwrap();
+            state.queue.push_back(row.number);
+            state.live.insert(row.number, Live::new(row, &client.to_string(), None));
+        }
+        state
+    }
+
+    /// Whose jobs are begun, one after the other with so many workers.
+    fn begun(mut state: State, workers: usize) -> String {
+        let (mut running, mut order) = (VecDeque::new(), String::new());
+        while let Some(number) = state.pop() {
+            let live = state.live.get_mut(&number).unwrap();
+            live.row.state = JobState::Running;
+            order += &live.client;
+            running.push_back(number);
+            if running.len() == workers {
+                let ended = running.pop_front().unwrap();
+                state.live.get_mut(&ended).unwrap().row.state = JobState::Succeeded;
+            }
+        }
+        order
+    }
+
+    #[test]
+    fn clients_take_turns_however_many_jobs_one_of_them_queued() {
+        assert_eq!(begun(queued("aaaaaa"), 2), "aaaaaa");
+        assert_eq!(begun(queued("aaaaaabb"), 1), "ababaaaa");
+        assert_eq!(begun(queued("aaaaaabbc"), 2), "abcabaaaa");
+        let mut state = queued("aabb");
+        assert_eq!(state.pop(), Some(1), "the oldest of its client");
+        state.live.get_mut(&1).unwrap().row.state = JobState::Running;
+        assert_eq!(state.pop(), Some(3), "who has one running waits for who has none");
+        state.live.remove(&2);
+        assert_eq!((state.pop(), state.pop()), (Some(4), None), "what is no longer at hand is left out");
+    }
+
+    #[test]
+    fn who_fills_the_queue_keeps_nobody_out() {
+        let full = queued(&"a".repeat(16));
+        assert!(full.is_full("a", 16) && !full.is_full("b", 16) && !full.is_full("a", 17));
+        let own = queued(&("a".repeat(14) + "bb"));
+        assert!(own.is_full("b", 16), "it has its two");
+        assert!(queued(&"a".repeat(32)).is_full("b", 16), "twice is the end of it");
+        assert!(queued("a").is_full("b", 1), "a queue of one has nothing to keep");
     }
 }

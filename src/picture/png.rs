@@ -3,13 +3,19 @@
 
 use std::sync::{Arc, OnceLock};
 
-use resvg::tiny_skia::{Color, Pixmap, Transform};
+use resvg::tiny_skia::{Color, Pixmap, PixmapMut, Transform};
 use resvg::usvg::{ImageHrefResolver, Options, Tree, fontdb};
 
+use crate::budget::{Budget, Endless};
 use crate::error::{Error, Result};
 
 /// A PNG file `width` px wide (16 to 4096), its height from the picture's aspect (at most 4096), on white.
 pub fn svg_to_png(svg: &str, width: u32) -> Result<Vec<u8>> {
+    svg_to_png_within(&Endless, svg, width)
+}
+
+/// [`svg_to_png`] within a budget, at which it looks between strips of the picture; an error of the budget ends it.
+pub fn svg_to_png_within(budget: &dyn Budget, svg: &str, width: u32) -> Result<Vec<u8>> {
     let width = bounded("width", width)?;
     let tree = parse(svg)?;
     let scale = f64::from(width) / f64::from(tree.size().width());
@@ -19,7 +25,8 @@ pub fn svg_to_png(svg: &str, width: u32) -> Result<Vec<u8>> {
         let allowed = format!("at most {most} for this picture, so that its height stays within {LARGEST}");
         return Err(Error::input("width", width, allowed));
     }
-    let pixmap = draw(&tree, width, height.max(1.0) as u32)?;
+    let pixmap = draw(&tree, width, height.max(1.0) as u32, budget)?;
+    budget.look()?;
     pixmap.encode_png().map_err(|e| Error::Failed(format!("encoding the PNG: {e}")))
 }
 
@@ -27,7 +34,7 @@ pub fn svg_to_png(svg: &str, width: u32) -> Result<Vec<u8>> {
 /// 16 to 4096) and centred on white.
 pub fn svg_to_rgb(svg: &str, width: u32, height: u32) -> Result<Vec<u8>> {
     let (width, height) = (bounded("width", width)?, bounded("height", height)?);
-    let pixmap = draw(&parse(svg)?, width, height)?;
+    let pixmap = draw(&parse(svg)?, width, height, &Endless)?;
     // Drawn over opaque white, so every pixel is opaque and needs no demultiplying.
     Ok(pixmap.pixels().iter().flat_map(|p| [p.red(), p.green(), p.blue()]).collect())
 }
@@ -69,14 +76,23 @@ fn fonts() -> Arc<fontdb::Database> {
     FONTS.get_or_init(load).clone()
 }
 
-fn draw(tree: &Tree, width: u32, height: u32) -> Result<Pixmap> {
+/// Height of a strip, px; one at the largest width takes some ten milliseconds.
+const STRIP: u32 = 512;
+
+fn draw(tree: &Tree, width: u32, height: u32, budget: &dyn Budget) -> Result<Pixmap> {
     let mut pixmap = Pixmap::new(width, height)
         .ok_or_else(|| Error::input("width", width, "a size that fits in memory"))?;
     pixmap.fill(Color::WHITE);
     let (w, h) = (width as f32, height as f32);
     let scale = (w / tree.size().width()).min(h / tree.size().height());
     let (dx, dy) = ((w - scale * tree.size().width()) / 2.0, (h - scale * tree.size().height()) / 2.0);
-    resvg::render(tree, Transform::from_row(scale, 0.0, 0.0, scale, dx, dy), &mut pixmap.as_mut());
+    for (strip, rows) in (0..).zip(pixmap.data_mut().chunks_mut((4 * width * STRIP) as usize)) {
+        budget.look()?;
+        let tall = rows.len() as u32 / (4 * width);
+        let Some(mut part) = PixmapMut::from_bytes(rows, width, tall) else { continue };
+        let up = (strip * STRIP) as f32;
+        resvg::render(tree, Transform::from_row(scale, 0.0, 0.0, scale, dx, dy - up), &mut part);
+    }
     Ok(pixmap)
 }
 

@@ -169,7 +169,8 @@ mod tests {
 
     /// In the order in which they are called: whoever holds a turn gives it back as soon as all are in line.
     fn order(gate: &Arc<Gate>, asked: &[u8]) -> Vec<u8> {
-        let held: Vec<Turn> = (0..gate.most as u8).map(|n| gate.line_up(&client(200 + n)).ok().unwrap()).collect();
+        let held: Vec<Turn> =
+            (0..gate.most as u8).map(|n| gate.line_up(&client(200 + n)).ok().unwrap()).collect();
         let mut waits: Vec<(u8, oneshot::Receiver<Turn>)> =
             asked.iter().map(|n| (*n, gate.line_up(&client(*n)).err().unwrap())).collect();
         assert_eq!(gate.waiting(), asked.len());

@@ -83,10 +83,17 @@ impl Limits {
     /// Those of a file.
     pub fn read(path: &Path) -> Result<Limits> {
         // As fields by name, or else a list would do.
-        let fields: Map<String, Value> = json::read(path)?;
-        let limits: Limits = json::from_value(Value::Object(fields)).map_err(|e| e.at(path.display()))?;
-        limits.validate().map_err(|e| e.at(path.display()))?;
-        Ok(limits)
+        let text = std::fs::read_to_string(path).map_err(|e| {
+            let allowed = "a JSON file of limits such as {\"worlds\": 100}";
+            Error::input("--limits", format!("{} ({e})", path.display()), allowed)
+        })?;
+        let read = || -> Result<Limits> {
+            let fields: Map<String, Value> = json::parse(&text)?;
+            let limits: Limits = json::from_value(Value::Object(fields))?;
+            limits.validate()?;
+            Ok(limits)
+        };
+        read().map_err(|e| e.at(format!("--limits {}", path.display())))
     }
 
     /// Errors name what cannot be.
@@ -162,11 +169,17 @@ mod tests {
             ("{\"request_seconds\": 0}", "`request_seconds`"),
             ("{\"header_seconds\": 1e99}", "`header_seconds`"),
             ("{\"word\": 1}", "word"),
+            ("{\"word\": 1}", "`header_seconds`"),
+            ("{\"worlds\": \"many\"}", "`worlds`"),
             ("{\"job_seconds\": -1}", "`job_seconds`"),
             ("[]", "limits.json"),
         ] {
             let said = read(bad).unwrap_err().to_string();
-            assert!(said.contains(named) && said.contains("limits.json"), "{bad}: {said}");
+            let whole =
+                said.starts_with("--limits ") && said.contains("limits.json") && said.contains("allowed: ");
+            assert!(said.contains(named) && whole, "{bad}: {said}");
         }
+        let missing = Limits::read(&place.path().join("none.json")).unwrap_err().to_string();
+        assert!(missing.contains("`--limits`") && missing.contains("none.json"), "{missing}");
     }
 }

@@ -14,6 +14,7 @@
 //! | `leave` | how long a request may go on |
 //! | `limits` | what is taken, and for how long |
 //! | `metrics` `log` | what happened: counters and times, a line for each request and job |
+//! | `memory` | what the allocator keeps, and when it gives back |
 //! | `config` | how a server is run |
 //!
 //! An action on its way: `http/route` (or `zmq/peer`) makes an `Asked` of what was sent; the operation's declaration
@@ -36,6 +37,7 @@ mod http;
 mod leave;
 mod limits;
 mod log;
+mod memory;
 mod metrics;
 mod operation;
 mod operations;
@@ -92,6 +94,7 @@ pub async fn serve(config: ServeConfig) -> Result<()> {
 
 /// [`serve`] on a runtime of its own; returns without waiting for work that does not notice the stop.
 pub fn serve_blocking(config: ServeConfig) -> Result<()> {
+    memory::set_up();
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .enable_all()
         .max_blocking_threads(Fair::threads())
@@ -204,13 +207,18 @@ impl Server {
 /// How long answers under way may take once the server is told to stop.
 const GRACE: Duration = Duration::from_secs(5);
 
-/// Forgets idle worlds from time to time, also when nobody asks.
+/// Forgets idle worlds from time to time, also when nobody asks, and gives back the memory that lies free.
 async fn sweep(shared: Arc<Shared>, idle: Duration) {
     let pause = (idle / 4).clamp(Duration::from_millis(100), Duration::from_secs(10));
     loop {
         tokio::time::sleep(pause).await;
         let base = shared.base.clone();
-        let swept = tokio::task::spawn_blocking(move || base.worlds.sweep(base.now())).await;
+        let sweep = move || {
+            let swept = base.worlds.sweep(base.now());
+            memory::give_back();
+            swept
+        };
+        let swept = tokio::task::spawn_blocking(sweep).await;
         if let Ok(Err(e)) = swept {
             tracing::error!("idle worlds could not be forgotten: {e}");
         }

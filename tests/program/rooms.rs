@@ -37,7 +37,7 @@ const ROOMS: [&str; 21] = [
 const LAST: &str = "serve";
 
 /// A crate and the only places that may name it.
-const HOMES: [(&str, &[&str]); 17] = [
+const HOMES: [(&str, &[&str]); 18] = [
     ("rapier2d", &["world"]),
     ("dfdx", &["policy"]),
     ("safetensors", &["policy"]),
@@ -52,6 +52,7 @@ const HOMES: [(&str, &[&str]); 17] = [
     ("ring", &["access", "serve"]),
     ("rustls", &["serve"]),
     ("hyper", &["serve"]),
+    ("libc", &["serve"]),
     ("hyper_util", &["serve"]),
     ("plotters", &["picture"]),
     ("resvg", &["picture"]),

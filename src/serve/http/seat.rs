@@ -101,3 +101,69 @@ impl Seat {
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::access::{Scope, Who};
+    use crate::serve::crowd::Room;
+
+    fn at(n: u8) -> Client {
+        Client::at([10, 0, 0, n].into())
+    }
+
+    fn named(name: &str) -> Client {
+        Client::of(&Who { name: Some(name.into()), scope: Scope::Act }, &at(0))
+    }
+
+    /// With connections 1 to 3 from one address and 4 from another, of 4 there may be.
+    fn full(each: usize) -> (Arc<Open>, Vec<Arc<Seat>>) {
+        let limits = Limits { connections: 4, client_connections: each, ..Limits::default() };
+        let crowd = Crowd::new(Room { most: 4, each, kept: 0 });
+        let open = Open::new(crowd, &limits);
+        let seats = (1..=4).map(|n| open.take(n, at(u8::from(n == 4)), &limits).unwrap()).collect();
+        (open, seats)
+    }
+
+    fn there(open: &Open) -> Vec<u64> {
+        let mut all: Vec<u64> = lock(&open.connections).keys().copied().collect();
+        all.sort_unstable();
+        all
+    }
+
+    #[test]
+    fn one_too_many_takes_the_place_of_one_of_whoever_has_most() {
+        let (open, seats) = full(4);
+        let busy = seats[0].watch().begin();
+        assert!(open.take(5, at(2), &Limits::default()).is_some());
+        assert_eq!(there(&open), [1, 3, 4, 5], "of the three, the first that waits");
+        let all_busy: Vec<_> = [1, 2, 3].map(|i| seats[i].watch().begin()).into();
+        lock(&open.connections).remove(&5);
+        assert!(open.take(6, at(2), &Limits::default()).is_none(), "all are busy");
+        drop((busy, all_busy));
+    }
+
+    #[test]
+    fn one_too_many_of_a_client_takes_the_place_of_its_own() {
+        let (open, seats) = full(3);
+        let limits = Limits::default();
+        lock(&open.connections).remove(&4);
+        drop(seats.into_iter().nth(3));
+        assert!(open.take(5, at(0), &limits).is_some());
+        assert_eq!(there(&open), [2, 3, 5]);
+    }
+
+    #[test]
+    fn a_token_has_its_connections_wherever_they_come_from() {
+        let (open, seats) = full(3);
+        for seat in &seats[1..] {
+            assert!(seat.is_of(&named("ann")));
+        }
+        let busy: Vec<_> = seats[1..].iter().map(|seat| seat.watch().begin()).collect();
+        assert!(!seats[0].is_of(&named("ann")), "three are busy");
+        assert!(seats[0].is_of(&named("bob")));
+        drop(busy);
+        assert!(seats[0].is_of(&named("ann")), "one of the three waits, and goes");
+        assert_eq!(there(&open).len(), 3);
+    }
+}

@@ -19,6 +19,7 @@ mod surface;
 mod system;
 mod task;
 mod text;
+mod token;
 mod training;
 mod trials;
 mod world;
@@ -32,7 +33,7 @@ use crate::error::Error;
 use crate::job::{Recipe, Recipes};
 
 /// A row a file.
-const FILES: [fn() -> Vec<Operation>; 16] = [
+const FILES: [fn() -> Vec<Operation>; 17] = [
     asked::operations,
     batch::operations,
     diagnosis::operations,
@@ -46,6 +47,7 @@ const FILES: [fn() -> Vec<Operation>; 16] = [
     surface::operations,
     system::operations,
     task::operations,
+    token::operations,
     training::operations,
     trials::operations,
     world::operations,

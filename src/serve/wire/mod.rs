@@ -21,6 +21,7 @@ mod space;
 mod strict;
 mod surface;
 mod task;
+mod token;
 mod world;
 
 pub use array::{Array, Data, lists};
@@ -40,4 +41,5 @@ pub use rollout::{BatchOut, RolloutIn};
 pub use strict::Object;
 pub use surface::{SensitivityOut, SurfaceIn, SurfaceOut, SurfaceWhole, Surfaces};
 pub use task::{Families, FamilyOut, FamilyTasks, TaskOut};
+pub use token::{TokenIn, TokenMade, TokenOut, Tokens};
 pub use world::{CreateWorld, WorldOut, Worlds};

@@ -103,7 +103,8 @@ impl<'a> Header<'a> {
             v => return Err(Error::input("v", v.unwrap_or(Packed::Nil), format!("{VERSION}"))),
         }
         if let Some((key, value)) = &self.unknown {
-            let allowed = "the fields v, id, op, args, arrays, key, raw, deadline, request_id and traceparent";
+            let allowed =
+                "the fields v, id, op, args, arrays, key, raw, deadline, request_id and traceparent";
             return Err(Error::input(name(key).unwrap_or_default(), value, allowed));
         }
         let op = match &self.op {
@@ -151,9 +152,8 @@ const OP: &str = "the name of an operation";
 
 /// A field that is text, if it is there.
 fn text(field: &str, given: Option<Packed>) -> Result<Option<String>> {
-    let one = |given: Packed| {
-        name(&given).map(String::from).ok_or_else(|| Error::input(field, &given, "text"))
-    };
+    let one =
+        |given: Packed| name(&given).map(String::from).ok_or_else(|| Error::input(field, &given, "text"));
     given.map(one).transpose()
 }
 
