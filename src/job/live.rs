@@ -25,6 +25,8 @@ pub struct Live {
     pub pace: Pace,
     pub events: VecDeque<Event>,
     pub changed: channel::Sender<u64>,
+    /// Of its row as JSON, bytes; known once it has ended.
+    pub size: usize,
 }
 
 /// Events kept of a running job; a watcher further behind misses the oldest.
@@ -50,6 +52,7 @@ impl Live {
             cancel: Arc::default(),
             again: false,
             pace: Pace::default(),
+            size: 0,
             work,
             row,
         }

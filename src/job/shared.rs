@@ -73,6 +73,17 @@ impl State {
         self.queue.len() >= most && (own >= most / KEPT || self.queue.len() >= 2 * most)
     }
 
+    /// Once stored, an ended job is kept here only for its events; forgets the oldest.
+    fn forget(&mut self) {
+        let ended = self.live.iter().rev().filter(|(_, l)| l.row.state.ended());
+        let kept = ended.scan((0, 0), |(count, bytes), (number, live)| {
+            (*count, *bytes) = (*count + 1, *bytes + live.size);
+            Some((*number, *count == 1 || (*count <= KEPT_JOBS && *bytes <= KEPT_BYTES)))
+        });
+        let old: Vec<i64> = kept.filter(|(_, kept)| !kept).map(|(number, _)| number).collect();
+        old.iter().for_each(|number| drop(self.live.remove(number)));
+    }
+
     /// The next job: of the clients of whom one waits, the one with the fewest running, and of those the one whose turn is
     /// longest ago; its oldest.
     fn pop(&mut self) -> Option<i64> {
@@ -239,7 +250,7 @@ impl Shared {
     pub fn end(&self, state: &mut State, number: i64, result: Result<Value>) {
         state.queue.retain(|n| *n != number);
         let Some(live) = state.live.get_mut(&number) else { return };
-        (live.work, live.row.plan) = (None, Value::Null);
+        live.work = None;
         match result {
             Ok(value) => (live.row.state, live.row.result) = (JobState::Succeeded, Some(value)),
             Err(Error::Cancelled) => live.row.state = JobState::Cancelled,
@@ -254,17 +265,15 @@ impl Shared {
         }
         live.emit(None);
         (self.told)(&live.row);
-        // Once stored, an ended job is kept here only for its events; forget the oldest.
-        let ended: Vec<i64> =
-            state.live.iter().filter(|(_, l)| l.row.state.ended()).map(|(n, _)| *n).collect();
-        for old in ended.iter().take(ended.len().saturating_sub(KEPT_JOBS)) {
-            state.live.remove(old);
-        }
+        live.size = live.row.size();
+        state.forget();
     }
 }
 
 /// Ended jobs whose events are kept.
 const KEPT_JOBS: usize = 64;
+/// What they may take with their plans and results, bytes as JSON; the latest is kept whatever it takes.
+const KEPT_BYTES: usize = 8 * 1024 * 1024;
 
 /// A job under way.
 struct Running<'a> {
@@ -360,6 +369,22 @@ mod tests {
         assert_eq!(state.pop(), Some(3), "who has one running waits for who has none");
         state.live.remove(&2);
         assert_eq!((state.pop(), state.pop()), (Some(4), None), "what is no longer at hand is left out");
+    }
+
+    #[test]
+    fn of_ended_jobs_only_the_latest_are_at_hand_and_not_the_large_ones() {
+        let ended = |count: usize, size: usize| {
+            let mut state = queued(&"a".repeat(count));
+            for live in state.live.values_mut() {
+                (live.row.state, live.size) = (JobState::Succeeded, size);
+            }
+            state.live.get_mut(&1).unwrap().row.state = JobState::Waiting;
+            state.forget();
+            (state.live.len(), *state.live.keys().nth(1).unwrap())
+        };
+        assert_eq!(ended(70, 1000), (65, 7), "64, and the one that has not ended");
+        assert_eq!(ended(10, KEPT_BYTES / 4), (5, 7));
+        assert_eq!(ended(10, 2 * KEPT_BYTES), (2, 10));
     }
 
     #[test]

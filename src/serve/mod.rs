@@ -9,7 +9,7 @@
 //! | `wire/` | JSON and msgpack in and out |
 //! | `problem` | errors as RFC 9457 |
 //! | `shared` `app` | what requests share, and what one of them sees of it; work runs off the async threads |
-//! | `client` `fair` `gate` `crowd` | whom the server shares itself out between, and how |
+//! | `client` `fair` `gate` `crowd` `weight` | whom the server shares itself out between, and how |
 //! | `exposure` | who could reach the server, and what is asked for before they can |
 //! | `leave` | how long a request may go on |
 //! | `limits` | what is taken, and for how long |
@@ -43,6 +43,7 @@ mod operation;
 mod operations;
 mod problem;
 mod shared;
+mod weight;
 mod wire;
 mod zmq;
 

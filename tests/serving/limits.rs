@@ -164,7 +164,7 @@ fn what_costs_too_much_is_refused_before_it_begins_with_what_is_allowed() {
     let small = limited(limits);
     let made = small.post("/v1/worlds", &json!({"scene": long(8, 5_000), "kind": "sim"}), 201);
     let world = made["id"].as_str().unwrap();
-    let task = small.post(&format!("/v1/worlds/{world}/reset"), &json!({}), 200)["task"].clone();
+    let task = small.post(&format!("/v1/worlds/{world}/reset"), &json!({}), 200)["info"]["task"].clone();
     let two = json!({"actions": [[0.5, 0.5], [0.2, 0.5]]});
     let path = format!("/v1/worlds/{world}/rollout");
     let refused = problem(small.send(Method::POST, &path, two.to_string()), 413, "too-large");

@@ -17,9 +17,10 @@ use crate::access::Who;
 use crate::error::Error;
 use crate::job::Watcher;
 use crate::serve::app::App;
-use crate::serve::operation::{Asked, Content, Once, Operation, Reply, Sent, Weight};
+use crate::serve::operation::{Asked, Content, Once, Operation, Reply, Sent};
 use crate::serve::problem::{Answer, Problem};
 use crate::serve::shared::Shared;
+use crate::serve::weight::Weight;
 use crate::serve::wire::{Form, MSGPACK, pack};
 
 /// The route of an operation.

@@ -28,6 +28,7 @@ use crate::job::Work;
 use crate::serve::app::App;
 use crate::serve::problem::Answer;
 use crate::serve::shared::Base;
+use crate::serve::weight::Weight;
 use crate::serve::wire::{Bulk, JobOut};
 
 /// Something a client can ask for.
@@ -75,26 +76,6 @@ pub type Doing = Box<dyn FnOnce(&App) -> Answer<Reply> + Send>;
 pub struct Call {
     pub weight: Weight,
     pub work: Doing,
-}
-
-/// What doing it costs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Weight {
-    /// A fraction of a millisecond without waiting for the disk, however it ends.
-    Light,
-    /// It waits for the disk at most.
-    Usual,
-    /// It simulates, ranks or draws.
-    Heavy,
-    /// The same, and the answer is large: as JSON it goes out piece by piece.
-    Large,
-}
-
-impl Weight {
-    /// Whether it takes a processor for as long as it lasts.
-    pub fn computes(self) -> bool {
-        matches!(self, Weight::Heavy | Weight::Large)
-    }
 }
 
 impl Operation {

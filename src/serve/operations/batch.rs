@@ -3,7 +3,8 @@
 use super::attempts::or_as_a_job;
 use crate::error::Result;
 use crate::serve::app::App;
-use crate::serve::operation::{ACT, Body, Keep, Operation, Weight, delete, post};
+use crate::serve::operation::{ACT, Body, Keep, Operation, delete, post};
+use crate::serve::weight::Weight;
 use crate::serve::wire::{
     CreateWorlds, ResetWorlds, StepWorlds, WorldIds, WorldOut, WorldsMade, WorldsReset, WorldsStepped,
 };

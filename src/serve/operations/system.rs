@@ -3,7 +3,8 @@
 use crate::error::Result;
 use crate::serve::app::App;
 use crate::serve::metrics::Gauges;
-use crate::serve::operation::{Content, Described, Media, OPEN, Operation, Output, READ, Reply, Weight, get};
+use crate::serve::operation::{Content, Described, Media, OPEN, Operation, Output, READ, Reply, get};
+use crate::serve::weight::Weight;
 use crate::serve::wire::Health;
 use crate::session::Kind;
 

@@ -3,9 +3,8 @@
 use super::attempts::or_as_a_job;
 use crate::error::Result;
 use crate::serve::app::App;
-use crate::serve::operation::{
-    ACT, Body, Id, Keep, Operation, Page, READ, Raw, Weight, at, delete, get, post,
-};
+use crate::serve::operation::{ACT, Body, Id, Keep, Operation, Page, READ, Raw, at, delete, get, post};
+use crate::serve::weight::Weight;
 use crate::serve::wire::{
     BatchOut, CreateWorld, LatentsIn, ResetIn, ResetOut, RolloutIn, StepIn, StepOut, WorldOut, Worlds,
 };

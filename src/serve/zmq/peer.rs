@@ -17,10 +17,11 @@ use crate::serve::app::App;
 use crate::serve::client::Client;
 use crate::serve::leave::Leave;
 use crate::serve::log::{RequestLine, given_id, slug, trace};
-use crate::serve::operation::{Operation, Weight};
+use crate::serve::operation::Operation;
 use crate::serve::operations::operation;
 use crate::serve::problem::{Answer, Problem};
 use crate::serve::shared::Shared;
+use crate::serve::weight::Weight;
 
 /// Requests of one client under way at a time; more are told to come back.
 const MOST_UNDER_WAY: usize = 128;
