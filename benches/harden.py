@@ -177,27 +177,32 @@ def step_over_zmq(running: Server, token: str | None) -> Callable[[], float]:
     return step
 
 
-def cost(binary: str, transport: str, turns: int = 60) -> tuple[float, float, float]:
-    """A step's median, s; how much longer it takes with a token and a line of the log; and with a data directory besides.
-    Medians of all, measured in turns."""
-    with tempfile.TemporaryDirectory() as place, contextlib.ExitStack() as stack:
-        token = asking.new_token(binary, place, "bench")
-        tokens = ["--token-file", str(Path(place, "tokens.json"))]
-        ways = {
-            "plain": stack.enter_context(server(binary, zmq=True)),
-            "guarded": stack.enter_context(server(binary, *tokens, "--log", "json", zmq=True)),
-            "kept": stack.enter_context(server(binary, "--data-dir", place, "--log", "json", zmq=True)),
-        }
-        if transport == "http":
-            steps = {name: step_over_http(way, token) for name, way in ways.items()}
-        else:
-            steps = {name: step_over_zmq(way, None if name == "plain" else token) for name, way in ways.items()}
-        times: dict[str, list[float]] = {name: [] for name in ways}
-        for turn in range(turns):
-            for name in sorted(steps, reverse=turn % 2 == 1):
-                times[name] += [steps[name]() for _ in range(50)]
-        plain = statistics.median(times["plain"])
-        return plain, *(statistics.median(times[name]) / plain - 1 for name in ("guarded", "kept"))
+def cost(binary: str, transport: str, servers: int = 12) -> dict[str, tuple[float, float]]:
+    """A step's time as its client sees it, and the server's processor time for it and the reset before, s: where nobody is asked;
+    with a token and a line of the log; with a data directory besides. Lower quartiles of turns of 25, one way after the other;
+    medians over so many servers of each, which differ by where their threads come to lie."""
+    times: dict[str, list[float]] = {"open": [], "guarded": [], "kept": []}
+    used: dict[str, list[float]] = {name: [] for name in times}
+    for _ in range(servers):
+        with tempfile.TemporaryDirectory() as place, contextlib.ExitStack() as stack:
+            token = asking.new_token(binary, place, "bench")
+            guards = ["--log", "json", "--token-file", str(Path(place, "tokens.json"))]
+            options = {"open": [], "guarded": guards, "kept": ["--log", "json", "--data-dir", place]}
+            ways = {name: stack.enter_context(server(binary, *more, zmq=True)) for name, more in options.items()}
+            if transport == "http":
+                steps = {name: step_over_http(way, token) for name, way in ways.items()}
+            else:
+                steps = {name: step_over_zmq(way, None if name == "open" else token) for name, way in ways.items()}
+            turns: dict[str, list[tuple[float, float]]] = {name: [] for name in ways}
+            for turn in range(16):
+                for name in sorted(steps, reverse=turn % 2 == 1):
+                    before = ways[name].processor_seconds()
+                    taken = statistics.median(steps[name]() for _ in range(25))
+                    turns[name].append((taken, (ways[name].processor_seconds() - before) / 25))
+            for name, of in turns.items():
+                times[name].append(statistics.quantiles([taken for taken, _ in of])[0])
+                used[name].append(statistics.quantiles([processor for _, processor in of])[0])
+    return {name: (statistics.median(times[name]), statistics.median(used[name])) for name in times}
 
 
 # A light step's read, and some ten milliseconds of two cores.
@@ -225,12 +230,12 @@ def over_zmq(running: Server, token: str, work: str) -> tuple[Callable[[], socke
     return partial(asking.dealer, running.zmq, token), asking.message(op, {"id": "bowling-sim", **body})
 
 
-def share(running: Server, tokens: dict[str, str], transport: str, work: str, connections: int, seconds: float) -> float:
-    """What a second client is served of all, over its fair half, while the first floods with 64 connections."""
+def served(running: Server, transport: str, work: str, clients: dict[str, int], seconds: float) -> list[int]:
+    """How often each client is answered, by token, that asks over so many connections without a pause."""
     way, whole = {"http": (over_http, asking.whole_over_http), "zmq": (over_zmq, asking.whole_over_zmq)}[transport]
     floods = []
-    for name, count in (("ann", 64), ("bob", connections)):
-        connect, request = way(running, tokens[name], work)
+    for token, count in clients.items():
+        connect, request = way(running, token, work)
         ours, theirs = multiprocessing.Pipe()
         flooding = multiprocessing.Process(
             target=asking.flood, args=(connect, request, whole, count, seconds, theirs), daemon=True
@@ -241,15 +246,30 @@ def share(running: Server, tokens: dict[str, str], transport: str, work: str, co
         assert pipe.recv() == "ready"
     for _, pipe in floods:
         pipe.send("go")
-    first, second = (int(pipe.recv()) for _, pipe in floods)
+    counts = [int(pipe.recv()) for _, pipe in floods]
     for flooding, _ in floods:
         flooding.join()
-    print(f"    {transport}, {work}, {connections} connections against 64: {second} of {first + second}")
-    return 2 * second / (first + second)
+    return counts
+
+
+def share(
+    running: Server, ann: str, bob: str, transport: str, work: str, connections: int, seconds: float
+) -> tuple[float, float]:
+    """What the second client is served of all while the first floods with 64 connections, over its fair half; and over that
+    half or what it can do alone, whichever is less: over few connections it may not ask for its half."""
+    (alone,) = served(running, transport, work, {bob: connections}, seconds)
+    first, second = served(running, transport, work, {ann: 64, bob: connections}, seconds)
+    half = (first + second) / 2
+    over_half, over_wanted = second / half, second / min(half, alone)
+    print(
+        f"    {transport}, {work}, {connections} connections against 64: {second} of {first + second}, alone {alone}: "
+        f"{over_half:.2f} of its half, {over_wanted:.2f} of what it could have"
+    )
+    return over_half, over_wanted
 
 
 def share_of_jobs(running: Server, tokens: dict[str, str]) -> float:
-    """The same of jobs: the first has 40 in the queue when the second queues 8."""
+    """The share over the fair half of jobs: the first has 40 in the queue when the second queues 8."""
     job = {"world": "bowling-sim", "split": "test", "attempts": 20}
     connection = running.connect()
 
@@ -277,19 +297,27 @@ def share_of_jobs(running: Server, tokens: dict[str, str]) -> float:
     return 2 * second / (first + second)
 
 
-def fair(binary: str, seconds: float = 6.0) -> None:
+def fair(binary: str, seconds: float = 4.0) -> None:
     """The least share of all ways to ask."""
     with tempfile.TemporaryDirectory() as place:
         tokens = {name: asking.new_token(binary, place, name) for name in ("ann", "bob")}
         with server(binary, "--data-dir", place, zmq=True) as running:
-            shares = [
-                share(running, tokens, transport, work, connections, seconds)
+            ways = [
+                (transport, work, connections)
                 for transport in ("http", "zmq")
                 for work in ("computing", "light")
-                for connections in (1, 8)
+                for connections in (1, 8, 64)
             ]
+            shares = {way: share(running, tokens["ann"], tokens["bob"], *way, seconds) for way in ways}
             jobs = share_of_jobs(running, tokens)
-    print(f"second client's share of what is served, over its fair half: {min(shares):.2f} at least; of jobs {jobs:.2f}")
+    for transport in ("http", "zmq"):
+        computing = min(half for way, (half, _) in shares.items() if way[:2] == (transport, "computing"))
+        light = min(wanted for way, (_, wanted) in shares.items() if way[:2] == (transport, "light"))
+        print(
+            f"{transport}: the second client's share over its fair half, computing, {computing:.2f} at least; light, over what "
+            f"it could have, {light:.2f} at least"
+        )
+    print(f"jobs: the second client's share over its fair half {jobs:.2f}")
 
 
 def late_work(running: Server) -> None:
@@ -368,11 +396,15 @@ def main() -> None:
             print(f"p99 of another client's step: quiet {1000 * quiet:.2f} ms, meanwhile {1000 * meanwhile:.2f} ms")
     if "cost" in wanted:
         for transport in ("http", "zmq"):
-            step, guarded, kept = cost(arguments.binary, transport)
-            print(
-                f"{transport}: a step takes {1e6 * step:.0f} us; with a token and a line of the log {100 * guarded:+.1f} %, "
-                f"with a data directory besides {100 * kept:+.1f} %"
-            )
+            found = cost(arguments.binary, transport)
+            step, used = found["open"]
+            print(f"{transport}: a step takes {1e6 * step:.0f} us; processor time of a reset and a step {1e6 * used:.0f} us")
+            for name, what in (("guarded", "a token and a line of the log"), ("kept", "a data directory besides")):
+                more = found[name][1] - used
+                print(
+                    f"    with {what} {1e6 * more:+.1f} us of processor time, {100 * more / 2 / step:+.1f} % of a step by request, "
+                    f"{100 * more / used:+.1f} % of the server's own; timed {100 * (found[name][0] / step - 1):+.1f} %"
+                )
     if "fair" in wanted:
         fair(arguments.binary)
     if "memory" in wanted:

@@ -51,6 +51,7 @@ def over_http(running: Server, headers: dict[str, str]) -> Iterator[None]:
         yield
         expect(200, "POST", "/v1/policies/random/act", {"task": "bowling:003", "count": 5})
         expect(404, "GET", f"/v1/worlds/none-{n}")
+        expect(200, "POST", f"/v1/worlds/{world}/reset", {})
         expect(422, "POST", f"/v1/worlds/{world}/step", {"action": [2.0, 0.0, 0.0]})
         expect(204, "DELETE", f"/v1/worlds/{world}")
         yield
