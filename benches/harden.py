@@ -327,21 +327,18 @@ def late_work(running: Server) -> None:
     film = urllib.parse.urlencode({"view": "filmstrip", "action": "0.5,0.1", "width": 4096})
     scene = urllib.parse.urlencode({"view": "scene", "width": 4096})
     many = {"task": "bowling:000", "count": 10_000}
-    # 15 MB of 400 recorded launches of a ball.
-    launch = "t,x,y\n" + "".join(f"{i / 1000:.6f},{3 * i / 1000:.9f},{5 - 4.9 * i * i / 1e6:.9f}\n" for i in range(1000))
-    tracks = {f"launch{n}.csv": launch for n in range(400)}
-    diagnosis = {"ball": {"radius": 0.02, "mass": 0.0027}, "trials": tracks}
     worlds = {"task": "bowling", "kind": "sim", "count": 4000}
     for name, method, path, body in (
         ("a picture of 4096 px", "GET", f"/v1/worlds/{long}/render?{scene}", None),
         ("a film of 4096 px", "GET", f"/v1/worlds/{long}/render?{film}", None),
         ("the ranking of 10,000 actions", "POST", "/v1/policies/random/act", many),
-        ("15 MB of recordings taken in", "POST", "/v1/diagnoses", diagnosis),
         ("4000 worlds made", "POST", "/v1/batch/worlds", worlds),
     ):
         worst = 0.0
         for deadline in (0.01, 0.03, 0.1, 0.2):
             status, _ = ask(connection, method, path, body, X_Deadline=str(deadline))
+            if status != 503:
+                continue
             given_up, before = time.perf_counter(), processor_time(running.pid)
             since, used = given_up, before
             while time.perf_counter() - since < 0.1:
@@ -349,7 +346,7 @@ def late_work(running: Server) -> None:
                 if now > used:
                     since, used = time.perf_counter(), now
                 time.sleep(0.002)
-            worst = max(worst, since - given_up) if status == 503 else worst
+            worst = max(worst, since - given_up)
         print(f"{name}: computes on for {1000 * worst:.0f} ms at most after its deadline")
 
 

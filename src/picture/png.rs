@@ -1,8 +1,10 @@
 //! SVG to pixels, by resvg. Text is drawn in DejaVu Sans, which is built in: the machine's own fonts are never asked, so
 //! that pictures are the same everywhere.
 
+use std::io::Write;
 use std::sync::{Arc, OnceLock};
 
+use png::{BitDepth, ColorType, Encoder};
 use resvg::tiny_skia::{Color, Pixmap, PixmapMut, Transform};
 use resvg::usvg::{ImageHrefResolver, Options, Tree, fontdb};
 
@@ -26,8 +28,25 @@ pub fn svg_to_png_within(budget: &dyn Budget, svg: &str, width: u32) -> Result<V
         return Err(Error::input("width", width, allowed));
     }
     let pixmap = draw(&tree, width, height.max(1.0) as u32, budget)?;
-    budget.look()?;
-    pixmap.encode_png().map_err(|e| Error::Failed(format!("encoding the PNG: {e}")))
+    encoded(&pixmap, budget)
+}
+
+/// As a PNG file, strip by strip. Drawn over opaque white, so every pixel is opaque and needs no demultiplying.
+fn encoded(pixmap: &Pixmap, budget: &dyn Budget) -> Result<Vec<u8>> {
+    let failed = |e: &dyn std::fmt::Display| Error::Failed(format!("encoding the PNG: {e}"));
+    let mut bytes = Vec::new();
+    let mut encoder = Encoder::new(&mut bytes, pixmap.width(), pixmap.height());
+    encoder.set_color(ColorType::Rgba);
+    encoder.set_depth(BitDepth::Eight);
+    let mut writer = encoder.write_header().map_err(|e| failed(&e))?;
+    let mut rows = writer.stream_writer().map_err(|e| failed(&e))?;
+    for strip in pixmap.data().chunks((4 * pixmap.width() * STRIP) as usize) {
+        budget.look()?;
+        rows.write_all(strip).map_err(|e| failed(&e))?;
+    }
+    rows.finish().map_err(|e| failed(&e))?;
+    drop(writer);
+    Ok(bytes)
 }
 
 /// `height` x `width` x 3 bytes, rows from the top, red green blue; the picture is scaled to fit (both sizes
@@ -77,7 +96,7 @@ fn fonts() -> Arc<fontdb::Database> {
 }
 
 /// Height of a strip, px; one at the largest width takes some ten milliseconds.
-const STRIP: u32 = 512;
+const STRIP: u32 = 256;
 
 fn draw(tree: &Tree, width: u32, height: u32, budget: &dyn Budget) -> Result<Pixmap> {
     let mut pixmap = Pixmap::new(width, height)
@@ -98,6 +117,8 @@ fn draw(tree: &Tree, width: u32, height: u32, budget: &dyn Budget) -> Result<Pix
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::{AtomicU32, Ordering};
+
     use super::*;
 
     const HALVES: &str = r##"<svg xmlns="http://www.w3.org/2000/svg" width="20" height="10" viewBox="0 0 20 10">
@@ -115,6 +136,28 @@ mod tests {
         let square = svg_to_rgb(HALVES, 40, 40).unwrap();
         let at = |x: usize, y: usize| square[(y * 40 + x) * 3 + 1];
         assert_eq!((at(5, 5), at(5, 20), at(5, 35)), (255, 0, 255));
+    }
+
+    #[test]
+    fn strips_join_without_a_seam_and_a_budget_ends_the_drawing_between_them() {
+        struct Looks(AtomicU32);
+        impl Budget for Looks {
+            fn look(&self) -> Result<()> {
+                if self.0.fetch_sub(1, Ordering::Relaxed) == 0 { Err(Error::Cancelled) } else { Ok(()) }
+            }
+        }
+        let disc = "<svg xmlns='http://www.w3.org/2000/svg' width='10' height='10'><circle cx='5' cy='5' r='4'/></svg>";
+        let rgb = svg_to_rgb(disc, 4 * STRIP, 4 * STRIP).unwrap();
+        let row = |y: u32| &rgb[(y * 4 * STRIP * 3) as usize..][..(4 * STRIP * 3) as usize];
+        // A disc is its own mirror image: rows on both sides of a seam have partners away from one.
+        for y in 1..4 * STRIP {
+            let differ =
+                row(y - 1).iter().zip(row(4 * STRIP - y)).filter(|(a, b)| a.abs_diff(**b) > 2).count();
+            assert!(differ <= 6, "row {y}: {differ}");
+        }
+        let drawn = |looks| svg_to_png_within(&Looks(AtomicU32::new(looks)), disc, 4 * STRIP).is_ok();
+        // Four strips are drawn, and four are written.
+        assert_eq!([3, 4, 7, 8].map(drawn), [false, false, false, true]);
     }
 
     #[test]

@@ -37,7 +37,7 @@ const ROOMS: [&str; 21] = [
 const LAST: &str = "serve";
 
 /// A crate and the only places that may name it.
-const HOMES: [(&str, &[&str]); 18] = [
+const HOMES: [(&str, &[&str]); 19] = [
     ("rapier2d", &["world"]),
     ("dfdx", &["policy"]),
     ("safetensors", &["policy"]),
@@ -55,6 +55,7 @@ const HOMES: [(&str, &[&str]); 18] = [
     ("libc", &["serve"]),
     ("hyper_util", &["serve"]),
     ("plotters", &["picture"]),
+    ("png", &["picture"]),
     ("resvg", &["picture"]),
 ];
 
