@@ -66,7 +66,9 @@ def ask(
     said = None if body is None else json.dumps(body)
     connection.request(method, path, said, {name.replace("_", "-"): value for name, value in headers.items()})
     answer = connection.getresponse()
-    return answer.status, json.loads(answer.read() or b"{}")
+    is_json = "json" in answer.headers.get("Content-Type", "")
+    told = answer.read()
+    return answer.status, json.loads(told) if is_json and told else {}
 
 
 def packed(value: object) -> bytes:

@@ -38,7 +38,8 @@ impl Watcher {
     pub async fn next(&mut self) -> Option<(u64, Job)> {
         loop {
             if let Some(job) = self.ended.take() {
-                return (job.row.events > self.seen).then_some((job.row.events, job));
+                let seen = std::mem::replace(&mut self.seen, job.row.events);
+                return (job.row.events > seen).then_some((job.row.events, job));
             }
             self.changed.borrow_and_update();
             {

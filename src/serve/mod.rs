@@ -93,18 +93,12 @@ pub async fn serve(config: ServeConfig) -> Result<()> {
     server.run(signal).await
 }
 
-/// Tasks that a thread goes on with before it looks whether something has come. Tokio's own 61 keep one connection waiting behind
-/// as many of another's.
-const BETWEEN_EVENTS: u32 = 8;
-
 /// [`serve`] on a runtime of its own; returns without waiting for work that does not notice the stop.
 pub fn serve_blocking(config: ServeConfig) -> Result<()> {
     memory::set_up();
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .enable_all()
         .max_blocking_threads(Fair::threads())
-        // Whoever asks little is heard though those who ask much keep the threads busy.
-        .event_interval(BETWEEN_EVENTS)
         .build()
         .map_err(|e| Error::Failed(format!("no threads to serve with: {e}")))?;
     let done = runtime.block_on(serve(config));
