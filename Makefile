@@ -11,7 +11,8 @@ CARGO := cargo
 # Tests run every way the batched kernel can be compiled; one feature set for all of them, so that nothing is built twice.
 LEVELS := --features levels
 
-.PHONY: run test test-rust test-python test-clients test-examples lint damage kill bench bench-wire bench-hold openapi tasks web web-check test-web clean help
+.PHONY: run test test-rust test-python test-clients test-examples lint damage kill bench bench-wire bench-hold harden soak openapi tasks \
+	web web-check test-web clean help
 
 help:
 	@sed -n 's/^# //p' Makefile
@@ -83,6 +84,17 @@ SECONDS := 20
 bench-hold: $(VENV)/.installed
 	$(CARGO) build --release --locked --bin iplw
 	$(PYTHON) benches/hold.py --seconds $(SECONDS)
+
+# The figures of SECURITY.md.
+harden:
+	$(CARGO) build --release --locked --bin iplw
+	python3 benches/harden.py
+
+# A mixed load for so long, and whether memory grows.
+MINUTES := 60
+soak:
+	$(CARGO) build --release --locked --bin iplw
+	python3 benches/soak.py --minutes $(MINUTES)
 
 openapi:
 	$(CARGO) build --locked $(LEVELS) --bin iplw --examples

@@ -1,8 +1,8 @@
 """What a server does with those who ask too much, leave, or take their time; the figures of SECURITY.md.
 
-    python benches/harden.py [--binary target/release/iplw] [--half-open 2000]
+    python benches/harden.py [--binary target/release/iplw] [--half-open 2000] [--only fair]
 
-Only the standard library; a server of its own on a free port of this machine. About half a minute.
+Only the standard library; servers of their own on free ports of this machine. About three minutes.
 """
 
 from __future__ import annotations
@@ -11,43 +11,23 @@ import argparse
 import contextlib
 import http.client
 import json
+import multiprocessing
 import os
 import resource
 import select
 import socket
 import statistics
-import subprocess
 import tempfile
 import time
-from collections.abc import Iterator
+import urllib.parse
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
+import asking
+from asking import Server, ask, server
+
 HEADER_SECONDS = 3
-
-
-@contextlib.contextmanager
-def server(binary: str, *arguments: str, limits: dict[str, float] | None = None) -> Iterator[tuple[int, int]]:
-    """Port and process number of a server."""
-    with tempfile.TemporaryDirectory() as place:
-        file = Path(place, "limits.json")
-        file.write_text(json.dumps(limits or {}))
-        command = [binary, "serve", "--http", "127.0.0.1:0", "--limits", str(file), *arguments]
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-        try:
-            assert process.stdout is not None
-            yield int(process.stdout.readline().rsplit(":", 1)[1]), process.pid
-        finally:
-            process.terminate()
-            process.wait()
-
-
-def ask(
-    connection: http.client.HTTPConnection, method: str, path: str, body: object = None, **headers: str
-) -> tuple[int, dict[str, object]]:
-    said = None if body is None else json.dumps(body)
-    connection.request(method, path, said, {name.replace("_", "-"): value for name, value in headers.items()})
-    answer = connection.getresponse()
-    return answer.status, json.loads(answer.read() or b"{}")
 
 
 def long_world(connection: http.client.HTTPConnection) -> str:
@@ -160,43 +140,273 @@ def half_open(port: int, count: int) -> tuple[int, float, float]:
     return still, quiet, meanwhile
 
 
-def cost(binary: str) -> float:
-    """How much longer a step takes with a token and a line of the log; medians, in turns."""
+STEP = {"action": [0.5, 0.8, 0.3]}
+
+
+def step_over_http(running: Server, token: str) -> Callable[[], float]:
+    """Times a step; the token is sent to whoever asks for none as well, so that the client does the same."""
+    connection, headers = running.connect(), {"Authorization": f"Bearer {token}"}
+
+    def step() -> float:
+        ask(connection, "POST", "/v1/worlds/bowling-sim/reset", {"seed": 1}, **headers)
+        begun = time.perf_counter()
+        status, _ = ask(connection, "POST", "/v1/worlds/bowling-sim/step", STEP, **headers)
+        taken = time.perf_counter() - begun
+        assert status == 200
+        return taken
+
+    return step
+
+
+def step_over_zmq(running: Server, token: str | None) -> Callable[[], float]:
+    assert running.zmq is not None
+    one = asking.dealer(running.zmq, token)
+    reset = asking.message("reset_world", {"id": "bowling-sim", "seed": 1})
+    step_world = asking.message("step_world", {"id": "bowling-sim", **STEP})
+
+    def step() -> float:
+        one.sendall(reset)
+        asking.frame(one)
+        begun = time.perf_counter()
+        one.sendall(step_world)
+        answer = asking.frame(one)[1]
+        taken = time.perf_counter() - begun
+        assert asking.whole_over_zmq(b"\x02" + len(answer).to_bytes(8, "big") + answer)
+        return taken
+
+    return step
+
+
+def cost(binary: str, transport: str, servers: int = 12) -> dict[str, tuple[float, float]]:
+    """A step's time as its client sees it, and the server's processor time for it and the reset before, s: where nobody is asked;
+    with a token and a line of the log; with a data directory besides. Lower quartiles of turns of 25, one way after the other;
+    medians over so many servers of each, which differ by where their threads come to lie."""
+    times: dict[str, list[float]] = {"open": [], "guarded": [], "kept": []}
+    used: dict[str, list[float]] = {name: [] for name in times}
+    for _ in range(servers):
+        with tempfile.TemporaryDirectory() as place, contextlib.ExitStack() as stack:
+            token = asking.new_token(binary, place, "bench")
+            guards = ["--log", "json", "--token-file", str(Path(place, "tokens.json"))]
+            options = {"open": [], "guarded": guards, "kept": ["--log", "json", "--data-dir", place]}
+            ways = {name: stack.enter_context(server(binary, *more, zmq=True)) for name, more in options.items()}
+            if transport == "http":
+                steps = {name: step_over_http(way, token) for name, way in ways.items()}
+            else:
+                steps = {name: step_over_zmq(way, None if name == "open" else token) for name, way in ways.items()}
+            turns: dict[str, list[tuple[float, float]]] = {name: [] for name in ways}
+            for turn in range(16):
+                for name in sorted(steps, reverse=turn % 2 == 1):
+                    before = ways[name].processor_seconds()
+                    taken = statistics.median(steps[name]() for _ in range(25))
+                    turns[name].append((taken, (ways[name].processor_seconds() - before) / 25))
+            for name, of in turns.items():
+                times[name].append(statistics.quantiles([taken for taken, _ in of])[0])
+                used[name].append(statistics.quantiles([processor for _, processor in of])[0])
+    return {name: (statistics.median(times[name]), statistics.median(used[name])) for name in times}
+
+
+# A light step's read, and some ten milliseconds of two cores.
+WORK: dict[str, tuple[str, str, str, dict[str, object]]] = {
+    "light": ("get_world", "GET", "/v1/worlds/bowling-sim", {}),
+    "computing": (
+        "rollout_world",
+        "POST",
+        "/v1/worlds/bowling-sim/rollout",
+        {"task": "bowling:001", "actions": [7 * i for i in range(64)]},
+    ),
+}
+
+
+def over_http(running: Server, token: str, work: str) -> tuple[Callable[[], socket.socket], bytes]:
+    _, method, path, body = WORK[work]
+    said = json.dumps(body) if body else ""
+    head = f"{method} {path} HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {token}\r\nContent-Length: {len(said)}\r\n\r\n"
+    return partial(socket.create_connection, ("127.0.0.1", running.http)), (head + said).encode()
+
+
+def over_zmq(running: Server, token: str, work: str) -> tuple[Callable[[], socket.socket], bytes]:
+    assert running.zmq is not None
+    op, _, _, body = WORK[work]
+    return partial(asking.dealer, running.zmq, token), asking.message(op, {"id": "bowling-sim", **body})
+
+
+def served(running: Server, transport: str, work: str, clients: dict[str, int], seconds: float) -> list[int]:
+    """How often each client is answered, by token, that asks over so many connections without a pause."""
+    way, whole = {"http": (over_http, asking.whole_over_http), "zmq": (over_zmq, asking.whole_over_zmq)}[transport]
+    floods = []
+    for token, count in clients.items():
+        connect, request = way(running, token, work)
+        ours, theirs = multiprocessing.Pipe()
+        flooding = multiprocessing.Process(
+            target=asking.flood, args=(connect, request, whole, count, seconds, theirs), daemon=True
+        )
+        flooding.start()
+        floods.append((flooding, ours))
+    for _, pipe in floods:
+        assert pipe.recv() == "ready"
+    for _, pipe in floods:
+        pipe.send("go")
+    counts = [int(pipe.recv()) for _, pipe in floods]
+    for flooding, _ in floods:
+        flooding.join()
+    return counts
+
+
+def share(
+    running: Server, ann: str, bob: str, transport: str, work: str, connections: int, seconds: float
+) -> tuple[float, float]:
+    """What the second client is served of all while the first floods with 64 connections, over its fair half; and over that
+    half or what it can do alone, whichever is less: over few connections it may not ask for its half."""
+    (alone,) = served(running, transport, work, {bob: connections}, seconds)
+    first, second = served(running, transport, work, {ann: 64, bob: connections}, seconds)
+    half = (first + second) / 2
+    over_half, over_wanted = second / half, second / min(half, alone)
+    print(
+        f"    {transport}, {work}, {connections} connections against 64: {second} of {first + second}, alone {alone}: "
+        f"{over_half:.2f} of its half, {over_wanted:.2f} of what it could have"
+    )
+    return over_half, over_wanted
+
+
+def share_of_jobs(running: Server, tokens: dict[str, str]) -> float:
+    """The share over the fair half of jobs: the first has 40 in the queue when the second queues 8."""
+    job = {"world": "bowling-sim", "split": "test", "attempts": 20}
+    connection = running.connect()
+
+    def queue(name: str) -> int:
+        headers = {"Authorization": f"Bearer {tokens[name]}"}
+        status, made = ask(connection, "POST", "/v1/policies/random/evaluate", job, **headers)
+        assert status == 202, made
+        return int(str(made["id"]).removeprefix("job-"))
+
+    def ended(name: str) -> int:
+        headers = {"Authorization": f"Bearer {tokens[name]}"}
+        jobs = ask(connection, "GET", "/v1/jobs?limit=1000", **headers)[1]["jobs"]
+        assert isinstance(jobs, list)
+        return sum(row["state"] == "succeeded" for row in jobs)
+
+    for _ in range(40):
+        queue("ann")
+    before = ended("ann")
+    for _ in range(8):
+        queue("bob")
+    while (second := ended("bob")) < 8:
+        time.sleep(0.02)
+    first = ended("ann") - before
+    print(f"    jobs, 8 against 40: {second} of {first + second}")
+    return 2 * second / (first + second)
+
+
+def fair(binary: str, seconds: float = 4.0) -> None:
+    """The least share of all ways to ask."""
     with tempfile.TemporaryDirectory() as place:
-        new = [binary, "token", "new", "bench", "--may", "act", "--data-dir", place]
-        token = subprocess.run(new, check=True, capture_output=True, text=True).stdout.strip()
-        with contextlib.ExitStack() as stack:
-            plain, _ = stack.enter_context(server(binary))
-            guarded, _ = stack.enter_context(server(binary, "--data-dir", place, "--log", "json"))
-            ways = {
-                "plain": (http.client.HTTPConnection("127.0.0.1", plain), {}),
-                "guarded": (http.client.HTTPConnection("127.0.0.1", guarded), {"Authorization": f"Bearer {token}"}),
-            }
-            times: dict[str, list[float]] = {"plain": [], "guarded": []}
-            for _ in range(30):
-                for name, (connection, headers) in ways.items():
-                    for _ in range(50):
-                        ask(connection, "POST", "/v1/worlds/bowling-sim/reset", {"seed": 1}, **headers)
-                        begun = time.perf_counter()
-                        ask(connection, "POST", "/v1/worlds/bowling-sim/step", {"action": [0.5, 0.8, 0.3]}, **headers)
-                        times[name].append(time.perf_counter() - begun)
-            return statistics.median(times["guarded"]) / statistics.median(times["plain"]) - 1
+        tokens = {name: asking.new_token(binary, place, name) for name in ("ann", "bob")}
+        with server(binary, "--data-dir", place, zmq=True) as running:
+            ways = [
+                (transport, work, connections)
+                for transport in ("http", "zmq")
+                for work in ("computing", "light")
+                for connections in (1, 8, 64)
+            ]
+            shares = {way: share(running, tokens["ann"], tokens["bob"], *way, seconds) for way in ways}
+            jobs = share_of_jobs(running, tokens)
+    for transport in ("http", "zmq"):
+        computing = min(half for way, (half, _) in shares.items() if way[:2] == (transport, "computing"))
+        light = min(wanted for way, (_, wanted) in shares.items() if way[:2] == (transport, "light"))
+        print(
+            f"{transport}: the second client's share over its fair half, computing, {computing:.2f} at least; light, over what "
+            f"it could have, {light:.2f} at least"
+        )
+    print(f"jobs: the second client's share over its fair half {jobs:.2f}")
+
+
+def late_work(running: Server) -> None:
+    """How long the server computes on after it has given an answer up, for what is not a simulation."""
+    connection = running.connect()
+    long = long_world(connection)
+    film = urllib.parse.urlencode({"view": "filmstrip", "action": "0.5,0.1", "width": 4096})
+    scene = urllib.parse.urlencode({"view": "scene", "width": 4096})
+    many = {"task": "bowling:000", "count": 10_000}
+    worlds = {"task": "bowling", "kind": "sim", "count": 4000}
+    for name, method, path, body in (
+        ("a picture of 4096 px", "GET", f"/v1/worlds/{long}/render?{scene}", None),
+        ("a film of 4096 px", "GET", f"/v1/worlds/{long}/render?{film}", None),
+        ("the ranking of 10,000 actions", "POST", "/v1/policies/random/act", many),
+        ("4000 worlds made", "POST", "/v1/batch/worlds", worlds),
+    ):
+        worst = 0.0
+        for deadline in (0.01, 0.03, 0.1, 0.2):
+            status, _ = ask(connection, method, path, body, X_Deadline=str(deadline))
+            if status != 503:
+                continue
+            given_up, before = time.perf_counter(), processor_time(running.pid)
+            since, used = given_up, before
+            while time.perf_counter() - since < 0.1:
+                now = processor_time(running.pid)
+                if now > used:
+                    since, used = time.perf_counter(), now
+                time.sleep(0.002)
+            worst = max(worst, since - given_up)
+        print(f"{name}: computes on for {1000 * worst:.0f} ms at most after its deadline")
+
+
+def after_jobs(binary: str, count: int = 66) -> tuple[float, float, float]:
+    """Resident memory before, at most while, and a sweep after a flood of jobs, MB."""
+    with tempfile.TemporaryDirectory() as place, server(binary, "--data-dir", place) as running:
+        connection = running.connect()
+        ask(connection, "GET", "/v1/worlds")
+        before = most = running.resident()
+        estimate = {"task": "bowling", "rounds": 1, "actions": 6, "samples": 64}
+        for seed in range(count):
+            status, said = ask(connection, "POST", "/v1/iplw", {**estimate, "seed": seed})
+            assert status == 202, said
+        while True:
+            most = max(most, running.resident())
+            jobs = ask(connection, "GET", "/v1/jobs?limit=1000")[1]["jobs"]
+            assert isinstance(jobs, list)
+            if all(row["state"] not in ("queued", "running") for row in jobs):
+                assert all(row["state"] == "succeeded" for row in jobs)
+                break
+            time.sleep(0.2)
+        time.sleep(12.0)
+        return before, most, running.resident()
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--binary", default="target/release/iplw")
     parser.add_argument("--half-open", type=int, default=2000)
+    parser.add_argument("--only", choices=["time", "cost", "fair", "memory"], action="append")
     arguments = parser.parse_args()
+    wanted = arguments.only or ["time", "cost", "fair", "memory"]
     _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
-    with server(arguments.binary, limits={"header_seconds": HEADER_SECONDS}) as (port, pid):
-        print(f"answered after its deadline: {1000 * beyond_deadline(port):.1f} ms")
-        print(f"core freed after the client is gone: {1000 * freed(port, pid):.0f} ms")
-        still, quiet, meanwhile = half_open(port, arguments.half_open)
-        print(f"{arguments.half_open} half-open connections, still open after the header's time: {still}")
-        print(f"cost of a token and a line of the log on a step: {100 * cost(arguments.binary):.1f} %")
-        print(f"p99 of another client's step: quiet {1000 * quiet:.2f} ms, meanwhile {1000 * meanwhile:.2f} ms")
+    if "time" in wanted:
+        # All half-open connections are one client's here.
+        limits = {"header_seconds": HEADER_SECONDS, "client_connections": 4096}
+        with server(arguments.binary, limits=limits) as running:
+            print(f"answered after its deadline: {1000 * beyond_deadline(running.http):.1f} ms")
+            print(f"core freed after the client is gone: {1000 * freed(running.http, running.pid):.0f} ms")
+            late_work(running)
+            still, quiet, meanwhile = half_open(running.http, arguments.half_open)
+            print(f"{arguments.half_open} half-open connections, still open after the header's time: {still}")
+            print(f"p99 of another client's step: quiet {1000 * quiet:.2f} ms, meanwhile {1000 * meanwhile:.2f} ms")
+    if "cost" in wanted:
+        for transport in ("http", "zmq"):
+            found = cost(arguments.binary, transport)
+            step, used = found["open"]
+            print(f"{transport}: a step takes {1e6 * step:.0f} us; processor time of a reset and a step {1e6 * used:.0f} us")
+            for name, what in (("guarded", "a token and a line of the log"), ("kept", "a data directory besides")):
+                more = found[name][1] - used
+                print(
+                    f"    with {what} {1e6 * more:+.1f} us of processor time, {100 * more / 2 / step:+.1f} % of a step by request, "
+                    f"{100 * more / used:+.1f} % of the server's own; timed {100 * (found[name][0] / step - 1):+.1f} %"
+                )
+    if "fair" in wanted:
+        fair(arguments.binary)
+    if "memory" in wanted:
+        before, most, after = after_jobs(arguments.binary)
+        print(f"resident memory: {before:.1f} MB, in a flood of 66 jobs {most:.1f} MB, after it {after:.1f} MB")
 
 
 if __name__ == "__main__":

@@ -99,6 +99,30 @@ impl TokenFile {
         Ok(done)
     }
 
+    /// Adds a token; errors if its name has one.
+    pub fn add(&self, kept: &Kept) -> Result<()> {
+        self.change(|all| {
+            if all.iter().any(|k| k.name == kept.name) {
+                let allowed = "a name without a token: revoke that one first";
+                return Err(Error::input("name", format!("{:?}", kept.name), allowed));
+            }
+            all.push(kept.clone());
+            Ok(())
+        })
+    }
+
+    /// Takes a token back; errors if there is none of the name.
+    pub fn revoke(&self, name: &str) -> Result<()> {
+        self.change(|all| {
+            let known: Vec<String> = all.iter().map(|k| k.name.clone()).collect();
+            all.retain(|k| k.name != name);
+            if all.len() == known.len() {
+                return Err(Error::NotFound { kind: "token", id: name.into(), known });
+            }
+            Ok(())
+        })
+    }
+
     fn locked(&self) -> Result<File> {
         if let Some(directory) = self.path.parent().filter(|p| !p.as_os_str().is_empty()) {
             make_private_directory(directory)?;

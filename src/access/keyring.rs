@@ -7,7 +7,7 @@ use std::time::SystemTime;
 use super::file::TokenFile;
 use super::scope::Who;
 use super::token::{Digest, Kept};
-use crate::error::Result;
+use crate::error::{Error, Result};
 
 /// Every token that is good for a server, or the word that none is asked for.
 pub struct Keyring {
@@ -76,6 +76,52 @@ impl Keyring {
         if stamp == before { Ok(()) } else { self.read() }
     }
 
+    /// Every token, and whether it cannot be revoked; none where nobody is asked for one.
+    pub fn all(&self) -> Vec<(Kept, bool)> {
+        let known = self.known.read().unwrap_or_else(PoisonError::into_inner);
+        let all = known.tokens.iter().flatten();
+        all.map(|kept| (kept.clone(), self.is_fixed(&kept.name))).collect()
+    }
+
+    /// Adds a token to the file: it is good from now on.
+    pub fn add(&self, kept: &Kept) -> Result<()> {
+        let refuse = |reason: &str| Err(Error::Refused { reason: reason.into() });
+        if !self.asks() {
+            return refuse(
+                "the server asks nobody for a token, so that whoever made the first would shut out the others:                  make it beside the server, by `iplw token new NAME --may admin --data-dir DIR`",
+            );
+        }
+        let Some(file) = &self.file else {
+            return refuse(
+                "the server has no file to keep tokens in: start it with --data-dir DIR or --token-file FILE",
+            );
+        };
+        if self.is_fixed(&kept.name) {
+            let allowed = "a name without a token: this one has one that the server was started with";
+            return Err(Error::input("name", format!("{:?}", kept.name), allowed));
+        }
+        file.add(kept)?;
+        self.read()
+    }
+
+    /// Takes a token out of the file: it is good no longer.
+    pub fn revoke(&self, name: &str) -> Result<()> {
+        if self.is_fixed(name) {
+            let reason =
+                format!("the token {name} was given to the server when it was started; start it without");
+            return Err(Error::Refused { reason });
+        }
+        match &self.file {
+            Some(file) if self.asks() => file.revoke(name)?,
+            _ => return Err(Error::NotFound { kind: "token", id: name.into(), known: Vec::new() }),
+        }
+        self.read()
+    }
+
+    fn is_fixed(&self, name: &str) -> bool {
+        self.fixed.iter().flatten().any(|kept| kept.name == name)
+    }
+
     fn read(&self) -> Result<()> {
         let stamp = self.file.as_ref().and_then(|f| std::fs::metadata(f.path()).ok()).map(|m| stamp(&m));
         let read = self.file.as_ref().map(TokenFile::read).transpose()?.flatten();
@@ -115,6 +161,31 @@ mod tests {
         assert_eq!(who("two", 1 << 40).unwrap().scope, Scope::Read);
         assert_eq!(who("three", 0), Err(Unknown::Wrong));
         assert_eq!(ring.who(None, 0), Err(Unknown::Missing));
+    }
+
+    #[test]
+    fn tokens_come_and_go_in_the_file_and_those_given_stay() {
+        let place = tempfile::tempdir().unwrap();
+        let file = || Some(TokenFile::of_directory(place.path()));
+        let open = Keyring::new(file(), None).unwrap();
+        let ann = kept("ann", "one", Scope::Act, None);
+        assert!(matches!(open.add(&ann), Err(Error::Refused { .. })), "nobody is shut out");
+        assert!(matches!(open.revoke("ann"), Err(Error::NotFound { .. })));
+        let root = kept("root", "zero", Scope::Admin, None);
+        let without = Keyring::new(None, Some(vec![root.clone()])).unwrap();
+        assert!(matches!(without.add(&ann), Err(Error::Refused { .. })));
+        let ring = Keyring::new(file(), Some(vec![root.clone()])).unwrap();
+        ring.add(&ann).unwrap();
+        assert!(ring.who(Some(&digest(b"one")), 0).is_ok());
+        for taken in [&ann, &root] {
+            assert!(matches!(ring.add(taken), Err(Error::Input(_))));
+        }
+        let all: Vec<(String, bool)> = ring.all().into_iter().map(|(k, fixed)| (k.name, fixed)).collect();
+        assert_eq!(all, [("ann".to_string(), false), ("root".to_string(), true)]);
+        assert!(matches!(ring.revoke("root"), Err(Error::Refused { .. })));
+        ring.revoke("ann").unwrap();
+        assert_eq!(ring.who(Some(&digest(b"one")), 0), Err(Unknown::Wrong));
+        assert!(matches!(ring.revoke("ann"), Err(Error::NotFound { .. })));
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! `iplw serve` and `iplw openapi`.
 
-use std::io::Read;
+use std::io::{Read, Write};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -100,7 +100,7 @@ pub fn run(args: &Args) -> Result<()> {
     }
     let log = match &args.log {
         None => Log::default(),
-        Some(form) => Log::new(LogForm::from_name("--log", form)?, Arc::new(|line| eprintln!("{line}"))),
+        Some(form) => Log::new(LogForm::from_name("--log", form)?, Arc::new(to_stderr)),
     };
     // What the server notices goes to stderr; RUST_LOG says how much of it.
     let asked = std::env::var("RUST_LOG").ok().and_then(|text| text.parse::<Targets>().ok());
@@ -122,6 +122,13 @@ pub fn run(args: &Args) -> Result<()> {
         allow_origin: args.allow_origin.clone(),
         ..ServeConfig::default()
     })
+}
+
+/// A line in one piece: in two, another process's could come between them.
+fn to_stderr(line: &str) {
+    let whole = [line.as_bytes(), b"\n"].concat();
+    // Nobody reading it is no reason not to serve.
+    let _ = std::io::stderr().lock().write_all(&whole);
 }
 
 /// A variable of the environment, if it is set to something.

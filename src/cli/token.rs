@@ -88,14 +88,7 @@ fn new(name: &str, may: &str, expires: &str, place: &Place) -> Result<()> {
     let kept = Kept { name: name.into(), scope, digest: digest(token.as_bytes()), made, expires };
     match place.file() {
         Some(file) => {
-            file.change(|all| {
-                if all.iter().any(|k| k.name == name) {
-                    let allowed = "a name without a token: revoke that one first";
-                    return Err(Error::input("name", format!("{name:?}"), allowed));
-                }
-                all.push(kept);
-                Ok(())
-            })?;
+            file.add(&kept)?;
             let until = expires.map_or("for ever".into(), |at| format!("until {}", written(at)));
             eprintln!(
                 "{name} may {may} {until}; kept in {}. The token is shown this once:",
@@ -126,12 +119,5 @@ fn list(place: &Place) -> Result<()> {
 }
 
 fn revoke(name: &str, place: &Place) -> Result<()> {
-    place.needed()?.change(|all| {
-        let known: Vec<String> = all.iter().map(|k| k.name.clone()).collect();
-        all.retain(|k| k.name != name);
-        if all.len() == known.len() {
-            return Err(Error::NotFound { kind: "token", id: name.into(), known });
-        }
-        Ok(())
-    })
+    place.needed()?.revoke(name)
 }

@@ -15,6 +15,8 @@ use crate::store::{JobRow, JobState};
 /// A job at hand.
 pub struct Live {
     pub row: JobRow,
+    /// Whose turn it takes: its owner's, or of whoever asked for it where nobody is known.
+    pub client: String,
     pub work: Option<Work>,
     /// Set by its owner.
     pub cancel: Arc<AtomicBool>,
@@ -23,6 +25,8 @@ pub struct Live {
     pub pace: Pace,
     pub events: VecDeque<Event>,
     pub changed: channel::Sender<u64>,
+    /// Of its row as JSON, bytes; known once it has ended.
+    pub size: usize,
 }
 
 /// Events kept of a running job; a watcher further behind misses the oldest.
@@ -39,14 +43,16 @@ pub struct Event {
 }
 
 impl Live {
-    /// Newly queued, or found in the store.
-    pub fn new(row: JobRow, work: Option<Work>) -> Live {
+    /// Newly queued by somebody at `place`, or found in the store.
+    pub fn new(row: JobRow, place: &str, work: Option<Work>) -> Live {
         Live {
+            client: row.owner.clone().unwrap_or_else(|| place.to_string()),
             events: VecDeque::from([Event::of(&row, None)]),
             changed: channel::Sender::new(row.events),
             cancel: Arc::default(),
             again: false,
             pace: Pace::default(),
+            size: 0,
             work,
             row,
         }

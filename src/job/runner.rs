@@ -65,11 +65,12 @@ impl Runner {
         Ok(Runner { shared, workers: Mutex::new(workers) })
     }
 
-    /// Queues a job of `owner`'s. What `answered` makes of it is kept in the same transaction: the answer to the request.
+    /// Queues a job of `owner`'s, or where nobody is known of somebody at `place`. What `answered` makes of it is kept in the same transaction: the answer to the request.
     pub fn submit(
         &self,
         new: New,
         owner: Option<&str>,
+        place: &str,
         answered: &dyn Fn(Job) -> Option<Answered>,
     ) -> Result<Job> {
         let work = self.shared.make(new.kind, new.plan)?;
@@ -79,14 +80,14 @@ impl Runner {
                 reason: "the server is stopping; send it to the next one".into(),
             });
         }
-        if state.queue.len() >= self.shared.config.queue {
+        if state.is_full(owner.unwrap_or(place), self.shared.config.queue) {
             let advice = "wait for one to end, or cancel one you no longer need";
             return Err(Error::Capacity { what: "waiting jobs", limit: self.shared.config.queue, advice });
         }
         let of = |row: &JobRow| answered(Job::of(row.clone()));
         let row = self.shared.store.add_job(new.kind, new.config, new.plan, new.seed, owner, &of)?;
         state.queue.push_back(row.number);
-        state.live.insert(row.number, Live::new(row.clone(), Some(work)));
+        state.live.insert(row.number, Live::new(row.clone(), place, Some(work)));
         drop(state);
         self.shared.wake.notify_one();
         Ok(Job::of(row))
@@ -292,7 +293,8 @@ mod tests {
     });
 
     fn submit(runner: &Runner, act: &str) -> Result<Job> {
-        runner.submit(New { kind: "act", config: &json!({}), plan: &json!(act), seed: 0 }, None, &|_| None)
+        runner
+            .submit(New { kind: "act", config: &json!({}), plan: &json!(act), seed: 0 }, None, "", &|_| None)
     }
 
     /// The job once it is in this state.

@@ -53,9 +53,64 @@ pub struct Shared {
 /// The jobs.
 #[derive(Default)]
 pub struct State {
+    /// In the order in which they came; [`State::pop`] says which is next.
     pub queue: VecDeque<i64>,
+    /// Clients whose jobs were begun, the latest last.
+    begun: VecDeque<String>,
     /// Jobs that have not ended, and recently ended ones that may be watched.
     pub live: BTreeMap<i64, Live>,
+}
+
+/// Of a full queue, a client with fewer jobs than one in so many of it may have one more: who fills it keeps nobody out.
+const KEPT: usize = 8;
+/// Clients remembered.
+const MOST_BEGUN: usize = 256;
+
+impl State {
+    /// Whether nothing more of this client's is queued, of a queue of so many.
+    pub fn is_full(&self, client: &str, most: usize) -> bool {
+        let own = self.queue.iter().filter(|n| self.live.get(n).is_some_and(|l| l.client == client)).count();
+        self.queue.len() >= most && (own >= most / KEPT || self.queue.len() >= 2 * most)
+    }
+
+    /// Once stored, an ended job is kept here only for its events; forgets the oldest.
+    fn forget(&mut self) {
+        let ended = self.live.iter().rev().filter(|(_, l)| l.row.state.ended());
+        let kept = ended.scan((0, 0), |(count, bytes), (number, live)| {
+            (*count, *bytes) = (*count + 1, *bytes + live.size);
+            Some((*number, *count == 1 || (*count <= KEPT_JOBS && *bytes <= KEPT_BYTES)))
+        });
+        let old: Vec<i64> = kept.filter(|(_, kept)| !kept).map(|(number, _)| number).collect();
+        old.iter().for_each(|number| drop(self.live.remove(number)));
+    }
+
+    /// The next job: of the clients of whom one waits, the one with the fewest running, and of those the one whose turn is
+    /// longest ago; its oldest.
+    fn pop(&mut self) -> Option<i64> {
+        let mut running: BTreeMap<&str, usize> = BTreeMap::new();
+        for live in self.live.values().filter(|l| l.row.state == JobState::Running) {
+            *running.entry(&live.client).or_default() += 1;
+        }
+        let turn = |client: &str| {
+            let last = self.begun.iter().rposition(|c| c == client);
+            (running.get(client).copied().unwrap_or(0), last)
+        };
+        let waiting = self.queue.iter().enumerate();
+        // What is queued and not at hand was cancelled meanwhile.
+        let known = waiting.filter_map(|(at, number)| Some((turn(&self.live.get(number)?.client), at)));
+        let Some((_, at)) = known.min() else {
+            self.queue.clear();
+            return None;
+        };
+        let number = self.queue.remove(at)?;
+        let client = self.live.get(&number)?.client.clone();
+        self.begun.retain(|c| *c != client);
+        self.begun.push_back(client);
+        // Whose last turn is that long ago is as good as new.
+        let many = self.begun.len().saturating_sub(MOST_BEGUN);
+        self.begun.drain(..many);
+        Some(number)
+    }
 }
 
 impl Shared {
@@ -100,7 +155,7 @@ impl Shared {
         }
         row.events += 1;
         self.store.update_job(&row)?;
-        state.live.insert(number, Live::new(row, None));
+        state.live.insert(number, Live::new(row, "", None));
         match work {
             Err(e) => self.end(&mut state, number, Err(e)),
             Ok(_) if waiting => {}
@@ -145,7 +200,7 @@ impl Shared {
             if self.stopping.load(Ordering::SeqCst) {
                 return None;
             }
-            if let Some(number) = state.queue.pop_front() {
+            if let Some(number) = state.pop() {
                 let taken = state.live.get_mut(&number).and_then(|live| {
                     let work = live.work.take()?;
                     live.row.state = JobState::Running;
@@ -210,17 +265,15 @@ impl Shared {
         }
         live.emit(None);
         (self.told)(&live.row);
-        // Once stored, an ended job is kept here only for its events; forget the oldest.
-        let ended: Vec<i64> =
-            state.live.iter().filter(|(_, l)| l.row.state.ended()).map(|(n, _)| *n).collect();
-        for old in ended.iter().take(ended.len().saturating_sub(KEPT_JOBS)) {
-            state.live.remove(old);
-        }
+        live.size = live.row.size();
+        state.forget();
     }
 }
 
 /// Ended jobs whose events are kept.
 const KEPT_JOBS: usize = 64;
+/// What they may take with their plans and results, bytes as JSON; the latest is kept whatever it takes.
+const KEPT_BYTES: usize = 8 * 1024 * 1024;
 
 /// A job under way.
 struct Running<'a> {
@@ -232,13 +285,18 @@ struct Running<'a> {
 }
 
 impl Stage for Running<'_> {
-    fn report(&self, stage: &str, done: u64, total: u64) -> Result<()> {
+    fn look(&self) -> Result<()> {
         if self.cancel.load(Ordering::SeqCst) || self.shared.stopping.load(Ordering::SeqCst) {
             return Err(Error::Cancelled);
         }
         if let Some(most) = self.shared.config.most.filter(|most| self.begun.elapsed() > *most) {
             return Err(Error::Deadline { seconds: most.as_secs_f64() });
         }
+        Ok(())
+    }
+
+    fn report(&self, stage: &str, done: u64, total: u64) -> Result<()> {
+        self.look()?;
         let mut state = self.shared.state();
         if let Some(live) = state.live.get_mut(&self.number) {
             // A percent at a time is all an eye can follow; every event is sent to every watcher.
@@ -263,5 +321,79 @@ impl Stage for Running<'_> {
         if let Some(live) = self.shared.state().live.get_mut(&self.number) {
             live.pace.round(self.shared.now(), done, total);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    /// A queue of jobs by the first letter of whose they are.
+    fn queued(clients: &str) -> State {
+        let store = Store::in_memory().unwrap();
+        let mut state = State::default();
+        for client in clients.chars() {
+            let row = store.add_job("act", &json!({}), &json!(1), 0, None, &|_| None).unwrap();
+            state.queue.push_back(row.number);
+            state.live.insert(row.number, Live::new(row, &client.to_string(), None));
+        }
+        state
+    }
+
+    /// Whose jobs are begun, one after the other with so many workers.
+    fn begun(mut state: State, workers: usize) -> String {
+        let (mut running, mut order) = (VecDeque::new(), String::new());
+        while let Some(number) = state.pop() {
+            let live = state.live.get_mut(&number).unwrap();
+            live.row.state = JobState::Running;
+            order += &live.client;
+            running.push_back(number);
+            if running.len() == workers {
+                let ended = running.pop_front().unwrap();
+                state.live.get_mut(&ended).unwrap().row.state = JobState::Succeeded;
+            }
+        }
+        order
+    }
+
+    #[test]
+    fn clients_take_turns_however_many_jobs_one_of_them_queued() {
+        assert_eq!(begun(queued("aaaaaa"), 2), "aaaaaa");
+        assert_eq!(begun(queued("aaaaaabb"), 1), "ababaaaa");
+        assert_eq!(begun(queued("aaaaaabbc"), 2), "abcabaaaa");
+        let mut state = queued("aabb");
+        assert_eq!(state.pop(), Some(1), "the oldest of its client");
+        state.live.get_mut(&1).unwrap().row.state = JobState::Running;
+        assert_eq!(state.pop(), Some(3), "who has one running waits for who has none");
+        state.live.remove(&2);
+        assert_eq!((state.pop(), state.pop()), (Some(4), None), "what is no longer at hand is left out");
+    }
+
+    #[test]
+    fn of_ended_jobs_only_the_latest_are_at_hand_and_not_the_large_ones() {
+        let ended = |count: usize, size: usize| {
+            let mut state = queued(&"a".repeat(count));
+            for live in state.live.values_mut() {
+                (live.row.state, live.size) = (JobState::Succeeded, size);
+            }
+            state.live.get_mut(&1).unwrap().row.state = JobState::Waiting;
+            state.forget();
+            (state.live.len(), *state.live.keys().nth(1).unwrap())
+        };
+        assert_eq!(ended(70, 1000), (65, 7), "64, and the one that has not ended");
+        assert_eq!(ended(10, KEPT_BYTES / 4), (5, 7));
+        assert_eq!(ended(10, 2 * KEPT_BYTES), (2, 10));
+    }
+
+    #[test]
+    fn who_fills_the_queue_keeps_nobody_out() {
+        let full = queued(&"a".repeat(16));
+        assert!(full.is_full("a", 16) && !full.is_full("b", 16) && !full.is_full("a", 17));
+        let own = queued(&("a".repeat(14) + "bb"));
+        assert!(own.is_full("b", 16), "it has its two");
+        assert!(queued(&"a".repeat(32)).is_full("b", 16), "twice is the end of it");
+        assert!(queued("a").is_full("b", 1), "a queue of one has nothing to keep");
     }
 }

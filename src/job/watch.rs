@@ -38,12 +38,13 @@ impl Watcher {
     pub async fn next(&mut self) -> Option<(u64, Job)> {
         loop {
             if let Some(job) = self.ended.take() {
-                return (job.row.events > self.seen).then_some((job.row.events, job));
+                let seen = std::mem::replace(&mut self.seen, job.row.events);
+                return (job.row.events > seen).then_some((job.row.events, job));
             }
             self.changed.borrow_and_update();
             {
                 let state = self.shared.state();
-                let live = state.live.get(&self.number)?;
+                let Some(live) = state.live.get(&self.number) else { break };
                 if let Some(event) = live.events.iter().find(|e| e.id > self.seen) {
                     self.seen = event.id;
                     return Some((event.id, event.job(&live.row)));
@@ -52,8 +53,19 @@ impl Watcher {
                     return None;
                 }
             }
-            self.changed.changed().await.ok()?;
+            if self.changed.changed().await.is_err() {
+                break;
+            }
         }
+        self.last()
+    }
+
+    /// How a job ended that is no longer at hand.
+    fn last(&mut self) -> Option<(u64, Job)> {
+        let row = self.shared.store.job(self.number).ok()??;
+        let news = row.state.ended() && row.events > self.seen;
+        self.seen = row.events;
+        news.then(|| (row.events, Job::of(row)))
     }
 
     /// Whether every event the job will ever have was seen before.

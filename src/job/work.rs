@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde_json::Value;
 
+use crate::budget::Budget;
 use crate::error::Result;
 use crate::progress::Progress;
 
@@ -37,6 +38,8 @@ pub struct Context<'a> {
 
 /// Where what work reports goes.
 pub(super) trait Stage: Sync {
+    /// An error once it is to stop.
+    fn look(&self) -> Result<()>;
     /// How far it is; an error once it is to stop.
     fn report(&self, stage: &str, done: u64, total: u64) -> Result<()>;
     /// How many of its rounds are finished.
@@ -46,6 +49,12 @@ pub(super) trait Stage: Sync {
 impl Progress for Context<'_> {
     fn report(&self, stage: &str, done: u64, total: u64) -> Result<()> {
         self.stage.report(stage, done, total)
+    }
+}
+
+impl Budget for Context<'_> {
+    fn look(&self) -> Result<()> {
+        self.stage.look()
     }
 }
 

@@ -17,7 +17,7 @@ mod svg;
 
 pub use chances::chances_svg;
 pub use film::{animation_svg, filmstrip_svg, trails_svg};
-pub use png::{svg_to_png, svg_to_rgb};
+pub use png::{svg_to_png, svg_to_png_within, svg_to_rgb};
 
 pub use report::{Block, Report, Section};
 pub use scene::{Style, scene_svg};

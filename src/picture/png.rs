@@ -1,17 +1,27 @@
 //! SVG to pixels, by resvg. Text is drawn in DejaVu Sans, which is built in: the machine's own fonts are never asked, so
 //! that pictures are the same everywhere.
 
+use std::io::Write;
 use std::sync::{Arc, OnceLock};
 
+use png::{BitDepth, ColorType, Encoder};
 use resvg::tiny_skia::{Color, Pixmap, Transform};
 use resvg::usvg::{ImageHrefResolver, Options, Tree, fontdb};
 
+use crate::budget::{Budget, Endless};
 use crate::error::{Error, Result};
 
 /// A PNG file `width` px wide (16 to 4096), its height from the picture's aspect (at most 4096), on white.
 pub fn svg_to_png(svg: &str, width: u32) -> Result<Vec<u8>> {
+    svg_to_png_within(&Endless, svg, width)
+}
+
+/// [`svg_to_png`] within a budget, at which it looks before it draws and between strips that it compresses, which takes most of the
+/// time; an error of the budget ends it.
+pub fn svg_to_png_within(budget: &dyn Budget, svg: &str, width: u32) -> Result<Vec<u8>> {
     let width = bounded("width", width)?;
     let tree = parse(svg)?;
+    budget.look()?;
     let scale = f64::from(width) / f64::from(tree.size().width());
     let height = (f64::from(tree.size().height()) * scale).round();
     if height > f64::from(LARGEST) {
@@ -20,7 +30,26 @@ pub fn svg_to_png(svg: &str, width: u32) -> Result<Vec<u8>> {
         return Err(Error::input("width", width, allowed));
     }
     let pixmap = draw(&tree, width, height.max(1.0) as u32)?;
-    pixmap.encode_png().map_err(|e| Error::Failed(format!("encoding the PNG: {e}")))
+    budget.look()?;
+    encoded(&pixmap, budget)
+}
+
+/// As a PNG file, strip by strip. Drawn over opaque white, so every pixel is opaque and needs no demultiplying.
+fn encoded(pixmap: &Pixmap, budget: &dyn Budget) -> Result<Vec<u8>> {
+    let failed = |e: &dyn std::fmt::Display| Error::Failed(format!("encoding the PNG: {e}"));
+    let mut bytes = Vec::new();
+    let mut encoder = Encoder::new(&mut bytes, pixmap.width(), pixmap.height());
+    encoder.set_color(ColorType::Rgba);
+    encoder.set_depth(BitDepth::Eight);
+    let mut writer = encoder.write_header().map_err(|e| failed(&e))?;
+    let mut rows = writer.stream_writer().map_err(|e| failed(&e))?;
+    for strip in pixmap.data().chunks((4 * pixmap.width() * STRIP) as usize) {
+        budget.look()?;
+        rows.write_all(strip).map_err(|e| failed(&e))?;
+    }
+    rows.finish().map_err(|e| failed(&e))?;
+    drop(writer);
+    Ok(bytes)
 }
 
 /// `height` x `width` x 3 bytes, rows from the top, red green blue; the picture is scaled to fit (both sizes
@@ -32,6 +61,8 @@ pub fn svg_to_rgb(svg: &str, width: u32, height: u32) -> Result<Vec<u8>> {
     Ok(pixmap.pixels().iter().flat_map(|p| [p.red(), p.green(), p.blue()]).collect())
 }
 
+/// Height of a strip, px: at the largest width some ten milliseconds.
+const STRIP: u32 = 256;
 const SMALLEST: u32 = 16;
 const LARGEST: u32 = 4096;
 
@@ -82,6 +113,8 @@ fn draw(tree: &Tree, width: u32, height: u32) -> Result<Pixmap> {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::{AtomicU32, Ordering};
+
     use super::*;
 
     const HALVES: &str = r##"<svg xmlns="http://www.w3.org/2000/svg" width="20" height="10" viewBox="0 0 20 10">
@@ -99,6 +132,27 @@ mod tests {
         let square = svg_to_rgb(HALVES, 40, 40).unwrap();
         let at = |x: usize, y: usize| square[(y * 40 + x) * 3 + 1];
         assert_eq!((at(5, 5), at(5, 20), at(5, 35)), (255, 0, 255));
+    }
+
+    #[test]
+    fn a_budget_ends_the_compression_between_strips() {
+        struct Looks(AtomicU32);
+        impl Budget for Looks {
+            fn look(&self) -> Result<()> {
+                if self.0.fetch_sub(1, Ordering::Relaxed) == 0 { Err(Error::Cancelled) } else { Ok(()) }
+            }
+        }
+        let within = |looks| svg_to_png_within(&Looks(AtomicU32::new(looks)), HALVES, 8 * STRIP);
+        // Once before and once after it is drawn, then before each of four strips.
+        for looks in 0..6 {
+            assert_eq!(within(looks), Err(Error::Cancelled), "{looks}");
+        }
+        let whole = within(6).unwrap();
+        // Read back by another: the picture is all there.
+        let mut reader = png::Decoder::new(std::io::Cursor::new(&whole)).read_info().unwrap();
+        let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+        reader.next_frame(&mut pixels).unwrap();
+        assert_eq!(pixels, draw(&parse(HALVES).unwrap(), 8 * STRIP, 4 * STRIP).unwrap().data());
     }
 
     #[test]

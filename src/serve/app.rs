@@ -4,15 +4,16 @@
 //! asks: somebody else's are as good as none, so that no operation can forget to look.
 
 use std::ops::Deref;
-use std::sync::atomic::Ordering;
 use std::sync::{Arc, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use tokio::sync::Semaphore;
-
+use super::client::Client;
+use super::fair::MOST_TAKEN;
+use super::gate::{Gate, Turn};
 use super::leave::Leave;
 use super::problem::{Answer, Problem};
-use super::shared::{Common, MOST_BUSY, Shared};
+use super::shared::{Common, Shared};
+use super::weight::Weight;
 use crate::access::{Scope, Who};
 use crate::budget::Budget;
 use crate::error::{Error, Result};
@@ -27,13 +28,15 @@ const LATE: Duration = Duration::from_millis(50);
 pub struct App {
     shared: Arc<Shared>,
     who: Who,
+    client: Client,
     leave: Arc<Leave>,
 }
 
 impl App {
-    /// For a request of somebody who is known, which may go on for so long.
-    pub fn new(shared: &Arc<Shared>, who: Who, span: Duration) -> App {
-        App { shared: shared.clone(), who, leave: Leave::of(span) }
+    /// For a request of somebody who is known and asks from a place, which may go on for so long.
+    pub fn new(shared: &Arc<Shared>, who: Who, place: &Client, span: Duration) -> App {
+        let client = Client::of(&who, place);
+        App { shared: shared.clone(), who, client, leave: Leave::of(span) }
     }
 
     /// What all requests share.
@@ -85,50 +88,75 @@ impl App {
         self.shared.telling.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Runs `work` off the async threads.
+    /// Does light work where it is, when it is its client's turn.
+    pub async fn run_light<T>(&self, work: impl FnOnce(&App) -> Answer<T>) -> Answer<T> {
+        let turn = self.in_time(self.shared.fair.light(&self.client)).await?;
+        let done = work(self);
+        drop(turn);
+        done
+    }
+
+    /// Runs `work` off the async threads, when it is its client's turn.
     pub async fn run<T: Send + 'static>(
         self: &Arc<Self>,
+        weight: Weight,
         work: impl FnOnce(&App) -> Answer<T> + Send + 'static,
     ) -> Answer<T> {
-        self.run_among(&self.shared.at_work, work).await
+        let fair = &self.shared.fair;
+        let gate = if weight.computes() { &fair.computing } else { &fair.other };
+        self.run_behind(&[gate], |app, _turns| work(app)).await
     }
 
-    /// The same for work that waits for its client: it does not keep others from theirs.
+    /// The same for work that waits for its client once it has let go of its turn at computing: it does not keep others
+    /// from theirs.
     pub async fn run_streamed<T: Send + 'static>(
         self: &Arc<Self>,
-        work: impl FnOnce(&App) -> Answer<T> + Send + 'static,
+        work: impl FnOnce(&App, Turn) -> Answer<T> + Send + 'static,
     ) -> Answer<T> {
-        self.run_among(&self.shared.streamed, work).await
+        let fair = &self.shared.fair;
+        self.run_behind(&[&fair.streamed, &fair.computing], move |app, mut turns| {
+            let (Some(computing), Some(_streaming)) = (turns.pop(), turns.pop()) else {
+                return Err(Problem::defect());
+            };
+            work(app, computing)
+        })
+        .await
     }
 
-    async fn run_among<T: Send + 'static>(
+    /// Runs `work` with a turn of each gate.
+    async fn run_behind<T: Send + 'static>(
         self: &Arc<Self>,
-        places: &Arc<Semaphore>,
-        work: impl FnOnce(&App) -> Answer<T> + Send + 'static,
+        gates: &[&Arc<Gate>],
+        work: impl FnOnce(&App, Vec<Turn>) -> Answer<T> + Send + 'static,
     ) -> Answer<T> {
-        if self.shared.busy.fetch_add(1, Ordering::SeqCst) >= MOST_BUSY {
-            self.shared.busy.fetch_sub(1, Ordering::SeqCst);
-            return Err(Problem::busy(MOST_BUSY));
-        }
-        let (app, place) = (self.clone(), Place(self.shared.clone()));
+        let place = self.shared.fair.taken.enter(&self.client).map_err(|_| Problem::busy(MOST_TAKEN))?;
         // A client that hangs up drops what waits for its answer, and with it this.
         let waiting = self.leave.waiting();
-        let deadline = tokio::time::Instant::from_std(self.leave.deadline());
-        // Kept until the work is done, also if nobody waits for it any more. Never closed.
-        let turn = tokio::time::timeout_at(deadline, places.clone().acquire_owned()).await;
-        let Ok(turn) = turn else { return Err(self.leave.over().into()) };
+        let mut turns = Vec::with_capacity(gates.len());
+        for gate in gates {
+            turns.push(self.in_time(gate.enter(&self.client)).await?);
+        }
+        let app = self.clone();
         let work = move || {
-            let _held = (turn, place);
-            work(&app)
+            // Kept until the work is done, also if nobody waits for it any more.
+            let _place = place;
+            work(&app, turns)
         };
         // Work looks at its deadline by itself; what waits for a lock or for the disk does not.
-        let done = tokio::time::timeout_at(deadline + LATE, tokio::task::spawn_blocking(work)).await;
+        let late = tokio::time::Instant::from_std(self.leave.deadline() + LATE);
+        let done = tokio::time::timeout_at(late, tokio::task::spawn_blocking(work)).await;
         let Ok(done) = done else { return Err(self.leave.over().into()) };
         waiting.answered();
         done.unwrap_or_else(|e| {
             tracing::error!("a request's work panicked: {e}");
             Err(Problem::defect())
         })
+    }
+
+    /// What is waited for, if it comes before the deadline.
+    async fn in_time<T>(&self, wait: impl Future<Output = T>) -> Answer<T> {
+        let deadline = tokio::time::Instant::from_std(self.leave.deadline());
+        tokio::time::timeout_at(deadline, wait).await.map_err(|_| self.leave.over().into())
     }
 }
 
@@ -229,7 +257,7 @@ impl Jobs<'_> {
 
     /// See [`crate::job::Runner::submit`]; it is whose who asks.
     pub fn submit(&self, new: New, answered: &dyn Fn(Job) -> Option<Answered>) -> Result<Job> {
-        self.0.shared.jobs.submit(new, self.0.who.owner(), answered)
+        self.0.shared.jobs.submit(new, self.0.who.owner(), self.0.client.name(), answered)
     }
 
     /// See [`crate::job::Runner::answered`].
@@ -312,14 +340,5 @@ impl App {
 impl Drop for Held<'_> {
     fn drop(&mut self) {
         self.app.shared.keys.lock().unwrap_or_else(PoisonError::into_inner).remove(&self.key);
-    }
-}
-
-/// One of [`MOST_BUSY`]; given back when dropped, after a panic too.
-struct Place(Arc<Shared>);
-
-impl Drop for Place {
-    fn drop(&mut self) {
-        self.0.busy.fetch_sub(1, Ordering::SeqCst);
     }
 }

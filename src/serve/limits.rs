@@ -31,6 +31,9 @@ pub struct Limits {
     /// Most connections over HTTP. Beyond: the one that has waited longest for a request is hung up on; where all are busy,
     /// the new one.
     pub connections: usize,
+    /// Most connections of one client, its token or else its address, over HTTP and as many over ZeroMQ. Beyond: the one of
+    /// them that has waited longest for a request is hung up on; where all are busy, or over ZeroMQ, the new one.
+    pub client_connections: usize,
     /// Most bodies times time steps that a request may simulate. Beyond: 413 `too-large`.
     pub body_steps: u64,
     /// Most actions, or worlds, in a request. Beyond: 413 `too-large`.
@@ -63,6 +66,7 @@ impl Default for Limits {
             idle_seconds: 120.0,
             write_seconds: 60.0,
             connections: 4096,
+            client_connections: 1024,
             body_steps: most.body_steps,
             actions: most.actions,
             samples: most.samples,
@@ -82,10 +86,17 @@ impl Limits {
     /// Those of a file.
     pub fn read(path: &Path) -> Result<Limits> {
         // As fields by name, or else a list would do.
-        let fields: Map<String, Value> = json::read(path)?;
-        let limits: Limits = json::from_value(Value::Object(fields)).map_err(|e| e.at(path.display()))?;
-        limits.validate().map_err(|e| e.at(path.display()))?;
-        Ok(limits)
+        let text = std::fs::read_to_string(path).map_err(|e| {
+            let allowed = "a JSON file of limits such as {\"worlds\": 100}";
+            Error::input("--limits", format!("{} ({e})", path.display()), allowed)
+        })?;
+        let read = || -> Result<Limits> {
+            let fields: Map<String, Value> = json::parse(&text)?;
+            let limits: Limits = json::from_value(Value::Object(fields))?;
+            limits.validate()?;
+            Ok(limits)
+        };
+        read().map_err(|e| e.at(format!("--limits {}", path.display())))
     }
 
     /// Errors name what cannot be.
@@ -110,6 +121,7 @@ impl Limits {
             Err(Error::input(field, value, format!("a whole number from {low} to {high}")))
         };
         whole("connections", self.connections as u64, 8, 1_000_000)?;
+        whole("client_connections", self.client_connections as u64, 4, 1_000_000)?;
         whole("body_steps", self.body_steps, 10_000, 10_000_000_000)?;
         whole("actions", self.actions as u64, 1, 65_536)?;
         whole("samples", self.samples, 10_000, 100_000_000)?;
@@ -162,11 +174,17 @@ mod tests {
             ("{\"request_seconds\": 0}", "`request_seconds`"),
             ("{\"header_seconds\": 1e99}", "`header_seconds`"),
             ("{\"word\": 1}", "word"),
+            ("{\"word\": 1}", "`header_seconds`"),
+            ("{\"worlds\": \"many\"}", "`worlds`"),
             ("{\"job_seconds\": -1}", "`job_seconds`"),
             ("[]", "limits.json"),
         ] {
             let said = read(bad).unwrap_err().to_string();
-            assert!(said.contains(named) && said.contains("limits.json"), "{bad}: {said}");
+            let whole =
+                said.starts_with("--limits ") && said.contains("limits.json") && said.contains("allowed: ");
+            assert!(said.contains(named) && whole, "{bad}: {said}");
         }
+        let missing = Limits::read(&place.path().join("none.json")).unwrap_err().to_string();
+        assert!(missing.contains("`--limits`") && missing.contains("none.json"), "{missing}");
     }
 }

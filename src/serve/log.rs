@@ -59,6 +59,15 @@ pub struct Trace<'a> {
     pub parent_id: &'a str,
 }
 
+/// What every line begins with.
+#[derive(Serialize)]
+struct Line<'a, T> {
+    time: &'a str,
+    event: &'static str,
+    #[serde(flatten)]
+    fields: &'a T,
+}
+
 #[derive(Serialize)]
 struct JobLine<'a> {
     job: String,
@@ -101,16 +110,15 @@ impl Log {
 
     fn line(&self, event: &'static str, fields: &impl Serialize) {
         let Some((form, sink)) = &self.0 else { return };
-        let Ok(serde_json::Value::Object(fields)) = serde_json::to_value(fields) else { return };
         let time = written(now());
         match form {
             LogForm::Json => {
-                let head = serde_json::json!({"time": time, "event": event});
-                let all =
-                    head.as_object().into_iter().flatten().map(|(k, v)| (k.clone(), v.clone())).chain(fields);
-                sink(&serde_json::Value::Object(all.collect()).to_string());
+                if let Ok(text) = serde_json::to_string(&Line { time: &time, event, fields }) {
+                    sink(&text);
+                }
             }
             LogForm::Text => {
+                let Ok(serde_json::Value::Object(fields)) = serde_json::to_value(fields) else { return };
                 let mut text = format!("{time} {event}");
                 for (name, value) in flat(fields) {
                     text += &format!(" {name}={value}");

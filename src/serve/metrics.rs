@@ -14,6 +14,8 @@ pub struct Metrics {
     requests: Mutex<Requests>,
     times: Mutex<BTreeMap<(&'static str, &'static str, &'static str), Histogram>>,
     rollouts: AtomicU64,
+    /// Time steps of attempts in worlds.
+    steps: AtomicU64,
     /// Valid attempts in simulated and in real worlds.
     interactions: [AtomicU64; 2],
 }
@@ -60,8 +62,9 @@ impl Metrics {
         histogram.sum += seconds;
     }
 
-    /// `valid` attempts were made in a world of this kind.
-    pub fn attempted(&self, kind: Kind, valid: u64) {
+    /// `valid` attempts were made in a world of this kind, of so many time steps in all.
+    pub fn attempted(&self, kind: Kind, valid: u64, steps: u64) {
+        self.steps.fetch_add(steps, Ordering::Relaxed);
         self.rollouts.fetch_add(valid, Ordering::Relaxed);
         self.interactions[usize::from(kind == Kind::Real)].fetch_add(valid, Ordering::Relaxed);
     }
@@ -120,6 +123,12 @@ impl Metrics {
         self.times_text(&mut out);
         head(&mut out, "iplw_requests_under_way", "gauge", "Requests worked on or waiting to be.");
         line(&mut out, "iplw_requests_under_way", &[], gauges.under_way);
+        head(&mut out, "iplw_requests_waiting", "gauge", "Requests that wait for their client's turn.");
+        line(&mut out, "iplw_requests_waiting", &[], gauges.waiting);
+        head(&mut out, "iplw_connections", "gauge", "Open connections.");
+        for (transport, n) in ["http", "zmq"].into_iter().zip(gauges.connections) {
+            line(&mut out, "iplw_connections", &[("transport", transport)], n);
+        }
         head(&mut out, "iplw_worlds", "gauge", "Worlds there are.");
         for (kind, n) in [Kind::Sim, Kind::Real].into_iter().zip(gauges.worlds) {
             line(&mut out, "iplw_worlds", &[("kind", kind.name())], n);
@@ -130,6 +139,13 @@ impl Metrics {
         }
         head(&mut out, "iplw_rollouts_total", "counter", "Rollouts simulated, those of ended jobs included.");
         line(&mut out, "iplw_rollouts_total", &[], self.rollouts.load(Ordering::Relaxed));
+        head(
+            &mut out,
+            "iplw_steps_total",
+            "counter",
+            "Time steps simulated in worlds, by requests and by jobs.",
+        );
+        line(&mut out, "iplw_steps_total", &[], self.steps.load(Ordering::Relaxed));
         head(&mut out, "iplw_jobs", "gauge", "Jobs by state.");
         for state in JobState::ALL {
             line(
@@ -147,6 +163,10 @@ impl Metrics {
 pub struct Gauges {
     /// Requests worked on or waiting to be.
     pub under_way: u64,
+    /// Requests that wait for their client's turn.
+    pub waiting: u64,
+    /// Open connections over HTTP and over ZeroMQ.
+    pub connections: [u64; 2],
     /// Simulated and real worlds.
     pub worlds: [u64; 2],
     /// Jobs by state.

@@ -9,10 +9,12 @@
 //! | `wire/` | JSON and msgpack in and out |
 //! | `problem` | errors as RFC 9457 |
 //! | `shared` `app` | what requests share, and what one of them sees of it; work runs off the async threads |
+//! | `client` `fair` `gate` `crowd` `weight` | whom the server shares itself out between, and how |
 //! | `exposure` | who could reach the server, and what is asked for before they can |
 //! | `leave` | how long a request may go on |
 //! | `limits` | what is taken, and for how long |
 //! | `metrics` `log` | what happened: counters and times, a line for each request and job |
+//! | `memory` | what the allocator keeps, and when it gives back |
 //! | `config` | how a server is run |
 //!
 //! An action on its way: `http/route` (or `zmq/peer`) makes an `Asked` of what was sent; the operation's declaration
@@ -25,17 +27,23 @@
 #![allow(clippy::result_large_err)]
 
 mod app;
+mod client;
 mod config;
+mod crowd;
 mod exposure;
+mod fair;
+mod gate;
 mod http;
 mod leave;
 mod limits;
 mod log;
+mod memory;
 mod metrics;
 mod operation;
 mod operations;
 mod problem;
 mod shared;
+mod weight;
 mod wire;
 mod zmq;
 
@@ -49,7 +57,9 @@ use tokio::net::TcpListener;
 use crate::access::{Who, now};
 use crate::error::{Error, Result};
 use app::App;
+use client::Client;
 pub use config::{Clock, ServeConfig};
+use fair::Fair;
 pub use limits::Limits;
 pub use log::{Log, LogForm, Sink};
 use operations::OPERATIONS;
@@ -85,9 +95,10 @@ pub async fn serve(config: ServeConfig) -> Result<()> {
 
 /// [`serve`] on a runtime of its own; returns without waiting for work that does not notice the stop.
 pub fn serve_blocking(config: ServeConfig) -> Result<()> {
+    memory::set_up();
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .enable_all()
-        .max_blocking_threads(shared::THREADS)
+        .max_blocking_threads(Fair::threads())
         .build()
         .map_err(|e| Error::Failed(format!("no threads to serve with: {e}")))?;
     let done = runtime.block_on(serve(config));
@@ -125,7 +136,8 @@ impl Server {
             let keyring = exposure::keyring(&config)?;
             exposure::allowed(&config, &keyring, address.ip(), zmq_at)?;
             let shared = Arc::new(Shared::new(&config, keyring, operations::recipes, &DOCUMENT)?);
-            operations::asked::catch_up(&App::new(&shared, Who::anybody(), Duration::from_secs(86_400)))?;
+            let day = Duration::from_secs(86_400);
+            operations::asked::catch_up(&App::new(&shared, Who::anybody(), &Client::local(), day))?;
             Ok(shared)
         };
         let shared = tokio::task::spawn_blocking(made)
@@ -201,13 +213,18 @@ impl Server {
 /// How long answers under way may take once the server is told to stop.
 const GRACE: Duration = Duration::from_secs(5);
 
-/// Forgets idle worlds from time to time, also when nobody asks.
+/// Forgets idle worlds from time to time, also when nobody asks, and gives back the memory that lies free.
 async fn sweep(shared: Arc<Shared>, idle: Duration) {
     let pause = (idle / 4).clamp(Duration::from_millis(100), Duration::from_secs(10));
     loop {
         tokio::time::sleep(pause).await;
         let base = shared.base.clone();
-        let swept = tokio::task::spawn_blocking(move || base.worlds.sweep(base.now())).await;
+        let sweep = move || {
+            let swept = base.worlds.sweep(base.now());
+            memory::give_back();
+            swept
+        };
+        let swept = tokio::task::spawn_blocking(sweep).await;
         if let Ok(Err(e)) = swept {
             tracing::error!("idle worlds could not be forgotten: {e}");
         }

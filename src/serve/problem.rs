@@ -88,6 +88,14 @@ impl Problem {
         Problem::new(StatusCode::TOO_MANY_REQUESTS, "busy", "Too many requests at a time", detail)
     }
 
+    /// More connections than a client may have.
+    pub fn crowded(limit: usize) -> Problem {
+        let detail = format!(
+            "this token has {limit} connections, all of them busy; ask over one of those, or try again in a second"
+        );
+        Problem::new(StatusCode::TOO_MANY_REQUESTS, "busy", "Too many connections", detail)
+    }
+
     /// A request whose key is being worked on.
     pub fn under_way(key: &str) -> Problem {
         let detail =

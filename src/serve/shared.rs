@@ -2,13 +2,13 @@
 
 use std::collections::HashSet;
 use std::ops::Deref;
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use tokio::sync::Semaphore;
-
 use super::config::{Clock, ServeConfig};
+use super::crowd::{Crowd, Room};
+use super::fair::Fair;
 use super::limits::Limits;
 use super::log::Log;
 use super::metrics::Metrics;
@@ -46,9 +46,12 @@ pub struct Shared {
     pub telling: Mutex<()>,
     /// Keys of the requests that are being worked on.
     pub keys: Mutex<HashSet<String>>,
-    pub busy: AtomicUsize,
-    pub at_work: Arc<Semaphore>,
-    pub streamed: Arc<Semaphore>,
+    /// What is shared out between clients.
+    pub fair: Fair,
+    /// Connections over HTTP.
+    pub http: Arc<Crowd>,
+    /// Connections over ZeroMQ.
+    pub zmq: Arc<Crowd>,
     pub limits: Limits,
     pub log: Log,
     /// Distinguishes this server's world ids from those of earlier ones.
@@ -57,16 +60,8 @@ pub struct Shared {
     asked: AtomicU64,
 }
 
-/// Requests taken in at a time; more are told to come back.
-pub const MOST_BUSY: usize = 512;
-/// Of these, worked on at a time; the others wait without a thread. Above the number of cores, as some wait for the
-/// disk or for a world's turn.
-const AT_WORK: usize = 32;
-/// Answers at a time that are written as their clients read them.
-const STREAMED: usize = 32;
-/// Threads for all of this and for what the server does by itself. More would each keep a stack and an arena, and a
-/// busy machine makes as many as it may.
-pub const THREADS: usize = AT_WORK + STREAMED + 8;
+/// Connections over ZeroMQ at a time; more are hung up on.
+const MOST_PEERS: usize = 4096;
 
 impl Shared {
     /// How long a request may go on; `asked` is what its client grants it, s, as it was sent.
@@ -112,9 +107,9 @@ impl Shared {
             stopping: tokio::sync::watch::Sender::new(false),
             telling: Mutex::default(),
             keys: Mutex::default(),
-            busy: AtomicUsize::new(0),
-            at_work: Arc::new(Semaphore::new(AT_WORK)),
-            streamed: Arc::new(Semaphore::new(STREAMED)),
+            fair: Fair::new(),
+            http: Crowd::new(Room { most: limits.connections, each: limits.client_connections, kept: 0 }),
+            zmq: Crowd::new(Room { most: MOST_PEERS, each: limits.client_connections, kept: 0 }),
             limits: config.limits.clone(),
             log: config.log.clone(),
             nonce: nonce(),

@@ -38,6 +38,13 @@ pub struct Rolled {
     pub results: Vec<Tried>,
 }
 
+impl Rolled {
+    /// Time steps of all its attempts.
+    pub fn steps(&self) -> u64 {
+        self.results.iter().flatten().map(|t| u64::from(t.outcome.steps)).sum()
+    }
+}
+
 /// What became of an action: a trajectory, or why it could not be placed.
 pub type Tried = std::result::Result<Trajectory, String>;
 

@@ -14,6 +14,9 @@ pub struct RequestLimits {
     pub body_steps: u64,
 }
 
+/// What [`RequestLimits::body_steps`] is about, as its error says.
+pub const WORK: &str = "bodies x time steps x actions";
+
 /// Body-time-steps up to which a rollout is light: at most about 0.2 ms.
 pub(super) const LIGHT: u64 = 100;
 
@@ -27,9 +30,8 @@ impl RequestLimits {
         if work <= self.body_steps {
             return Ok(());
         }
-        let what = "bodies x time steps x actions";
         let advice = "take fewer actions, steps or bodies";
-        Err(Error::TooLarge { what, asked: work, limit: self.body_steps, advice })
+        Err(Error::TooLarge { what: WORK, asked: work, limit: self.body_steps, advice })
     }
 
     /// Errors if so many actions or worlds are more than one request may name.

@@ -36,7 +36,7 @@ pub use attempt::{Batch, Keep, Rolled, Tried};
 pub use catalogue::{Catalogue, TaskSet};
 pub use config::{Kind, WorldConfig};
 pub use episode::{Reset, Start, Step};
-pub use limits::RequestLimits;
+pub use limits::{RequestLimits, WORK};
 pub use many::{Autoreset, Turned, reset_many, step_many};
 pub use registry::{Listed, Registry, RegistryConfig};
 pub use saved::SavedWorld;

@@ -47,6 +47,14 @@ pub struct JobList {
     pub state: Option<JobState>,
 }
 
+impl JobRow {
+    /// What it takes as JSON, bytes.
+    pub fn size(&self) -> usize {
+        let parts = [Some(&self.config), Some(&self.plan), self.result.as_ref(), self.error.as_ref()];
+        parts.into_iter().flatten().map(|value| value.to_string().len()).sum()
+    }
+}
+
 /// Where a job stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum JobState {

@@ -37,7 +37,7 @@ const ROOMS: [&str; 21] = [
 const LAST: &str = "serve";
 
 /// A crate and the only places that may name it.
-const HOMES: [(&str, &[&str]); 17] = [
+const HOMES: [(&str, &[&str]); 19] = [
     ("rapier2d", &["world"]),
     ("dfdx", &["policy"]),
     ("safetensors", &["policy"]),
@@ -52,8 +52,10 @@ const HOMES: [(&str, &[&str]); 17] = [
     ("ring", &["access", "serve", "store"]),
     ("rustls", &["serve"]),
     ("hyper", &["serve"]),
+    ("libc", &["serve"]),
     ("hyper_util", &["serve"]),
     ("plotters", &["picture"]),
+    ("png", &["picture"]),
     ("resvg", &["picture"]),
 ];
 

@@ -159,6 +159,20 @@ fn what_costs_too_much_is_refused_before_it_begins_with_what_is_allowed() {
     let refused =
         problem(server.send(Method::POST, "/v1/worlds/bowling-sim/rollout", many), 413, "too-large");
     assert!(refused["detail"].as_str().unwrap().contains("at most 3"), "{refused}");
+    // What is too much for a request may be done as a job.
+    let limits = Limits { body_steps: 50_000, ..Limits::default() };
+    let small = limited(limits);
+    let made = small.post("/v1/worlds", &json!({"scene": long(8, 5_000), "kind": "sim"}), 201);
+    let world = made["id"].as_str().unwrap();
+    let task = small.post(&format!("/v1/worlds/{world}/reset"), &json!({}), 200)["info"]["task"].clone();
+    let two = json!({"actions": [[0.5, 0.5], [0.2, 0.5]]});
+    let path = format!("/v1/worlds/{world}/rollout");
+    let refused = problem(small.send(Method::POST, &path, two.to_string()), 413, "too-large");
+    let how = refused["detail"].as_str().unwrap();
+    assert!(how.contains("90000 asked for, at most 50000") && how.contains("ranked/evaluate"), "{how}");
+    let tried = json!({"world": world, "ranking": [{"task": task, "actions": two["actions"]}]});
+    let job = small.finish(&small.post("/v1/policies/ranked/evaluate", &tried, 202));
+    assert_eq!(job["state"], "succeeded", "{job}");
     let shown = server.get("/v1/limits");
     assert_eq!((&shown["body_steps"], &shown["actions"]), (&json!(50_000), &json!(3)));
     assert_eq!(

@@ -86,6 +86,38 @@ fn every_answer_has_an_id_and_every_request_a_line() {
     }
 }
 
+/// What a client of ZeroMQ calls its request is what the log calls it, and what it is answered with.
+#[test]
+fn a_request_over_zeromq_has_the_id_it_is_given() {
+    let (server, lines, _place) = told(LogForm::Json);
+    let mut peer = Peer::connect(server.zmq.as_ref().unwrap(), Some(TOKEN));
+    let parent = "00-0af7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01";
+    let mut ask = |request_id: Value, traceparent: Value| {
+        let args = json!({"id": "bowling-sim"});
+        let head = json!({"v": 1, "id": 1, "op": "get_world", "args": args, "request_id": request_id, "traceparent": traceparent});
+        peer.send(&rmp_serde::to_vec_named(&head).unwrap());
+        peer.answer()
+    };
+    assert_eq!(ask(json!("mine-9"), json!(parent))["request_id"], "mine-9");
+    let made = ask(json!("not one"), json!("00-0-0-0"));
+    assert!(made["ok"] == true && made["request_id"].as_str().unwrap().len() > 8, "{made}");
+    let refused = ask(json!(7), Value::Null);
+    assert_eq!(
+        (&refused["problem"]["field"], refused["request_id"].is_string()),
+        (&json!("request_id"), true)
+    );
+    let all: Vec<Value> = lines.lock().unwrap().iter().map(|l| serde_json::from_str(l).unwrap()).collect();
+    assert_eq!(
+        (&all[0]["request"], &all[0]["trace"]["parent_id"]),
+        (&json!("mine-9"), &json!("b7ad6b7169203331"))
+    );
+    assert_eq!((all[1].get("trace"), &all[1]["request"]), (None, &made["request_id"]));
+    let metrics = send(&server, Method::GET, "/metrics", &[], &json!({})).text().unwrap();
+    for wanted in ["iplw_connections{transport=\"zmq\"} 1", "iplw_requests_waiting 0", "iplw_steps_total 0"] {
+        assert!(metrics.contains(wanted), "{wanted} in\n{metrics}");
+    }
+}
+
 /// Whatever is done with a world whose physics is hidden: neither the token nor a latent is in any line.
 #[test]
 fn no_line_holds_a_token_or_a_hidden_latent() {

@@ -5,6 +5,7 @@
 mod worlds;
 
 mod access;
+mod fair;
 mod http;
 mod kept;
 mod kill;

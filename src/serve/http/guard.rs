@@ -9,7 +9,9 @@ use axum::response::{IntoResponse, Response};
 
 use super::browser::Callers;
 use super::page;
+use super::seat::Seat;
 use crate::access::{Scope, Unknown, Who, digest, now};
+use crate::serve::client::Client;
 use crate::serve::operation::Operation;
 use crate::serve::problem::Problem;
 use crate::serve::shared::Shared;
@@ -36,6 +38,14 @@ pub async fn admitted(State(guard): State<Guard>, mut request: Request, next: Ne
         Err(_) if guard.is_open(&request) => Who { name: None, scope: Scope::Read },
         Err(unknown) => return Problem::unauthorized(unknown).into_response(),
     };
+    // Who is let in though not known stays where the connection is from.
+    let seat = request.extensions().get::<Arc<Seat>>();
+    if let Some(seat) = seat.filter(|_| who.name.is_some())
+        && !seat.is_of(&Client::of(&who, seat.from()))
+    {
+        let limit = guard.shared.limits.client_connections;
+        return ([(header::CONNECTION, "close")], Problem::crowded(limit)).into_response();
+    }
     request.extensions_mut().insert(who.clone());
     request.extensions_mut().insert(page);
     let mut response = next.run(request).await;
@@ -61,5 +71,7 @@ fn bearer(shared: &Shared, headers: &HeaderMap) -> Result<Who, Unknown> {
         let (scheme, token) = value.as_bytes().split_at_checked(7).unwrap_or((value.as_bytes(), b""));
         if scheme.eq_ignore_ascii_case(b"bearer ") { token.trim_ascii() } else { b"" }
     });
-    shared.keyring.who(presented.map(digest).as_ref(), now())
+    // Where nobody is asked, nothing is computed.
+    let presented = presented.filter(|_| shared.keyring.asks()).map(digest);
+    shared.keyring.who(presented.as_ref(), now())
 }

@@ -1,8 +1,7 @@
 //! Connections: taken, timed, and let go when the server stops, when nothing comes of them, or when there are too many.
 
-use std::collections::HashMap;
 use std::io::{self, ErrorKind};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
 use axum::Router;
@@ -18,22 +17,23 @@ use tokio::net::TcpListener;
 use tokio::sync::mpsc;
 use tower_service::Service;
 
-use super::timed::{Held, Timed, Watch};
+use super::seat::{Open, Seat};
+use super::timed::{Held, Timed};
 use super::tls::Tls;
-use crate::serve::limits::Limits;
+use crate::serve::client::Client;
 use crate::serve::shared::Shared;
 
 /// Answers until the server stops; then ends what is under way.
 pub async fn serve(listener: TcpListener, router: Router, shared: Arc<Shared>, tls: Option<Arc<Tls>>) {
-    let open = Arc::new(Open { most: shared.limits.connections, connections: Mutex::default() });
+    let open = Open::new(shared.http.clone(), &shared.limits);
     let mut stopping = shared.stopping.subscribe();
     // Closed once the last connection has let go of it.
     let (alive, mut ended) = mpsc::channel::<()>(1);
     for number in 0u64.. {
-        let stream = tokio::select! {
+        let (stream, from) = tokio::select! {
             _ = stopping.wait_for(|s| *s) => break,
             accepted = listener.accept() => match accepted {
-                Ok((stream, _)) => stream,
+                Ok((stream, from)) => (stream, Client::at(from.ip())),
                 Err(e) => {
                     refused(&open, &e).await;
                     continue;
@@ -42,16 +42,16 @@ pub async fn serve(listener: TcpListener, router: Router, shared: Arc<Shared>, t
         };
         // An answer's last bytes do not wait for the client's word on those before.
         let _ = stream.set_nodelay(true);
-        let Some(watch) = open.take(number, &shared.limits) else { continue };
-        let timed = Timed::new(stream, watch.clone());
+        let Some(seat) = open.take(number, from, &shared.limits) else { continue };
+        let timed = Timed::new(stream, seat.watch().clone());
         let (open, router, shared, alive) = (open.clone(), router.clone(), shared.clone(), alive.clone());
         let acceptor = tls.as_ref().map(|tls| tls.acceptor());
         tokio::spawn(async move {
             match acceptor {
-                None => converse(timed, router, &shared, watch).await,
+                None => converse(timed, router, &shared, seat).await,
                 // Who takes too long over it is noticed by the stream below.
                 Some(acceptor) => match acceptor.accept(timed).await {
-                    Ok(stream) => converse(stream, router, &shared, watch).await,
+                    Ok(stream) => converse(stream, router, &shared, seat).await,
                     Err(e) => tracing::info!("a connection that does not speak TLS: {e}"),
                 },
             }
@@ -64,12 +64,14 @@ pub async fn serve(listener: TcpListener, router: Router, shared: Arc<Shared>, t
 }
 
 /// One connection, to its end.
-async fn converse<S>(stream: S, router: Router, shared: &Shared, watch: Arc<Watch>)
+async fn converse<S>(stream: S, router: Router, shared: &Shared, seat: Arc<Seat>)
 where
     S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
 {
-    let service = service_fn(|request: Request<Incoming>| {
+    let watch = seat.watch();
+    let service = service_fn(|mut request: Request<Incoming>| {
         let busy = watch.begin();
+        request.extensions_mut().insert(seat.clone());
         let mut router = router.clone();
         async move {
             let response: Result<Response, std::convert::Infallible> = router.call(request).await;
@@ -98,40 +100,6 @@ async fn refused(open: &Open, error: &io::Error) {
         return;
     }
     tracing::warn!("a connection could not be taken: {error}");
-    open.evict();
+    open.evict(None);
     tokio::time::sleep(Duration::from_millis(100)).await;
-}
-
-/// Connections there are, by number.
-struct Open {
-    most: usize,
-    connections: Mutex<HashMap<u64, Arc<Watch>>>,
-}
-
-impl Open {
-    /// Takes a new connection in, in place of one that waits if need be; none if all are busy.
-    fn take(&self, number: u64, limits: &Limits) -> Option<Arc<Watch>> {
-        let full = self.connections.lock().unwrap_or_else(PoisonError::into_inner).len() >= self.most;
-        if full && !self.evict() {
-            return None;
-        }
-        let watch = Watch::new(limits);
-        self.connections.lock().unwrap_or_else(PoisonError::into_inner).insert(number, watch.clone());
-        Some(watch)
-    }
-
-    /// Hangs up on whoever has waited longest without asking for anything; whether there was one.
-    fn evict(&self) -> bool {
-        let mut connections = self.connections.lock().unwrap_or_else(PoisonError::into_inner);
-        let waiting = connections.iter().filter_map(|(number, watch)| Some((watch.waits_since()?, *number)));
-        let Some((_, number)) = waiting.min() else { return false };
-        connections.remove(&number).is_some_and(|watch| {
-            watch.evict();
-            true
-        })
-    }
-
-    fn leave(&self, number: u64) {
-        self.connections.lock().unwrap_or_else(PoisonError::into_inner).remove(&number);
-    }
 }

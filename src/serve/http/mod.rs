@@ -5,7 +5,7 @@
 //! | `guard` | who asks, and whether they may |
 //! | `browser` | what pages may do, and what answers tell browsers |
 //! | `page` | the page for people, at `/` |
-//! | `listen` `timed` `tls` | connections: taken, timed, encrypted |
+//! | `listen` `seat` `timed` `tls` | connections: taken, whose, timed, encrypted |
 //! | `route` | a request to what was asked, and what is answered to a response |
 //! | `body` | bodies within their limit |
 //! | `accept` | which form of an answer is wanted |
@@ -20,6 +20,7 @@ mod guard;
 mod listen;
 mod page;
 mod route;
+mod seat;
 mod stream;
 mod timed;
 mod tls;

@@ -11,14 +11,16 @@ use axum::routing::{MethodFilter, MethodRouter, on};
 use utoipa::openapi::path::HttpMethod;
 
 use super::browser::FromPage;
+use super::seat::Seat;
 use super::{accept, body, stream};
 use crate::access::Who;
 use crate::error::Error;
 use crate::job::Watcher;
 use crate::serve::app::App;
-use crate::serve::operation::{Asked, Content, Once, Operation, Reply, Sent, Weight};
+use crate::serve::operation::{Asked, Content, Once, Operation, Reply, Sent};
 use crate::serve::problem::{Answer, Problem};
 use crate::serve::shared::Shared;
+use crate::serve::weight::Weight;
 use crate::serve::wire::{Form, MSGPACK, pack};
 
 /// The route of an operation.
@@ -29,11 +31,14 @@ pub fn of(operation: &'static Operation) -> MethodRouter<Arc<Shared>> {
         HttpMethod::Delete => MethodFilter::DELETE,
         _ => MethodFilter::GET,
     };
-    let asked = move |State(shared): State<Arc<Shared>>, Extension(who): Extension<Who>, request: Request| {
+    let asked = move |State(shared): State<Arc<Shared>>,
+                      Extension(who): Extension<Who>,
+                      Extension(seat): Extension<Arc<Seat>>,
+                      request: Request| {
         let from_page = request.extensions().get::<FromPage>().is_some_and(|page| page.0);
         async move {
             let asked = request.headers().get("x-deadline").map(|v| v.to_str().unwrap_or_default());
-            let app = App::new(&shared, who, shared.span("X-Deadline", asked)?);
+            let app = App::new(&shared, who, seat.from(), shared.span("X-Deadline", asked)?);
             answer(operation, Arc::new(app), request, from_page).await
         }
     };
@@ -71,7 +76,10 @@ async fn answer(
         return stream::answered(&app, value).await;
     }
     let written = move |app: &App| written((call.work)(app)?, form);
-    let written = if call.weight == Weight::Light { written(&app)? } else { app.run(written).await? };
+    let written = match call.weight {
+        Weight::Light => app.run_light(written).await?,
+        weight => app.run(weight, written).await?,
+    };
     Ok(response(&app, written))
 }
 

@@ -36,8 +36,9 @@ pub async fn answered(
     let (sender, pieces) = mpsc::channel(4);
     let (app, handle) = (app.clone(), Handle::current());
     let written = tokio::spawn(async move {
-        app.run_streamed(move |app| {
+        app.run_streamed(move |app, computing| {
             let value = work(app)?;
+            drop(computing);
             // A client that has hung up is noticed at the first piece.
             let _ = begun.send(());
             let mut out = BufWriter::with_capacity(PIECE, Pieces { sender: sender.clone(), handle });

@@ -28,6 +28,7 @@ use crate::job::Work;
 use crate::serve::app::App;
 use crate::serve::problem::Answer;
 use crate::serve::shared::Base;
+use crate::serve::weight::Weight;
 use crate::serve::wire::{Bulk, JobOut};
 
 /// Something a client can ask for.
@@ -75,16 +76,6 @@ pub type Doing = Box<dyn FnOnce(&App) -> Answer<Reply> + Send>;
 pub struct Call {
     pub weight: Weight,
     pub work: Doing,
-}
-
-/// What doing it costs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Weight {
-    /// A fraction of a millisecond without waiting for the disk, however it ends.
-    Light,
-    Usual,
-    /// The answer is large: as JSON it goes out piece by piece.
-    Large,
 }
 
 impl Operation {
@@ -196,6 +187,14 @@ impl Declaration {
         work: impl Fn(&App, I) -> Result<O> + Copy + Send + Sync + 'static,
     ) -> Operation {
         self.weighed(|_, _| Weight::Usual, work)
+    }
+
+    /// The same for what computes.
+    pub fn computes<I: Input, O: Output>(
+        self,
+        work: impl Fn(&App, I) -> Result<O> + Copy + Send + Sync + 'static,
+    ) -> Operation {
+        self.weighed(|_, _| Weight::Heavy, work)
     }
 
     /// The same, `weigh` telling what it costs.

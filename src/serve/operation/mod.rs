@@ -19,7 +19,7 @@ mod page;
 mod reply;
 
 pub use asked::{Asked, Sent};
-pub use declare::{ACT, ADMIN, OPEN, Operation, READ, Weight, at, delete, get, post, put};
+pub use declare::{ACT, ADMIN, OPEN, Operation, READ, at, delete, get, post, put};
 pub use describe::{Described, TOKEN};
 pub use input::{Body, Bytes, Id, Input, Kept, Raw};
 pub use once::{Keep, Once};

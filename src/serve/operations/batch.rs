@@ -1,8 +1,10 @@
 //! Batches: many worlds in one request, all of it or nothing.
 
+use super::attempts::or_as_a_job;
 use crate::error::Result;
 use crate::serve::app::App;
-use crate::serve::operation::{ACT, Body, Keep, Operation, Weight, delete, post};
+use crate::serve::operation::{ACT, Body, Keep, Operation, delete, post};
+use crate::serve::weight::Weight;
 use crate::serve::wire::{
     CreateWorlds, ResetWorlds, StepWorlds, WorldIds, WorldOut, WorldsMade, WorldsReset, WorldsStepped,
 };
@@ -61,16 +63,20 @@ fn step(app: &App, Body(body): Body<StepWorlds>) -> Result<WorldsStepped> {
     let worlds = app.worlds().get_many(&body.worlds)?;
     let autoreset = body.autoreset.map_or(Autoreset::Disabled, Autoreset::from);
     let actions: Vec<Action> = body.actions.into_iter().map(Action::from).collect();
-    let turned = step_many(&worlds, &actions, autoreset, body.split.map(|s| s.into()), app.budget())?;
+    let split = body.split.map(|s| s.into());
+    let turned = step_many(&worlds, &actions, autoreset, split, app.budget()).map_err(or_as_a_job)?;
     let mut interactions = Vec::with_capacity(worlds.len());
-    let mut attempted = [0, 0];
+    let mut attempted = [(0, 0); 2];
     for (world, one) in worlds.iter().zip(&turned) {
         interactions.push(one.step.as_ref().map_or_else(|| world.interactions(), |s| s.interactions));
-        let valid = one.step.as_ref().is_some_and(|s| s.invalid.is_none());
-        attempted[usize::from(world.kind() == Kind::Real)] += u64::from(valid);
+        if let Some(step) = one.step.as_ref().filter(|s| s.invalid.is_none()) {
+            let (valid, steps) = &mut attempted[usize::from(world.kind() == Kind::Real)];
+            *valid += 1;
+            *steps += u64::from(step.steps);
+        }
     }
-    for (kind, n) in [Kind::Sim, Kind::Real].into_iter().zip(attempted) {
-        app.metrics.attempted(kind, n);
+    for (kind, (valid, steps)) in [Kind::Sim, Kind::Real].into_iter().zip(attempted) {
+        app.metrics.attempted(kind, valid, steps);
     }
     Ok(WorldsStepped::new(turned, interactions, autoreset))
 }
@@ -80,5 +86,5 @@ const FEW: usize = 16;
 
 fn weight(app: &App, worlds: &[String]) -> Weight {
     let light = |id: &String| app.worlds().get(id).is_ok_and(|w| w.is_light());
-    if worlds.len() <= FEW && worlds.iter().all(light) { Weight::Light } else { Weight::Usual }
+    if worlds.len() <= FEW && worlds.iter().all(light) { Weight::Light } else { Weight::Heavy }
 }

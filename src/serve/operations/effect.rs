@@ -5,7 +5,8 @@ use utoipa::ToSchema;
 
 use crate::error::Result;
 use crate::serve::app::App;
-use crate::serve::operation::{Operation, Page, READ, Weight, get};
+use crate::serve::operation::{Operation, Page, READ, get};
+use crate::serve::weight::Weight;
 use crate::serve::wire::Bulk;
 use crate::world::effect::{Effect, REGISTRY};
 

@@ -200,7 +200,7 @@ fn run(base: &Base, context: &Context, plan: &Plan, shared: Option<&World>) -> R
         if let Some(world) = world {
             let keep = |rows: &Measured, interactions: u64| {
                 store.put_measured(job, rows, id.map(|id| (id, interactions)), None)?;
-                base.metrics.attempted(Kind::Real, rows.values().filter(|m| m.is_some()).count() as u64);
+                base.metrics.attempted(Kind::Real, rows.values().filter(|m| m.is_some()).count() as u64, 0);
                 Ok(())
             };
             measure(&workflow, world, &asked.proposals, &store.measured(job, first)?, &keep, context)?;

@@ -112,7 +112,7 @@ fn work(base: &Arc<Base>, plan: &Value) -> Result<Work> {
     let now = base.store.weights(&plan.policy)?;
     Ok(Box::new(move |context| {
         let job = context.number;
-        let attempts = Attempts::new(&base, job, &world, &plan.world)?;
+        let attempts = Attempts::new(&base, context, &world, &plan.world)?;
         let mut spent = Spent { calls: 0, task: String::new(), here: 0, all: 0 };
         let mut attempt = |task: &Task, actions: &[ValidAction]| {
             let tried = spent.within(task, actions, plan.attempts);

@@ -142,7 +142,7 @@ fn run(base: &Base, context: &Context, plan: &Plan, world: &World) -> Result<Out
 
 /// Random attempts, task by task.
 fn gathered(base: &Base, context: &Context, plan: &Plan, world: &World, tasks: Vec<Task>) -> Result<Dataset> {
-    let attempts = Attempts::new(base, context.number, world, &plan.world)?;
+    let attempts = Attempts::new(base, context, world, &plan.world)?;
     let drawn = explore::draw(&tasks, plan.attempts, &mut rng::stream(plan.setup.seed, "attempts"))?;
     let mut rows = Vec::with_capacity(drawn.len());
     for (t, task) in tasks.iter().enumerate() {

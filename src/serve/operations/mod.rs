@@ -20,6 +20,7 @@ mod surface;
 mod system;
 mod task;
 mod text;
+mod token;
 mod training;
 mod trials;
 mod world;
@@ -33,7 +34,7 @@ use crate::error::Error;
 use crate::job::{Recipe, Recipes};
 
 /// A row a file.
-const FILES: [fn() -> Vec<Operation>; 17] = [
+const FILES: [fn() -> Vec<Operation>; 18] = [
     asked::operations,
     batch::operations,
     diagnosis::operations,
@@ -48,6 +49,7 @@ const FILES: [fn() -> Vec<Operation>; 17] = [
     surface::operations,
     system::operations,
     task::operations,
+    token::operations,
     training::operations,
     trials::operations,
     world::operations,

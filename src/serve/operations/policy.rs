@@ -3,12 +3,13 @@
 use serde_json::json;
 
 use super::stored::{ALWAYS, RANDOM, is_always, load, row, unknown, without_weights};
+use crate::budget::Budget;
 use crate::error::{Error, Result};
 use crate::policy::{CHUNK, Dqn, Policy, Random, rank};
 use crate::serve::app::App;
 use crate::serve::operation::{ACT, Body, Bytes, Id, Media, Operation, Page, READ, delete, get, post, put};
 use crate::serve::wire::{ActIn, Acted, Policies, PolicyOut, Scored};
-use crate::task::{Placement, ValidAction};
+use crate::task::{Placement, Task, ValidAction};
 
 /// What can be asked of policies at once.
 pub fn operations() -> Vec<Operation> {
@@ -42,7 +43,7 @@ pub fn operations() -> Vec<Operation> {
                  always there, likes them in an order drawn once.",
             )
             .refuses(&[(404, "Unknown policy or task"), (409, "`untrained`, which knows nothing yet")])
-            .does(act),
+            .computes(act),
     ]
 }
 
@@ -104,6 +105,23 @@ fn put_weights(app: &App, (Id(id), Bytes(bytes)): (Id, Bytes)) -> Result<(u16, P
     Ok((if new { 201 } else { 200 }, row.into()))
 }
 
+/// A policy that scores for as long as it may.
+struct Within<'a> {
+    policy: &'a dyn Policy,
+    budget: &'a dyn Budget,
+}
+
+impl Policy for Within<'_> {
+    fn score(&self, task: &Task, actions: &[ValidAction]) -> Result<Vec<f32>> {
+        self.budget.look()?;
+        self.policy.score(task, actions)
+    }
+
+    fn describe(&self) -> String {
+        self.policy.describe()
+    }
+}
+
 /// The actions a policy likes best; `random` likes an order that is the same every time.
 fn act(app: &App, (Id(id), Body(body)): (Id, Body<ActIn>)) -> Result<Acted> {
     let count = body.count.unwrap_or(1);
@@ -120,11 +138,21 @@ fn act(app: &App, (Id(id), Body(body)): (Id, Body<ActIn>)) -> Result<Acted> {
     };
     let actions: Vec<ValidAction> =
         (0..task.actions().count()).map(|i| task.actions().at(i)).collect::<Result<_>>()?;
-    let order = rank(policy.as_ref(), &task, &actions, CHUNK)?;
-    let placeable = |i: &usize| matches!(task.place(&actions[*i]), Placement::Valid(_));
-    let best: Vec<usize> = order.into_iter().filter(placeable).take(count as usize).collect();
+    let policy = Within { policy: policy.as_ref(), budget: app.budget() };
+    let mut best = Vec::new();
+    for i in rank(&policy, &task, &actions, CHUNK)? {
+        app.budget().look()?;
+        if matches!(task.place(&actions[i]), Placement::Valid(_)) {
+            best.push(i);
+        }
+        if best.len() == count as usize {
+            break;
+        }
+    }
     let chosen: Vec<ValidAction> = best.iter().map(|i| actions[*i].clone()).collect();
-    let scores = policy.score(&task, &chosen)?;
+    let scores: Vec<Vec<f32>> =
+        chosen.chunks(CHUNK).map(|part| policy.score(&task, part)).collect::<Result<_>>()?;
+    let scores = scores.concat();
     let scored = best.into_iter().zip(chosen).zip(scores).map(|((index, action), score)| Scored {
         index,
         action: action.values().to_vec(),

@@ -1,8 +1,9 @@
 //! Pictures of worlds.
 
+use super::attempts::or_as_a_job;
 use crate::access::Scope;
 use crate::error::{Error, Result};
-use crate::picture::{Style, animation_svg, filmstrip_svg, scene_svg, svg_to_png};
+use crate::picture::{Style, animation_svg, filmstrip_svg, scene_svg, svg_to_png_within};
 use crate::serve::app::App;
 use crate::serve::operation::{Asked, Described, Id, Input, Media, Operation, READ, get};
 use crate::serve::problem::Answer;
@@ -21,7 +22,7 @@ pub fn operations() -> Vec<Operation> {
                 (422, "Also an action that cannot be placed"),
                 (429, "The budget is spent"),
             ])
-            .does(render),
+            .computes(render),
     ]
 }
 
@@ -128,8 +129,9 @@ fn render(app: &App, (Id(id), picture): (Id, Picture)) -> Result<Media> {
     let svg = match (picture.view, &picture.action) {
         (View::Filmstrip, Some(action)) | (View::Animation, Some(action)) => {
             app.needs(Scope::Act)?;
-            let (scene, trajectory) = world.film(picture.task.as_deref(), action, app.budget())?;
-            app.metrics.attempted(world.kind(), 1);
+            let (scene, trajectory) =
+                world.film(picture.task.as_deref(), action, app.budget()).map_err(or_as_a_job)?;
+            app.metrics.attempted(world.kind(), 1, u64::from(trajectory.outcome.steps));
             match picture.view {
                 View::Filmstrip => filmstrip_svg(&scene, &trajectory, &style),
                 View::Animation | View::Scene => animation_svg(&scene, &trajectory, &style),
@@ -138,7 +140,8 @@ fn render(app: &App, (Id(id), picture): (Id, Picture)) -> Result<Media> {
         (_, action) => scene_svg(&world.scene(picture.task.as_deref(), action.as_ref())?, &style),
     };
     if picture.png {
-        Ok(Media { kind: "image/png", bytes: svg_to_png(&svg, picture.width)? })
+        let bytes = svg_to_png_within(app.budget(), &svg, picture.width)?;
+        Ok(Media { kind: "image/png", bytes })
     } else {
         Ok(Media { kind: "image/svg+xml", bytes: svg.into_bytes() })
     }

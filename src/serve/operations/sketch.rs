@@ -2,7 +2,8 @@
 
 use crate::error::Result;
 use crate::serve::app::App;
-use crate::serve::operation::{ACT, Body, Operation, Weight, post};
+use crate::serve::operation::{ACT, Body, Operation, post};
+use crate::serve::weight::Weight;
 use crate::serve::wire::{PlaceIn, Places, SimulateIn, Simulated};
 use crate::session::obstacles;
 

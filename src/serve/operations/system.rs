@@ -1,11 +1,10 @@
 //! Health, counters, the document.
 
-use std::sync::atomic::Ordering;
-
 use crate::error::Result;
 use crate::serve::app::App;
 use crate::serve::metrics::Gauges;
-use crate::serve::operation::{Content, Described, Media, OPEN, Operation, Output, READ, Reply, Weight, get};
+use crate::serve::operation::{Content, Described, Media, OPEN, Operation, Output, READ, Reply, get};
+use crate::serve::weight::Weight;
 use crate::serve::wire::Health;
 use crate::session::Kind;
 
@@ -58,9 +57,14 @@ fn ready(app: &App, (): ()) -> Result<(u16, Health)> {
 fn metrics(app: &App, (): ()) -> Result<Media> {
     let worlds = app.worlds().everybodys()?;
     let of = |kind: Kind| worlds.iter().filter(|w| w.world.kind() == kind).count() as u64;
-    let under_way = app.shared().busy.load(Ordering::SeqCst) as u64;
-    let gauges =
-        Gauges { under_way, worlds: [of(Kind::Sim), of(Kind::Real)], jobs: app.store().jobs_by_state()? };
+    let shared = app.shared();
+    let gauges = Gauges {
+        under_way: shared.fair.taken.all() as u64,
+        waiting: shared.fair.waiting() as u64,
+        connections: [shared.http.all() as u64, shared.zmq.all() as u64],
+        worlds: [of(Kind::Sim), of(Kind::Real)],
+        jobs: app.store().jobs_by_state()?,
+    };
     let text = app.metrics.text(&gauges);
     Ok(Media { kind: "text/plain; version=0.0.4; charset=utf-8", bytes: text.into_bytes() })
 }

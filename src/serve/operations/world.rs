@@ -1,10 +1,10 @@
 //! Worlds as resources.
 
+use super::attempts::or_as_a_job;
 use crate::error::Result;
 use crate::serve::app::App;
-use crate::serve::operation::{
-    ACT, Body, Id, Keep, Operation, Page, READ, Raw, Weight, at, delete, get, post,
-};
+use crate::serve::operation::{ACT, Body, Id, Keep, Operation, Page, READ, Raw, at, delete, get, post};
+use crate::serve::weight::Weight;
 use crate::serve::wire::{
     BatchOut, CreateWorld, LatentsIn, ResetIn, ResetOut, RolloutIn, StepIn, StepOut, WorldOut, Worlds,
 };
@@ -78,8 +78,8 @@ fn reset(app: &App, (Id(id), Body(body)): (Id, Body<ResetIn>)) -> Result<ResetOu
 
 fn step(app: &App, (Id(id), Body(body)): (Id, Body<StepIn>)) -> Result<StepOut> {
     let world = app.worlds().get(&id)?;
-    let step = world.step(&body.action.into(), app.budget())?;
-    app.metrics.attempted(world.kind(), u64::from(step.invalid.is_none()));
+    let step = world.step(&body.action.into(), app.budget()).map_err(or_as_a_job)?;
+    app.metrics.attempted(world.kind(), u64::from(step.invalid.is_none()), u64::from(step.steps));
     Ok(step.into())
 }
 
@@ -93,15 +93,15 @@ fn set_latents(app: &App, (Id(id), Body(body)): (Id, Body<LatentsIn>)) -> Result
 fn rollout(app: &App, (Id(id), Body(body), Raw(raw)): (Id, Body<RolloutIn>, Raw)) -> Result<BatchOut> {
     let world = app.worlds().get(&id)?;
     let batch = Batch::from(body);
-    let rolled = world.rollout(&batch, app.budget())?;
-    app.metrics.attempted(world.kind(), rolled.valid);
+    let rolled = world.rollout(&batch, app.budget()).map_err(or_as_a_job)?;
+    app.metrics.attempted(world.kind(), rolled.valid, rolled.steps());
     Ok(BatchOut::new(rolled, batch.trajectories, raw))
 }
 
 fn size(_: &App, (_, Body(body), _): &(Id, Body<RolloutIn>, Raw)) -> Weight {
-    if body.trajectories == Some(true) { Weight::Large } else { Weight::Usual }
+    if body.trajectories == Some(true) { Weight::Large } else { Weight::Heavy }
 }
 
 fn weight(app: &App, id: &str) -> Weight {
-    if app.worlds().get(id).is_ok_and(|w| w.is_light()) { Weight::Light } else { Weight::Usual }
+    if app.worlds().get(id).is_ok_and(|w| w.is_light()) { Weight::Light } else { Weight::Heavy }
 }

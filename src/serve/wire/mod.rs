@@ -22,6 +22,7 @@ mod space;
 mod strict;
 mod surface;
 mod task;
+mod token;
 mod world;
 
 pub use array::{Array, Data, lists};
@@ -42,4 +43,5 @@ pub use sketch::{PlaceIn, Places, SimulateIn, Simulated};
 pub use strict::Object;
 pub use surface::{SensitivityOut, SurfaceIn, SurfaceOut, SurfaceWhole, Surfaces};
 pub use task::{Families, FamilyOut, FamilyTasks, TaskOut};
+pub use token::{TokenIn, TokenMade, TokenOut, Tokens};
 pub use world::{CreateWorld, WorldOut, Worlds};

@@ -16,6 +16,10 @@ pub struct Request {
     pub asked: Asked,
     /// How long it may take, s, as it was sent.
     pub deadline: Option<String>,
+    /// What it is called in the log, as it was sent.
+    pub request_id: Option<String>,
+    /// W3C's, as it was sent.
+    pub traceparent: Option<String>,
     /// The id in `args.request`, as msgpack: what `cancel` is about.
     pub about: Option<Vec<u8>>,
 }
@@ -48,6 +52,8 @@ struct Header<'a> {
     key: Option<Packed<'a>>,
     raw: Option<Packed<'a>>,
     deadline: Option<Packed<'a>>,
+    request_id: Option<Packed<'a>>,
+    traceparent: Option<Packed<'a>>,
     /// One that there is not.
     unknown: Option<(Packed<'a>, Packed<'a>)>,
 }
@@ -74,6 +80,8 @@ impl<'a> Header<'a> {
                 Some("key") => &mut header.key,
                 Some("raw") => &mut header.raw,
                 Some("deadline") => &mut header.deadline,
+                Some("request_id") => &mut header.request_id,
+                Some("traceparent") => &mut header.traceparent,
                 Some(_) => {
                     header.unknown = Some((key, value));
                     continue;
@@ -95,7 +103,8 @@ impl<'a> Header<'a> {
             v => return Err(Error::input("v", v.unwrap_or(Packed::Nil), format!("{VERSION}"))),
         }
         if let Some((key, value)) = &self.unknown {
-            let allowed = "the fields v, id, op, args, arrays, key, raw and deadline";
+            let allowed =
+                "the fields v, id, op, args, arrays, key, raw, deadline, request_id and traceparent";
             return Err(Error::input(name(key).unwrap_or_default(), value, allowed));
         }
         let op = match &self.op {
@@ -128,15 +137,25 @@ impl<'a> Header<'a> {
                 Some(Once::new(key.into(), &asked).map_err(|e| e.named("key"))?)
             }
         };
+        let request_id = text("request_id", self.request_id)?;
+        let traceparent = text("traceparent", self.traceparent)?;
         let arrays = self.arrays.map(|arrays| described(&arrays)).transpose()?.unwrap_or_default();
         let bytes = placed(&mut fields, arrays, frames)?;
         let deadline = self.deadline.map(|d| d.to_string());
-        Ok(Request { op, asked: Asked::fields(fields, bytes, once, raw), deadline, about })
+        let asked = Asked::fields(fields, bytes, once, raw);
+        Ok(Request { op, asked, deadline, request_id, traceparent, about })
     }
 }
 
 const ID: &str = "a whole number from 0, text or bytes, up to 256 bytes";
 const OP: &str = "the name of an operation";
+
+/// A field that is text, if it is there.
+fn text(field: &str, given: Option<Packed>) -> Result<Option<String>> {
+    let one =
+        |given: Packed| name(&given).map(String::from).ok_or_else(|| Error::input(field, &given, "text"));
+    given.map(one).transpose()
+}
 
 /// A request's id, as msgpack.
 fn identity(given: &Packed) -> Result<Vec<u8>> {
@@ -246,7 +265,7 @@ impl Written {
     }
 
     /// Its frames.
-    pub fn frames(self, id: &[u8]) -> Vec<Vec<u8>> {
+    pub fn frames(self, id: &[u8], request_id: &str) -> Vec<Vec<u8>> {
         let of = |array: &Array| array.shape().iter().map(|n| Packed::from(*n as u64)).collect();
         let told = self.arrays.iter().map(|(name, array)| {
             Packed::Map(vec![
@@ -256,7 +275,7 @@ impl Written {
             ])
         });
         let told = Packed::Array(told.collect());
-        let mut head = opening(id, true, 5);
+        let mut head = opening(id, request_id, true, 6);
         field(&mut head, "result", &self.result);
         field(&mut head, "arrays", &packed(&told));
         std::iter::once(head).chain(self.arrays.into_iter().map(|(_, array)| array.into_bytes())).collect()
@@ -264,19 +283,21 @@ impl Written {
 }
 
 /// The frame of a refusal.
-pub fn refusal(id: &[u8], problem: &Problem) -> Vec<Vec<u8>> {
-    let mut head = opening(id, false, 4);
+pub fn refusal(id: &[u8], request_id: &str, problem: &Problem) -> Vec<Vec<u8>> {
+    let mut head = opening(id, request_id, false, 5);
     // Plain fields of text and numbers: that they can be written is tested.
     field(&mut head, "problem", &pack::packed(problem).unwrap_or(NIL.to_vec()));
     vec![head]
 }
 
-fn opening(id: &[u8], ok: bool, fields: u32) -> Vec<u8> {
+fn opening(id: &[u8], request_id: &str, ok: bool, fields: u32) -> Vec<u8> {
     let mut head = Vec::with_capacity(512);
     let _ = put::write_map_len(&mut head, fields);
     field(&mut head, "v", &[VERSION as u8]);
     field(&mut head, "id", id);
     field(&mut head, "ok", &[if ok { 0xc3 } else { 0xc2 }]);
+    let _ = put::write_str(&mut head, "request_id");
+    let _ = put::write_str(&mut head, request_id);
     head
 }
 

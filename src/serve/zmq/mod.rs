@@ -17,15 +17,15 @@ use std::io;
 use std::net::IpAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use tokio::net::TcpListener;
 #[cfg(unix)]
 use tokio::net::UnixListener;
 
+use super::client::Client;
 use super::shared::Shared;
-use crate::access::digest;
+use crate::access::{digest, now};
 use crate::error::{Error, Result};
 use peer::{Reading, Writing};
 
@@ -42,8 +42,6 @@ enum Listener {
     Unix(UnixListener, #[expect(dead_code)] Socket),
 }
 
-/// Connections at a time; more are hung up on.
-const MOST_PEERS: usize = 4096;
 /// How long a connection may take to say what it is.
 const PATIENCE: Duration = Duration::from_secs(10);
 
@@ -97,13 +95,12 @@ impl Endpoint {
 
     /// Serves until the server stops; then ends what is under way.
     pub async fn run(self, shared: Arc<Shared>) {
-        let peers = Arc::new(AtomicUsize::new(0));
         let mut stopping = shared.stopping.subscribe();
         loop {
             tokio::select! {
                 _ = stopping.wait_for(|s| *s) => break,
                 accepted = self.listener.accept() => match accepted {
-                    Ok((from, to)) => meet(&shared, &peers, from, to),
+                    Ok((client, from, to)) => meet(&shared, client, from, to),
                     Err(e) => {
                         tracing::warn!("a connection to {} could not be taken: {e}", self.address);
                         tokio::time::sleep(Duration::from_millis(100)).await;
@@ -111,57 +108,54 @@ impl Endpoint {
                 },
             }
         }
-        while peers.load(Ordering::SeqCst) > 0 {
+        while shared.zmq.all() > 0 {
             tokio::time::sleep(Duration::from_millis(10)).await;
         }
     }
 }
 
 impl Listener {
-    async fn accept(&self) -> io::Result<(Reading, Writing)> {
+    async fn accept(&self) -> io::Result<(Client, Reading, Writing)> {
         match self {
             Listener::Tcp(listener) => {
-                let (stream, _) = listener.accept().await?;
+                let (stream, at) = listener.accept().await?;
                 stream.set_nodelay(true)?;
                 let (from, to) = stream.into_split();
-                Ok((Box::new(from), Box::new(to)))
+                Ok((Client::at(at.ip()), Box::new(from), Box::new(to)))
             }
             #[cfg(unix)]
             Listener::Unix(listener, _) => {
                 let (from, to) = listener.accept().await?.0.into_split();
-                Ok((Box::new(from), Box::new(to)))
+                Ok((Client::local(), Box::new(from), Box::new(to)))
             }
         }
     }
 }
 
-/// Serves a connection in a task of its own.
-fn meet(shared: &Arc<Shared>, peers: &Arc<AtomicUsize>, from: Reading, mut to: Writing) {
-    let place = Place(peers.clone());
-    if peers.fetch_add(1, Ordering::SeqCst) >= MOST_PEERS {
-        return;
-    }
+/// Serves a connection in a task of its own; hangs up where its client, or all of them, have too many.
+fn meet(shared: &Arc<Shared>, at: Client, from: Reading, mut to: Writing) {
+    let Ok(mut place) = shared.zmq.enter(&at) else { return };
     let shared = shared.clone();
     tokio::spawn(async move {
-        let _place = place;
         let greeted = tokio::time::timeout(PATIENCE, zmtp::handshake(from, &mut to)).await;
         match greeted {
             Ok(Ok((receiver, token))) => {
-                peer::serve(shared, token.as_deref().map(digest), receiver, to).await
+                let token = token.as_deref().map(digest);
+                let known = shared.keyring.who(token.as_ref(), now()).ok().filter(|who| who.name.is_some());
+                if let Some(who) = known {
+                    let client = Client::of(&who, &at);
+                    if shared.zmq.of(&client) >= shared.limits.client_connections {
+                        return;
+                    }
+                    place.pass(&client);
+                }
+                peer::serve(shared, at, token, receiver, to).await;
             }
             Ok(Err(e)) => tracing::info!("a connection that does not speak ZMTP: {e}"),
             Err(_) => tracing::info!("a connection that said nothing"),
         }
+        drop(place);
     });
-}
-
-/// One of the connections there are; given back when dropped.
-struct Place(Arc<AtomicUsize>);
-
-impl Drop for Place {
-    fn drop(&mut self) {
-        self.0.fetch_sub(1, Ordering::SeqCst);
-    }
 }
 
 /// A socket in the file system, removed when dropped.

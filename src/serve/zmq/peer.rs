@@ -14,12 +14,14 @@ use super::message::{self, NIL, Request, Written, written};
 use super::zmtp::{self, MOST_BYTES, MOST_FRAMES, Received, Receiver};
 use crate::access::{Digest, Scope, Who, now};
 use crate::serve::app::App;
+use crate::serve::client::Client;
 use crate::serve::leave::Leave;
-use crate::serve::log::{RequestLine, slug};
-use crate::serve::operation::{Operation, Weight};
+use crate::serve::log::{RequestLine, given_id, slug, trace};
+use crate::serve::operation::Operation;
 use crate::serve::operations::operation;
 use crate::serve::problem::{Answer, Problem};
 use crate::serve::shared::Shared;
+use crate::serve::weight::Weight;
 
 /// Requests of one client under way at a time; more are told to come back.
 const MOST_UNDER_WAY: usize = 128;
@@ -29,10 +31,17 @@ const MOST_UNKNOWN: usize = 64 * 1024;
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Answers a client until it hangs up or the server stops, and ends what is under way.
-pub async fn serve(shared: Arc<Shared>, token: Option<Digest>, mut receiver: Receiver<Reading>, to: Writing) {
+pub async fn serve(
+    shared: Arc<Shared>,
+    at: Client,
+    token: Option<Digest>,
+    mut receiver: Receiver<Reading>,
+    to: Writing,
+) {
     let mut stopping = shared.stopping.subscribe();
     let peer = Arc::new(Peer {
         shared,
+        at,
         token,
         to: tokio::sync::Mutex::new(Some(to)),
         places: Arc::new(Semaphore::new(MOST_UNDER_WAY)),
@@ -72,6 +81,8 @@ pub type Writing = Box<dyn AsyncWrite + Send + Unpin>;
 
 struct Peer {
     shared: Arc<Shared>,
+    /// Where the client is.
+    at: Client,
     /// What the client showed when it connected.
     token: Option<Digest>,
     /// `None` once the client did not read.
@@ -98,14 +109,23 @@ impl Peer {
         self.shared.keyring.who(self.token.as_ref(), now()).map_err(Problem::unauthorized)
     }
 
+    /// Where the answer to a message that came now goes.
+    fn address(&self, id: Vec<u8>, delimited: bool) -> Address {
+        let (request_id, since) = (self.shared.request_id(), Instant::now());
+        Address { id, request_id, traceparent: None, delimited, since }
+    }
+
     /// Takes a message: answers it at once, or sees to it that it is answered.
     async fn take(self: &Arc<Self>, mut frames: Vec<Vec<u8>>) {
         let delimited = frames.len() > 1 && frames[0].is_empty();
         if delimited {
             frames.remove(0);
         }
-        let (id, request) = message::read(frames);
-        let to = Address { id, delimited, since: Instant::now() };
+        let (id, mut request) = message::read(frames);
+        let mut to = self.address(id, delimited);
+        if let Ok(request) = &mut request {
+            to.is_called(request);
+        }
         match request {
             Err(e) => self.answer(&to, "none", Err(Problem::malformed(e))).await,
             Ok(request) => match request.op.as_str() {
@@ -129,7 +149,8 @@ impl Peer {
             Err(_) if operation.needs.is_none() => Who { name: None, scope: Scope::Read },
             Err(problem) => return Err(problem),
         };
-        Ok(App::new(&self.shared, who, self.shared.span("deadline", request.deadline.as_deref())?))
+        let span = self.shared.span("deadline", request.deadline.as_deref())?;
+        Ok(App::new(&self.shared, who, &self.at, span))
     }
 
     async fn start(self: &Arc<Self>, operation: &'static Operation, request: Request, to: Address) {
@@ -147,10 +168,13 @@ impl Peer {
             Ok(call) => call,
             Err(problem) => return self.answer(&to, operation.name, Err(problem)).await,
         };
+        let weight = call.weight;
         let work = move |app: &App| written((call.work)(app)?, raw);
-        if alone && call.weight == Weight::Light {
-            let done = catch_unwind(AssertUnwindSafe(|| work(&app)));
-            let answer = done.unwrap_or_else(|_| Err(Problem::defect()));
+        if alone && weight == Weight::Light {
+            let guarded = |app: &App| {
+                catch_unwind(AssertUnwindSafe(|| work(app))).unwrap_or_else(|_| Err(Problem::defect()))
+            };
+            let answer = app.run_light(guarded).await;
             return self.answer(&to, operation.name, answer).await;
         }
         let (cancel, cancelled) = oneshot::channel();
@@ -185,7 +209,7 @@ impl Peer {
                     }
                     work(app)
                 };
-                app.run(alive).await
+                app.run(weight, alive).await
             };
             let answer = tokio::select! {
                 biased;
@@ -238,7 +262,7 @@ impl Peer {
             "a message has at most {MOST_BYTES} bytes in at most {MOST_FRAMES} frames; send it in parts"
         );
         let refused = known.err().unwrap_or_else(|| Problem::too_large(detail));
-        self.answer(&Address { id, delimited, since: Instant::now() }, "none", Err(refused)).await;
+        self.answer(&self.address(id, delimited), "none", Err(refused)).await;
     }
 
     async fn pong(&self, context: &[u8]) {
@@ -252,14 +276,14 @@ impl Peer {
         let seconds = to.since.elapsed().as_secs_f64();
         let who = self.who().ok();
         self.shared.log.request(&RequestLine {
-            request: &self.shared.request_id(),
+            request: &to.request_id,
             transport: "zmq",
             operation: name,
             who: who.as_ref().and_then(Who::owner),
             status,
             problem: refused.map(|p| slug(&p.kind)),
             seconds,
-            trace: None,
+            trace: to.traceparent.as_deref().and_then(trace),
         });
         self.shared.base.metrics.took("zmq", name, status, seconds);
     }
@@ -269,8 +293,8 @@ impl Peer {
         self.shared.base.metrics.answered("ZMQ", name, status);
         self.note(to, name, status, answer.as_ref().err());
         let mut frames = match answer {
-            Ok(written) => written.frames(&to.id),
-            Err(problem) => message::refusal(&to.id, &problem),
+            Ok(written) => written.frames(&to.id, &to.request_id),
+            Err(problem) => message::refusal(&to.id, &to.request_id, &problem),
         };
         if to.delimited {
             frames.insert(0, Vec::new());
@@ -290,10 +314,24 @@ impl Peer {
 struct Address {
     /// As msgpack.
     id: Vec<u8>,
+    /// Given or made.
+    request_id: String,
+    /// W3C's, as it was sent.
+    traceparent: Option<String>,
     /// When its request came.
     since: Instant,
     /// Whether the client puts an empty frame in front, as a REQ does.
     delimited: bool,
+}
+
+impl Address {
+    /// What the request calls itself, if it can be called so, and what it is a part of.
+    fn is_called(&mut self, request: &mut Request) {
+        if let Some(given) = request.request_id.take().filter(|id| given_id(id).is_some()) {
+            self.request_id = given;
+        }
+        self.traceparent = request.traceparent.take();
+    }
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {

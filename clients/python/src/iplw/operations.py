@@ -270,6 +270,28 @@ OPERATIONS: dict[str, Operation] = {
         names=("family", "number"),
         gives=("application/json",),
     ),
+    "list_tokens": Operation(
+        method="GET",
+        path="/v1/tokens",
+        status=200,
+        names=("limit", "cursor"),
+        gives=("application/json",),
+        items="tokens",
+    ),
+    "make_token": Operation(
+        method="POST",
+        path="/v1/tokens",
+        status=201,
+        names=("expires", "may", "name"),
+        takes=("application/json",),
+        gives=("application/json",),
+    ),
+    "revoke_token": Operation(
+        method="DELETE",
+        path="/v1/tokens/{id}",
+        status=204,
+        names=("id",),
+    ),
     "list_worlds": Operation(
         method="GET",
         path="/v1/worlds",
