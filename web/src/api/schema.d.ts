@@ -226,7 +226,7 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Jobs, oldest first. */
+        /** Jobs, oldest first unless asked otherwise. */
         get: operations["list_jobs"];
         put?: never;
         post?: never;
@@ -305,6 +305,23 @@ export interface paths {
         get: operations["get_limits"];
         put?: never;
         post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/place": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /** Tells which actions have a place in a task or a scene, and why others have none; nothing is simulated. */
+        post: operations["place"];
         delete?: never;
         options?: never;
         head?: never;
@@ -425,6 +442,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/simulate": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Simulates one rollout of a task or a scene with the latents and effects given, and forgets it: no world is made,
+         *     nothing is counted. With the times of contacts, and as finely observed as asked.
+         */
+        post: operations["simulate"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/v1/surfaces": {
         parameters: {
             query?: never;
@@ -527,6 +564,44 @@ export interface paths {
         put?: never;
         post?: never;
         delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/tokens": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /** Tokens by name: what they allow and until when, never what is presented. */
+        get: operations["list_tokens"];
+        put?: never;
+        /**
+         * Makes a token, which is shown this once.
+         * @description It takes no `Idempotency-Key`: the answer would have to be kept. Who has lost it revokes the token and makes another.
+         */
+        post: operations["make_token"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/tokens/{id}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        post?: never;
+        /** Takes a token back, by its name: its bearer is refused from the next request on. */
+        delete: operations["revoke_token"];
         options?: never;
         head?: never;
         patch?: never;
@@ -653,38 +728,6 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
-    "/v1/simulate": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        post: operations["simulate"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/place": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        post: operations["place"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
 }
 export type webhooks = Record<string, never>;
 export interface components {
@@ -793,6 +836,21 @@ export interface components {
             /** @description `x`, `y`, `radius`, `angle`, `vx`, `vy` or `omega`. */
             set: string;
             target: string;
+        };
+        /** @description Two things began to touch. */
+        ContactOut: {
+            /** @description Names of two bodies, or of a body and a static. */
+            between: string[];
+            /**
+             * Format: double
+             * @description How fast they approached along the contact's normal, m/s.
+             */
+            speed: number;
+            /**
+             * Format: double
+             * @description s
+             */
+            t: number;
         };
         /** @description Counts that the paper's action groups are made from. */
         ContactsOut: {
@@ -1100,6 +1158,12 @@ export interface components {
              */
             body_steps: number;
             /**
+             * @description Most connections of one client, its token or else its address, over HTTP and as many over ZeroMQ. Beyond: the one of
+             *     them that has waited longest for a request is hung up on; where all are busy, or over ZeroMQ, the new one.
+             * @default 1024
+             */
+            client_connections: number;
+            /**
              * @description Most connections over HTTP. Beyond: the one that has waited longest for a request is hung up on; where all are busy,
              *     the new one.
              * @default 4096
@@ -1117,6 +1181,12 @@ export interface components {
              * @default 120
              */
             idle_seconds: number;
+            /**
+             * Format: double
+             * @description How long a job that has ended is kept with all that belongs to it, s; for ever, if absent.
+             * @default null
+             */
+            job_kept_seconds: number | null;
             /**
              * Format: double
              * @description Longest a job may compute, s, waiting for answers not counted; without end, if absent. Beyond: it fails with `deadline`.
@@ -1167,6 +1237,20 @@ export interface components {
             high: number[];
             low: number[];
             names: string[];
+        };
+        /** @description Actions that may have a place; one of `task` and `scene` is needed. */
+        PlaceIn: {
+            /** @description At most 4096. */
+            actions: components["schemas"]["ActionIn"][];
+            /** @description An `iplw.scene/1` document with `action`. */
+            scene?: Record<string, never> | null;
+            /** @description Id of a task (`bowling:017`). */
+            task?: string | null;
+        };
+        /** @description Which actions have a place. */
+        Places: {
+            /** @description One for each action: why it cannot be placed, `null` where it can. */
+            reasons: (string | null)[];
         };
         /** @description All policies. */
         Policies: {
@@ -1376,6 +1460,52 @@ export interface components {
              */
             stake: number;
         };
+        /** @description A rollout to simulate; one of `task` and `scene` is needed. */
+        SimulateIn: {
+            action?: components["schemas"]["ActionIn"] | null;
+            /** @description Effects beyond gravity and contact, and beyond the scene's own. */
+            effects?: components["schemas"]["EffectIn"][] | null;
+            /** @description `auto`, or the name of an engine. */
+            engine?: string | null;
+            latents?: components["schemas"]["LatentsIn"] | null;
+            /**
+             * Format: int32
+             * @description Time steps between two samples; the scene's own if absent.
+             */
+            observe_every?: number | null;
+            /** @description An `iplw.scene/1` document; it needs neither `action` nor `goal`. */
+            scene?: Record<string, never> | null;
+            /** @description Whether it ends when the goal is reached; default true. */
+            stop?: boolean | null;
+            /** @description Id of a task (`bowling:017`). */
+            task?: string | null;
+        };
+        /** @description What became of it. */
+        Simulated: {
+            /** @description By body name, a state for each time. */
+            bodies: {
+                [key: string]: components["schemas"]["BodyTrack"];
+            };
+            /** @description Contacts that began, in order of time. */
+            contacts: components["schemas"]["ContactOut"][];
+            /** @description `horizon`, `goal` or `diverged`. */
+            end?: string | null;
+            /** @description Engine that ran. */
+            engine: string;
+            /** @description Why it could not be placed. */
+            reason?: string | null;
+            /** @description Whether the goal was reached; `null` where the scene has none. */
+            solved?: boolean | null;
+            /**
+             * Format: int32
+             * @description Simulated time steps.
+             */
+            steps: number;
+            /** @description Times of the samples, s. */
+            t: number[];
+            /** @description Whether the action could be placed; if not, nothing was simulated. */
+            valid: boolean;
+        };
         /** @description Numbers of tasks. */
         SplitCounts: {
             test: number;
@@ -1520,6 +1650,40 @@ export interface components {
             /** @description Number of the round that is meant; guards a repeated `close` from closing the next round. */
             round?: number | null;
             trials?: components["schemas"]["TrialIn"][] | null;
+        };
+        /** @description A token to make. */
+        TokenIn: {
+            /** @description How long it is good: `30d`, `12h`, `15m`, `90s`, or `never`; 90 days if absent. */
+            expires?: string | null;
+            /** @description `read`, `act` or `admin`. */
+            may: string;
+            /** @description Whose it is: worlds, jobs and policies made with it belong to this name. */
+            name: string;
+        };
+        /** @description A token that was made, with what is shown this once. */
+        TokenMade: components["schemas"]["TokenOut"] & {
+            /** @description What its bearer presents. Nothing of it is kept but its hash. */
+            token: string;
+        };
+        /** @description A token as it is known. */
+        TokenOut: {
+            /** @description Whether it has ended. */
+            expired: boolean;
+            /** @description When it ends; never, if absent. */
+            expires?: string | null;
+            /** @description Whether it was given to the server when it was started, and cannot be revoked while it runs. */
+            fixed: boolean;
+            /** @description When it was made; absent where that is not known. */
+            made?: string | null;
+            /** @description `read`, `act` or `admin`. */
+            may: string;
+            name: string;
+        };
+        /** @description A page of tokens. */
+        Tokens: {
+            /** @description Cursor of the next page, if there is one. */
+            next?: string | null;
+            tokens: components["schemas"]["TokenOut"][];
         };
         /** @description Where the round stands. */
         Told: {
@@ -1710,42 +1874,6 @@ export interface components {
             /** @description Whether the action could be placed. */
             valid: boolean[];
         };
-        SimulateIn: {
-            task?: string | null;
-            scene?: Record<string, never> | null;
-            action?: null | components["schemas"]["ActionIn"];
-            latents?: null | components["schemas"]["LatentsIn"];
-            effects?: components["schemas"]["EffectIn"][] | null;
-            engine?: string | null;
-            observe_every?: number | null;
-            stop?: boolean | null;
-        };
-        ContactOut: {
-            t: number;
-            between: string[];
-            speed: number;
-        };
-        Simulated: {
-            engine: string;
-            valid: boolean;
-            reason?: string | null;
-            solved?: boolean | null;
-            end?: string | null;
-            steps: number;
-            t: number[];
-            bodies: {
-                [key: string]: components["schemas"]["BodyTrack"];
-            };
-            contacts: components["schemas"]["ContactOut"][];
-        };
-        PlaceIn: {
-            task?: string | null;
-            scene?: Record<string, never> | null;
-            actions: components["schemas"]["ActionIn"][];
-        };
-        Places: {
-            reasons: (string | null)[];
-        };
     };
     responses: never;
     parameters: never;
@@ -1791,7 +1919,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -1847,7 +1975,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -1903,7 +2031,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -2065,7 +2193,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -2197,7 +2325,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -2323,7 +2451,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -2435,7 +2563,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -2563,7 +2691,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -2633,7 +2761,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -2752,7 +2880,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -2828,7 +2956,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -2957,7 +3085,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -2971,12 +3099,14 @@ export interface operations {
     list_jobs: {
         parameters: {
             query?: {
+                /** @description `oldest` (default) or `newest` first */
+                order?: string;
+                /** @description Only jobs in this state */
+                state?: string;
                 /** @description Most items, 1 to 1000; default 100 */
                 limit?: number;
                 /** @description `next` of the page before */
                 cursor?: string;
-                order?: string;
-                state?: string;
             };
             header?: never;
             path?: never;
@@ -3029,7 +3159,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -3096,7 +3226,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -3170,7 +3300,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -3256,7 +3386,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -3349,7 +3479,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -3405,7 +3535,121 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    place: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["PlaceIn"];
+            };
+        };
+        responses: {
+            /** @description OK */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Places"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description No token, or none that is good */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The token may not act, or not from this page */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Unknown task */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body takes too long */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Too many actions */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A page sends a body of another type */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The server is not called so */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -3475,7 +3719,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -3594,7 +3838,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -3661,7 +3905,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -3735,7 +3979,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -3851,7 +4095,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -3981,7 +4225,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4111,7 +4355,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4187,7 +4431,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4303,7 +4547,121 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    simulate: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: {
+            content: {
+                "application/json": components["schemas"]["SimulateIn"];
+            };
+        };
+        responses: {
+            /** @description OK */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Simulated"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description No token, or none that is good */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The token may not act, or not from this page */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Unknown task */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body takes too long */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Payload Too Large */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A page sends a body of another type */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The server is not called so */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4373,7 +4731,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4492,7 +4850,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4559,7 +4917,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4624,7 +4982,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4691,7 +5049,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4761,7 +5119,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4843,7 +5201,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4913,7 +5271,256 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    list_tokens: {
+        parameters: {
+            query?: {
+                /** @description Most items, 1 to 1000; default 100 */
+                limit?: number;
+                /** @description `next` of the page before */
+                cursor?: string;
+            };
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description OK */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Tokens"];
+                };
+            };
+            /** @description No token, or none that is good */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The token may not admin, or not from this page */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The server is not called so */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request's deadline has passed, or storage fails or is damaged */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    make_token: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["TokenIn"];
+            };
+        };
+        responses: {
+            /** @description Created */
+            201: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["TokenMade"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description No token, or none that is good */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The token may not admin, or not from this page */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body takes too long */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The server asks for no tokens, or has no file to keep one in */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A page sends a body of another type */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The server is not called so */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request's deadline has passed, or storage fails or is damaged */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    revoke_token: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Gone */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description No token, or none that is good */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The token may not admin, or not from this page */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A token that was given to the server when it was started */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The server is not called so */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4983,7 +5590,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5111,7 +5718,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5178,7 +5785,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5243,7 +5850,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5358,7 +5965,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5465,7 +6072,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5599,7 +6206,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5706,7 +6313,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5831,70 +6438,8 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The request's deadline has passed, or storage fails */
+            /** @description The request's deadline has passed, or storage fails or is damaged */
             503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
-    simulate: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody: {
-            content: {
-                "application/json": components["schemas"]["SimulateIn"];
-            };
-        };
-        responses: {
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Simulated"];
-                };
-            };
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
-    place: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody: {
-            content: {
-                "application/json": components["schemas"]["PlaceIn"];
-            };
-        };
-        responses: {
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Places"];
-                };
-            };
-            422: {
                 headers: {
                     [name: string]: unknown;
                 };
