@@ -139,9 +139,11 @@ fn query(operation: &Value, document: &Value, draw: &mut Stream) -> String {
     let parameters = operation["parameters"].as_array().into_iter().flatten();
     let mut pairs = Vec::new();
     for parameter in parameters.filter(|p| p["in"] == "query") {
-        if draw.random() {
+        if draw.random_range(0..3) == 0 {
             let name = parameter["name"].as_str().unwrap_or_default();
-            let value = example(&parameter["schema"], document, 0, draw);
+            let mut schema = parameter["schema"].clone();
+            schema["description"] = parameter["description"].clone();
+            let value = example(&schema, document, 0, draw);
             let value = value.as_str().map_or_else(|| value.to_string(), String::from);
             pairs.push(format!("{name}={}", value.replace(['&', '\n'], "")));
         }
@@ -185,7 +187,13 @@ fn example(schema: &Value, document: &Value, depth: u32, draw: &mut Stream) -> V
         Some("integer") => json!(number(schema, draw).round() as i64),
         Some("number") => json!(number(schema, draw)),
         Some("boolean") => json!(draw.random::<bool>()),
-        Some("string") => json!(WORDS[draw.random_range(0..WORDS.len())]),
+        Some("string") => {
+            // What is said of a text names what it may be: `png` (default) or `svg`.
+            let said = schema["description"].as_str().unwrap_or_default();
+            let named: Vec<&str> = said.split('`').skip(1).step_by(2).collect();
+            let words = if named.is_empty() || draw.random_range(0..4) == 0 { &WORDS[..] } else { &named };
+            json!(words[draw.random_range(0..words.len())])
+        }
         // Anything: what the document leaves to other documents, scenes above all.
         _ => [json!(null), json!({}), json!(1), scene()][draw.random_range(0..4)].clone(),
     }
