@@ -49,6 +49,20 @@ pub fn rows(text: &str, place: &str) -> Result<Vec<Kept>> {
     kept(rows, "").map_err(|e| e.at(place))
 }
 
+/// Tokens from the text of such a file, which stands in a place.
+pub fn whole(text: &str, place: &str) -> Result<Vec<Kept>> {
+    let document: Document = json::parse(text).map_err(|e| e.at(place))?;
+    if document.format != FORMAT {
+        let given = format!("{:?}", document.format);
+        return Err(Error::input("format", given, format!("{FORMAT:?}")).at(place));
+    }
+    if document.seal.is_some_and(|told| told != seal(&document.tokens)) {
+        let how = "its checksum is another; whoever changed it by hand takes out the line `seal`";
+        return Err(Error::Damaged { what: place.into(), how: how.into() });
+    }
+    kept(document.tokens, "tokens").map_err(|e| e.at(place))
+}
+
 impl TokenFile {
     /// The file at a path, which need not be there.
     pub fn at(path: &Path) -> TokenFile {
@@ -72,18 +86,7 @@ impl TokenFile {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             Err(e) => return Err(Error::io(&self.path, e)),
         };
-        let place = self.path.display().to_string();
-        let document: Document = json::parse(&text).map_err(|e| e.at(&place))?;
-        if document.format != FORMAT {
-            return Err(
-                Error::input("format", format!("{:?}", document.format), format!("{FORMAT:?}")).at(&place)
-            );
-        }
-        if document.seal.is_some_and(|told| told != seal(&document.tokens)) {
-            let how = "its checksum is another; whoever changed it by hand takes out the line `seal`";
-            return Err(Error::Damaged { what: place, how: how.into() });
-        }
-        kept(document.tokens, "tokens").map_err(|e| e.at(&place)).map(Some)
+        whole(&text, &self.path.display().to_string()).map(Some)
     }
 
     /// Changes what it holds, all of it or nothing; those who change it at the same time take turns.

@@ -85,18 +85,20 @@ impl Bulk for Limits {}
 impl Limits {
     /// Those of a file.
     pub fn read(path: &Path) -> Result<Limits> {
-        // As fields by name, or else a list would do.
         let text = std::fs::read_to_string(path).map_err(|e| {
             let allowed = "a JSON file of limits such as {\"worlds\": 100}";
             Error::input("--limits", format!("{} ({e})", path.display()), allowed)
         })?;
-        let read = || -> Result<Limits> {
-            let fields: Map<String, Value> = json::parse(&text)?;
-            let limits: Limits = json::from_value(Value::Object(fields))?;
-            limits.validate()?;
-            Ok(limits)
-        };
-        read().map_err(|e| e.at(format!("--limits {}", path.display())))
+        Limits::parse(&text).map_err(|e| e.at(format!("--limits {}", path.display())))
+    }
+
+    /// Those of such a file's text.
+    pub fn parse(text: &str) -> Result<Limits> {
+        // As fields by name, or else a list would do.
+        let fields: Map<String, Value> = json::parse(text)?;
+        let limits: Limits = json::from_value(Value::Object(fields))?;
+        limits.validate()?;
+        Ok(limits)
     }
 
     /// Errors name what cannot be.

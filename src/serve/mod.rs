@@ -16,6 +16,7 @@
 //! | `metrics` `log` | what happened: counters and times, a line for each request and job |
 //! | `memory` | what the allocator keeps, and when it gives back |
 //! | `config` | how a server is run |
+//! | `fuzz` | what fuzzing reaches of all this |
 //!
 //! An action on its way: `http/route` (or `zmq/peer`) makes an `Asked` of what was sent; the operation's declaration
 //! reads its input from it (`Body<StepIn>`) and calls the function beside it (`operations/world`), which steps a
@@ -33,6 +34,8 @@ mod crowd;
 mod exposure;
 mod fair;
 mod gate;
+#[doc(hidden)]
+pub mod fuzz;
 mod http;
 mod leave;
 mod limits;

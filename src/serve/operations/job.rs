@@ -15,6 +15,7 @@ pub fn operations() -> Vec<Operation> {
     vec![
         get("list_jobs", "/v1/jobs", "jobs", READ)
             .about("Jobs, oldest first unless asked otherwise.")
+            .leads_to(200, "/v1/jobs/{id}", "/jobs/0/id")
             .does(list),
         get("get_job", "/v1/jobs/{id}", "jobs", READ)
             .about("One job.")
