@@ -54,7 +54,7 @@ const WORDS: [&[u8]; 10] =
 
 fn tokens(text: &str) -> Fate {
     let as_rows = fate(rows(text, "rows"));
-    let read = whole(text);
+    let read = whole(text, "tokens.json");
     for kept in read.iter().flatten() {
         assert_eq!(kept.digest.hex().len(), 64);
         assert!(!kept.name.is_empty() && !kept.name.contains(' '), "{:?}", kept.name);
