@@ -185,7 +185,7 @@ fn truncate(bytes: &mut Vec<u8>, draws: &mut Draws) -> String {
     format!("the first {length} bytes")
 }
 
-fn flip(bytes: &mut Vec<u8>, draws: &mut Draws) -> String {
+fn flip(bytes: &mut [u8], draws: &mut Draws) -> String {
     // One in eight of them in the first page's head and description of the tables, of which there is little and all matters.
     let near = if draws.below(8) == 0 { 3000.min(bytes.len() as u64) } else { bytes.len() as u64 };
     let (at, bit) = (draws.below(near) as usize, draws.below(8));
