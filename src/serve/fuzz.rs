@@ -12,6 +12,7 @@ use serde_json::Value;
 use tokio::io::{AsyncRead, ReadBuf};
 
 use super::app::App;
+use super::client::Client;
 use super::config::ServeConfig;
 use super::limits::Limits;
 use super::operation::{Asked, Content, Operation, Reply, Sent};
@@ -192,7 +193,7 @@ impl Bench {
     }
 
     fn app(&self) -> App {
-        App::new(&self.0, Who::anybody(), Duration::from_secs(86_400))
+        App::new(&self.0, Who::anybody(), &Client::local(), Duration::from_secs(86_400))
     }
 }
 
@@ -243,7 +244,7 @@ fn promised(operation: &Operation, status: u16, told: &str) {
 fn answered(problem: &Problem) {
     assert!((400..500).contains(&problem.status), "{}: {}", problem.status, problem.detail);
     assert!(!problem.detail.is_empty());
-    drop(message::refusal(&message::NIL, problem));
+    drop(message::refusal(&message::NIL, "", problem));
 }
 
 fn written(operation: &Operation, mut reply: Reply, raw: bool) {
@@ -257,7 +258,7 @@ fn written(operation: &Operation, mut reply: Reply, raw: bool) {
     promised(operation, reply.status, "done");
     if !matches!(reply.content, Content::Events(_)) {
         let written = message::written(reply, raw).expect("an answer can be written");
-        assert!(!written.frames(&message::NIL).is_empty());
+        assert!(!written.frames(&message::NIL, "").is_empty());
     }
 }
 

@@ -33,9 +33,9 @@ mod config;
 mod crowd;
 mod exposure;
 mod fair;
-mod gate;
 #[doc(hidden)]
 pub mod fuzz;
+mod gate;
 mod http;
 mod leave;
 mod limits;

@@ -132,9 +132,9 @@ mod tests {
     #[test]
     fn obstacles_are_what_a_rollout_would_say() {
         let sketch = bowling(None);
-        let actions: Vec<Action> = (0..9)
-            .map(|i| Action::Vector(vec![f64::from(i % 3) / 2.0, f64::from(i / 3) / 2.0, 0.9]))
-            .collect();
+        let solving = Catalogue::new().task("bowling:000").unwrap().certificate.unwrap().action;
+        let grid = (0..9).map(|i| Action::Vector(vec![f64::from(i % 3) / 2.0, f64::from(i / 3) / 2.0, 0.9]));
+        let actions: Vec<Action> = grid.chain([Action::Vector(solving)]).collect();
         let found = obstacles(&sketch.scene, &actions, &RequestLimits::STANDARD, &Endless).unwrap();
         assert!(found.iter().any(Option::is_none) && found.iter().any(Option::is_some), "{found:?}");
         for (action, obstacle) in actions.into_iter().zip(found) {

@@ -196,7 +196,7 @@ fn flip(bytes: &mut [u8], draws: &mut Draws) -> String {
 fn met(times: usize) {
     for (name, met) in [
         ("truncations", damaged(times, 0x9e37_79b9_7f4a_7c15, truncate)),
-        ("bit flips", damaged(times, 0xd1b5_4a32_d192_ed03, flip)),
+        ("bit flips", damaged(times, 0xd1b5_4a32_d192_ed03, |bytes, draws| flip(bytes, draws))),
     ] {
         println!(
             "{times} {name}: said at start {}, said when read {}, all there {}, wrong data {}",
