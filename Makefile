@@ -1,6 +1,8 @@
 # make run   builds what is missing and runs the story: hidden world, estimate, policy, transfer, report
 # make test  everything a fresh machine needs, then all tests
 # make bench-wire steps per second over HTTP and ZeroMQ, beside bare requests, other servers and the library in process
+# make harden what the server does with those who flood it, leave or take their time
+# make soak  a mixed load for an hour (MINUTES=60), and whether memory grows
 # make bench rollouts per second beside Pymunk on the same scenes, and how far that is from the machine's limits
 
 VENV := .venv
