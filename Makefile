@@ -3,6 +3,8 @@
 # make bench-wire steps per second over HTTP and ZeroMQ, beside bare requests, other servers and the library in process
 # make damage  a data directory damaged at random, 1000 truncations and 1000 bit flips: wrong data handed out must be 0
 # make kill  a server killed at 100 random moments of a workload over both transports: nothing acknowledged may be lost
+# make harden what the server does with those who flood it, leave or take their time
+# make soak  a mixed load for an hour (MINUTES=60), and whether memory grows
 # make bench rollouts per second beside Pymunk on the same scenes, and how far that is from the machine's limits
 
 VENV := .venv
