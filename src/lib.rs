@@ -28,6 +28,9 @@
 //! estimator to read a hidden world's latents; threads of our own (rayon for physics, tokio for serving), but for one
 //! a running job.
 
+// Where it is needed, its file says why; SECURITY.md lists those files.
+#![deny(unsafe_code)]
+
 pub mod access;
 pub mod budget;
 pub mod discover;

@@ -2,6 +2,8 @@
 //!
 //! Exit codes: 0 done; 1 failed while working; 2 bad input (one clear line on stderr, nothing written).
 
+#![forbid(unsafe_code)]
+
 mod cli;
 
 use std::process::ExitCode;

@@ -10,3 +10,4 @@ mod families;
 mod rooms;
 mod sources;
 mod tracks_cli;
+mod unsafety;

@@ -3,6 +3,8 @@
 //! Lanes are counted as they are carried out, whether their result is used or not: that is what an instruction set
 //! spends its time on. Not counted is what is written for single numbers: effects, stopping fast discs, observing.
 
+#![allow(unsafe_code, reason = "the same methods as for registers of several lanes")]
+
 use std::cell::Cell;
 
 use super::simd::Register;

@@ -3,6 +3,11 @@
 //! Each level is a further copy of the whole kernel to compile. Programs need the baseline and what is wider; the others
 //! are for tests and benchmarks, which switch them on by the feature `levels`.
 
+#![allow(
+    unsafe_code,
+    reason = "calls what is compiled for instructions, once they were found on this machine"
+)]
+
 use super::batch;
 #[cfg(feature = "levels")]
 use super::count::Counted;

@@ -2,6 +2,8 @@
 //! stands on is the only difference between instruction sets, and each operation here is exactly rounded and
 //! never fused, so that all give the same bits.
 
+#![allow(unsafe_code, reason = "calls methods of registers, which read and write eight numbers")]
+
 mod plain;
 mod register;
 #[cfg(target_arch = "x86_64")]

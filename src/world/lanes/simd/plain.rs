@@ -1,5 +1,7 @@
 //! Registers of one lane: single numbers, which every processor has.
 
+#![allow(unsafe_code, reason = "the same methods as for registers of several lanes")]
+
 use super::register::Register;
 
 // SAFETY: needs no special instructions; the pointers are read and written as promised.

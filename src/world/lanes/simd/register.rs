@@ -1,5 +1,10 @@
 //! What a register of an instruction set can do.
 
+#![allow(
+    unsafe_code,
+    reason = "registers are loaded from memory, by instructions that not every machine has"
+)]
+
 /// A register of a few lanes.
 ///
 /// # Safety

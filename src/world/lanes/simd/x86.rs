@@ -1,5 +1,6 @@
 //! Registers of x86-64: two, four and eight lanes.
 
+#![allow(unsafe_code, reason = "instructions that not every machine has")]
 // Mask arithmetic is plain integers for one of the three.
 #![allow(unused_unsafe)]
 
