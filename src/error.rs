@@ -12,7 +12,7 @@ pub enum Error {
     #[error("{0}")]
     Input(Input),
     /// Something was named that does not exist.
-    #[error("no {kind} named `{id}`{}", hint(known))]
+    #[error("no {kind} named `{}`{}", shown(id), hint(known))]
     NotFound { kind: &'static str, id: String, known: Vec<String> },
     /// The request is understood and will not be carried out.
     #[error("{reason}")]
@@ -87,7 +87,7 @@ impl fmt::Display for Input {
 impl Error {
     /// A refused value of a field.
     pub fn input(field: impl Into<String>, value: impl fmt::Display, allowed: impl Into<String>) -> Self {
-        let (field, value, allowed) = (field.into(), value.to_string(), allowed.into());
+        let (field, value, allowed) = (shown(&field.into()), shown(&value), allowed.into());
         Error::Input(Input { place: String::new(), field, value, allowed })
     }
 
@@ -151,6 +151,50 @@ pub fn within(field: &str, value: f64, low: f64, high: f64) -> Result<f64> {
     }
 }
 
+/// Most of a value or a field's path that an error repeats, bytes.
+const MOST_SHOWN: usize = 1000;
+
+/// A value as an error shows it: its beginning, if it is long.
+pub(crate) fn shown(value: &(impl fmt::Display + ?Sized)) -> String {
+    struct Cut(String);
+    impl fmt::Write for Cut {
+        /// Ends the writing once there is enough: what was sent may take megabytes to write.
+        fn write_str(&mut self, text: &str) -> fmt::Result {
+            let room = MOST_SHOWN - self.0.len().min(MOST_SHOWN);
+            if text.len() <= room {
+                self.0.push_str(text);
+                return Ok(());
+            }
+            let end = (0..=room).rev().find(|i| text.is_char_boundary(*i)).unwrap_or(0);
+            self.0.push_str(&text[..end]);
+            self.0.push_str(" ..");
+            Err(fmt::Error)
+        }
+    }
+    let mut cut = Cut(String::new());
+    let _ = fmt::Write::write_fmt(&mut cut, format_args!("{value}"));
+    cut.0
+}
+
 fn hint(known: &[String]) -> String {
     if known.is_empty() { String::new() } else { format!("; there are: {}", known.join(", ")) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A refused name of 16 MiB came back three times.
+    #[test]
+    fn long_values_are_cut() {
+        let long = Error::input("a".repeat(5000), "ä".repeat(5000), "less");
+        let Error::Input(input) = &long else { unreachable!() };
+        assert_eq!((input.field.len(), input.value.len()), (1003, 1003));
+        assert!(input.value.ends_with("ä .."), "{}", input.value);
+        assert_eq!(Error::input("a", 5, "less").to_string(), "`a` is 5; allowed: less");
+        let exact = "b".repeat(MOST_SHOWN);
+        assert_eq!(shown(&exact), exact);
+        let missing = Error::NotFound { kind: "world", id: "w".repeat(9999), known: Vec::new() };
+        assert!(missing.to_string().len() < 1100);
+    }
 }

@@ -3,7 +3,7 @@
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use crate::error::{Error, Input, Result};
+use crate::error::{Error, Input, Result, shown};
 
 /// Parses `text` as `T`; the error names the path (`bodies[2].shape.radius`), line and what was wrong.
 ///
@@ -65,11 +65,12 @@ fn whole(value: &mut Value) -> bool {
 
 fn refuse(path: &str, error: &serde_json::Error) -> Error {
     let message = error.to_string();
-    let reason = message.split(" at line ").next().unwrap_or(&message).to_string();
+    // A field that is not known is named in it, however long it is.
+    let reason = shown(message.split(" at line ").next().unwrap_or(&message));
     let place = if error.line() > 0 { format!("line {}", error.line()) } else { String::new() };
     Error::Input(Input {
         place,
-        field: path.to_string(),
+        field: shown(path),
         value: String::new(),
         allowed: format!("valid JSON of this format ({reason})"),
     })
@@ -78,6 +79,15 @@ fn refuse(path: &str, error: &serde_json::Error) -> Error {
 #[cfg(test)]
 mod tests {
     use super::parse;
+
+    #[test]
+    fn long_names_are_cut() {
+        #[derive(Debug, serde::Deserialize)]
+        #[serde(deny_unknown_fields)]
+        struct Nothing {}
+        let error = parse::<Nothing>(&format!("{{\"{}\": 1}}", "a".repeat(100_000))).unwrap_err();
+        assert!(error.to_string().len() < 2500, "{error}");
+    }
 
     #[test]
     fn whole_numbers_may_have_a_point() {

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::access::Unknown;
-use crate::error::Error;
+use crate::error::{Error, shown};
 
 /// What went wrong (`application/problem+json`, RFC 9457).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -55,9 +55,13 @@ impl Problem {
         }
     }
 
-    /// A request that could not be read: not JSON, an unknown field, a wrong type.
+    /// A request that could not be read: not JSON, an unknown field, a wrong type. One that holds too much is told so.
     pub fn malformed(error: Error) -> Problem {
+        let too_much = matches!(error, Error::TooLarge { .. });
         let problem = Problem::from(error);
+        if too_much {
+            return problem;
+        }
         Problem {
             kind: format!("{BASE}malformed"),
             title: "The request cannot be read".into(),
@@ -190,9 +194,10 @@ impl From<Error> for Problem {
                     ..problem(StatusCode::UNPROCESSABLE_ENTITY, "invalid-value", "A value is not allowed")
                 }
             }
-            Error::NotFound { id, .. } => {
-                Problem { value: Some(id), ..problem(StatusCode::NOT_FOUND, "not-found", "Not found") }
-            }
+            Error::NotFound { id, .. } => Problem {
+                value: Some(shown(&id)),
+                ..problem(StatusCode::NOT_FOUND, "not-found", "Not found")
+            },
             Error::Refused { .. } => problem(StatusCode::CONFLICT, "refused", "Not in this state"),
             Error::Sealed { .. } => problem(StatusCode::FORBIDDEN, "sealed", "The world is sealed"),
             Error::TooLarge { .. } => {

@@ -7,7 +7,7 @@ use super::once::Once;
 use crate::error::Error;
 use crate::json;
 use crate::serve::problem::{Answer, Problem};
-use crate::serve::wire::{MSGPACK, Object, pack};
+use crate::serve::wire::{MSGPACK, Object, bounds, pack};
 
 /// What is asked of an operation.
 pub struct Asked {
@@ -188,11 +188,13 @@ fn written(value: &Value) -> Option<String> {
 /// JSON, whatever the media type says unless that is msgpack; an empty body is `{}`.
 fn parse<T: DeserializeOwned>(bytes: &[u8], kind: &str) -> Answer<T> {
     if kind == MSGPACK {
+        bounds::msgpack(bytes)?;
         let value =
             if bytes.is_empty() { Ok(Value::Object(Default::default())) } else { pack::unpack(bytes) };
         return value.and_then(json::from_value).map_err(Problem::malformed);
     }
     let text = text(bytes)?;
+    bounds::json(text)?;
     let text = if text.trim().is_empty() { "{}" } else { text };
     json::parse(text).map_err(Problem::malformed)
 }

@@ -3,6 +3,7 @@
 use serde::ser::{Serialize, SerializeSeq, Serializer};
 use serde_json::Value;
 
+use super::bounds::few;
 use crate::error::{Error, Result};
 
 /// An array in C order.
@@ -90,6 +91,7 @@ pub fn lists(field: &str, dtype: &str, shape: &[usize], bytes: &[u8]) -> Result<
         );
         return Err(Error::input(format!("{field}.shape"), format!("{shape:?}"), allowed));
     }
+    few(bytes.len() / size)?;
     let number: fn(&[u8]) -> Value = match dtype {
         "|u1" => |b| b[0].into(),
         "|b1" => |b| (b[0] != 0).into(),

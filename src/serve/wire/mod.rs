@@ -7,6 +7,7 @@ mod action;
 mod array;
 mod asked;
 mod batch;
+pub mod bounds;
 mod bulk;
 mod diagnosis;
 mod episode;

@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 use crate::serve::operation::{Asked, Content, Once, Reply};
 use crate::serve::problem::{Answer, Problem};
 use crate::serve::wire::pack::{self, Path, name};
-use crate::serve::wire::{Array, Data, lists};
+use crate::serve::wire::{Array, Data, bounds, lists};
 
 /// A request as it was sent.
 pub struct Request {
@@ -55,6 +55,7 @@ struct Header<'a> {
 impl<'a> Header<'a> {
     /// Field by field, so that whoever is at fault after the id is answered under it.
     fn read(mut bytes: &'a [u8], id: &mut Option<Vec<u8>>) -> Result<Header<'a>> {
+        bounds::msgpack(bytes)?;
         let Some(entries) = pack::map(&mut bytes) else {
             return Err(Error::input("", "no map", "a msgpack map as the first frame"));
         };
@@ -199,18 +200,25 @@ fn placed(
     Ok(body)
 }
 
+/// Most names of a dotted path: no field is so deep, and what is built from one is also dropped level by level.
+const MOST_NAMES: usize = 16;
+
 /// Puts a value at a dotted path.
-fn place(fields: &mut Map<String, Value>, path: &str, value: Value) -> Result<()> {
-    match path.split_once('.') {
-        None => drop(fields.insert(path.to_string(), value)),
-        Some((first, rest)) => {
-            let below = fields.entry(first).or_insert_with(|| Value::Object(Map::new()));
-            let Value::Object(below) = below else {
-                return Err(Error::input(path, "below a value", "the path of a field in args"));
-            };
-            place(below, rest, value)?;
-        }
+fn place(mut fields: &mut Map<String, Value>, path: &str, value: Value) -> Result<()> {
+    if path.split('.').count() > MOST_NAMES {
+        let shown: String = path.chars().take(64).collect();
+        let allowed = format!("the path of a field in args, at most {MOST_NAMES} names");
+        return Err(Error::input("arrays.name", format!("{shown:?}.."), allowed));
     }
+    let (above, last) = path.rsplit_once('.').unwrap_or(("", path));
+    for name in above.split('.').filter(|_| path.contains('.')) {
+        let below = fields.entry(name).or_insert_with(|| Value::Object(Map::new()));
+        let Value::Object(below) = below else {
+            return Err(Error::input(path, "below a value", "the path of a field in args"));
+        };
+        fields = below;
+    }
+    fields.insert(last.to_string(), value);
     Ok(())
 }
 
@@ -284,4 +292,44 @@ fn opening(id: &[u8], ok: bool, fields: u32) -> Vec<u8> {
 fn field(head: &mut Vec<u8>, name: &str, packed: &[u8]) {
     let _ = put::write_str(head, name);
     head.extend_from_slice(packed);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    fn placed_at(path: &str, fields: Value) -> Result<Value> {
+        let Value::Object(mut fields) = fields else { unreachable!() };
+        place(&mut fields, path, json!([1]))?;
+        Ok(fields.into())
+    }
+
+    #[test]
+    fn arrays_stand_where_their_names_say() {
+        assert_eq!(placed_at("a", json!({})).unwrap(), json!({"a": [1]}));
+        assert_eq!(
+            placed_at("a.b.c", json!({"a": {"x": 0}})).unwrap(),
+            json!({"a": {"x": 0, "b": {"c": [1]}}})
+        );
+        assert_eq!(placed_at(".", json!({})).unwrap(), json!({"": {"": [1]}}));
+        assert!(placed_at("a.b", json!({"a": 1})).unwrap_err().to_string().contains("`a.b`"));
+    }
+
+    /// A name of nothing but dots went as deep as it was long, and took the process down.
+    #[test]
+    fn a_name_of_many_dots_is_refused() {
+        let mut head =
+            b"\x85\xa1v\x01\xa2id\x07\xa2op\xa4ping\xa4args\x80\xa6arrays\x91\x83\xa4name\xda\xff\xff"
+                .to_vec();
+        head.extend([b'.'; 0xffff]);
+        head.extend(b"\xa5dtype\xa3|u1\xa5shape\x91\x01");
+        let (id, request) = read(vec![head, vec![1]]);
+        assert_eq!(id, [7]);
+        let told = request.err().unwrap().to_string();
+        assert!(
+            told.contains("`arrays.name`") && told.contains("at most 16 names") && told.len() < 300,
+            "{told}"
+        );
+    }
 }
