@@ -111,9 +111,15 @@ def test_typescript(url: str, by_hand: dict[str, Any]) -> None:
 
 
 def test_the_server_does_what_the_document_says(url: str) -> None:
-    """All of schemathesis's checks: status codes, content types, schemas, headers, refusals of what is not allowed."""
-    run(
-        Path(sys.executable).parent / "schemathesis",
-        *("--config-file", HERE / "schemathesis.toml"),
-        *("run", DOCUMENT, "--url", url),
+    """All of schemathesis's checks: status codes, content types, schemas, headers, refusals of what is not allowed.
+
+    Also of requests that follow from each other, by the document's links. `EXAMPLES` of each operation, 8 by default.
+    """
+    print(
+        run(
+            Path(sys.executable).parent / "schemathesis",
+            *("--config-file", HERE / "schemathesis.toml"),
+            *("run", DOCUMENT, "--url", url),
+            *("--max-examples", os.environ.get("EXAMPLES", "8")),
+        )
     )

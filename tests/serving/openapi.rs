@@ -47,3 +47,46 @@ fn check_references(document: &Value, node: &Value) {
         _ => {}
     }
 }
+
+/// Links follow from the paths: what is made is found, used and forgotten by its id.
+#[test]
+fn answers_that_tell_an_id_are_linked_to_what_takes_it() {
+    let document: Value = serde_json::from_str(&iplw::serve::openapi()).unwrap();
+    let at = |path: &str| format!("/paths/{}", path.replace('/', "~1"));
+    let links = |method: &str, path: &str, status: u16| -> Vec<String> {
+        let links = document.pointer(&format!("{}/{method}/responses/{status}/links", at(path)));
+        links.and_then(Value::as_object).unwrap().keys().cloned().collect()
+    };
+    let of_a_world = [
+        "delete_world",
+        "get_world",
+        "render_world",
+        "reset_world",
+        "rollout_world",
+        "set_latents",
+        "step_world",
+    ];
+    assert_eq!(links("post", "/v1/worlds", 201), of_a_world);
+    assert!(links("post", "/v1/surfaces", 202).contains(&"delete_job".to_string()));
+    assert!(links("post", "/v1/iplw", 202).contains(&"list_proposals".to_string()));
+    // Every operation with an id in its path is led to by some answer, and every link to one that there is.
+    let (mut wanted, mut led) = (Vec::new(), Vec::new());
+    for (path, operations) in document["paths"].as_object().unwrap() {
+        for operation in operations.as_object().unwrap().values() {
+            let id = operation["operationId"].as_str().unwrap().to_string();
+            let responses = operation["responses"].as_object().unwrap().values();
+            for link in responses.filter_map(|r| r["links"].as_object()).flat_map(|l| l.values()) {
+                assert!(link["parameters"]["id"].as_str().unwrap().starts_with("$response.body#/"), "{id}");
+                led.push(link["operationId"].as_str().unwrap().to_string());
+            }
+            if path.contains("{id}") {
+                wanted.push(id);
+            }
+        }
+    }
+    for list in [&mut wanted, &mut led] {
+        list.sort();
+        list.dedup();
+    }
+    assert_eq!(wanted, led);
+}

@@ -3,6 +3,7 @@
 //! whole numbers beyond 63 bits, bytes as bytes.
 
 use axum::http::StatusCode;
+use utoipa::openapi::link::Link;
 use utoipa::openapi::path::{Operation, Parameter, PathItem, PathsBuilder};
 use utoipa::openapi::schema::{
     AdditionalProperties, ArrayItems, KnownFormat, Object, Schema, SchemaFormat, SchemaType, Type,
@@ -11,7 +12,7 @@ use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityScheme};
 use utoipa::openapi::{Content, OpenApi, RefOr, Required};
 use utoipa::{Number, OpenApi as _};
 
-use crate::serve::operation::TOKEN;
+use crate::serve::operation::{Lead, TOKEN};
 use crate::serve::problem::Problem;
 
 /// Everything but what the operations say of themselves.
@@ -47,7 +48,9 @@ pub fn document(operations: &[crate::serve::operation::Operation]) -> String {
     let schemas = &mut document.components.get_or_insert_default().schemas;
     for operation in operations {
         schemas.extend(operation.described.schemas.iter().cloned());
-        let item = PathItem::new(operation.method.clone(), operation.described.operation());
+        let mut described = operation.described.operation();
+        operation.described.leads.iter().for_each(|lead| links(lead, operations, &mut described));
+        let item = PathItem::new(operation.method.clone(), described);
         document.paths =
             PathsBuilder::from(std::mem::take(&mut document.paths)).path(operation.path, item).build();
     }
@@ -59,6 +62,19 @@ pub fn document(operations: &[crate::serve::operation::Operation]) -> String {
     components.add_security_scheme(TOKEN, SecurityScheme::Http(token.build()));
     complete(&mut document);
     document.to_pretty_json().map(|json| json + "\n").unwrap_or_default()
+}
+
+/// Links an answer to every operation that is asked for with the id it tells.
+fn links(lead: &Lead, operations: &[crate::serve::operation::Operation], from: &mut Operation) {
+    let below = |path: &str| {
+        path.strip_prefix(lead.path).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
+    };
+    let Some(RefOr::T(response)) = from.responses.responses.get_mut(&lead.status.to_string()) else { return };
+    for to in operations.iter().filter(|o| below(o.path)) {
+        let id = format!("$response.body#{}", lead.id);
+        let link = Link::builder().operation_id(to.name).parameter("id", id).build();
+        response.links.insert(to.name.into(), RefOr::T(link));
+    }
 }
 
 fn complete(document: &mut OpenApi) {

@@ -18,7 +18,7 @@ use utoipa::ToSchema;
 use utoipa::openapi::path::HttpMethod;
 
 use super::asked::Asked;
-use super::describe::Described;
+use super::describe::{Described, Lead};
 use super::input::Input;
 use super::once::{Keep, Once, once};
 use super::reply::{Content, Output, Reply};
@@ -184,6 +184,12 @@ impl Declaration {
         self
     }
 
+    /// An answer of this status tells an id, at a JSON pointer, with which to ask for what is at `path` and below it.
+    pub fn leads_to(mut self, status: u16, path: &'static str, id: &'static str) -> Declaration {
+        self.described.leads.push(Lead { status, path, id });
+        self
+    }
+
     /// ZeroMQ does not have it.
     pub fn only_http(mut self) -> Declaration {
         self.only_http = true;
@@ -246,6 +252,7 @@ impl Declaration {
         work: MakeWork,
     ) -> Operation {
         self.described.problem(429, "Too many waiting jobs");
+        self.described.leads.push(Lead { status: 202, path: "/v1/jobs/{id}", id: "/id" });
         let place = at("Where the job is", |job: &JobOut| format!("/v1/jobs/{}", job.id));
         Operation { job: Some((kind, work)), ..self.makes(202, place, begin) }
     }

@@ -24,6 +24,18 @@ pub struct Described {
     body: Option<RequestBody>,
     /// By name.
     pub schemas: Vec<(String, RefOr<Schema>)>,
+    /// What its answers lead to.
+    pub leads: Vec<Lead>,
+}
+
+/// An answer that tells an id, which stands in the path of others.
+pub struct Lead {
+    /// The answer's.
+    pub status: u16,
+    /// Of the others, up to the id; those below it too.
+    pub path: &'static str,
+    /// Where the id is in the answer, a JSON pointer.
+    pub id: &'static str,
 }
 
 impl Described {
@@ -32,7 +44,13 @@ impl Described {
         let mut operation = Operation::new();
         operation.operation_id = Some(name.into());
         operation.tags = Some(vec![tag.into()]);
-        Described { operation, responses: BTreeMap::new(), body: None, schemas: Vec::new() }
+        Described {
+            operation,
+            responses: BTreeMap::new(),
+            body: None,
+            schemas: Vec::new(),
+            leads: Vec::new(),
+        }
     }
 
     /// The operation of the document.
@@ -184,6 +202,7 @@ impl Described {
         body.required = Some(Required::True);
         body.content.insert(kind.into(), content(schema));
         self.problem(408, "The body takes too long");
+        self.problem(413, "");
         self.problem(415, "A page sends a body of another type");
     }
 

@@ -20,7 +20,7 @@ mod reply;
 
 pub use asked::{Asked, Sent};
 pub use declare::{ACT, ADMIN, OPEN, Operation, READ, Weight, at, delete, get, post, put};
-pub use describe::{Described, TOKEN};
+pub use describe::{Described, Lead, TOKEN};
 pub use input::{Body, Bytes, Id, Input, Kept, Raw};
 pub use once::{Keep, Once};
 pub use page::Page;

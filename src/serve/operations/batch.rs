@@ -14,6 +14,7 @@ pub fn operations() -> Vec<Operation> {
         post("create_worlds", "/v1/batch/worlds", "batch", ACT)
             .about("Makes many worlds that differ in their seeds; all of them or none.")
             .refuses(&[(404, "Unknown task"), (413, ""), (429, "No room for more worlds")])
+            .leads_to(201, "/v1/worlds/{id}", "/worlds/0")
             .makes(201, None, create),
         delete("delete_worlds", "/v1/batch/worlds", "batch", ACT)
             .about("Forgets many worlds; all of them or none.")

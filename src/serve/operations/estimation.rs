@@ -39,6 +39,7 @@ pub fn operations() -> Vec<Operation> {
         post("start_iplw", "/v1/iplw", "workflow", ACT)
             .about("Estimates the latents of a real world: explore in simulation, measure, fit. A job.")
             .refuses(&[(404, "Unknown task or world")])
+            .leads_to(202, "/v1/iplw/{id}", "/id")
             .queues(KIND, begin, work),
     ]
 }

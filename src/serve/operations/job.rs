@@ -12,7 +12,10 @@ use crate::serve::wire::{JobOut, Jobs};
 /// What can be asked of jobs.
 pub fn operations() -> Vec<Operation> {
     vec![
-        get("list_jobs", "/v1/jobs", "jobs", READ).about("Jobs, oldest first.").does(list),
+        get("list_jobs", "/v1/jobs", "jobs", READ)
+            .about("Jobs, oldest first.")
+            .leads_to(200, "/v1/jobs/{id}", "/jobs/0/id")
+            .does(list),
         get("get_job", "/v1/jobs/{id}", "jobs", READ)
             .about("One job.")
             .refuses(&[(404, "")])

@@ -15,6 +15,7 @@ pub fn operations() -> Vec<Operation> {
     vec![
         get("list_policies", "/v1/policies", "policies", READ)
             .about("Policies, oldest first; replacing its weights makes a policy young again.")
+            .leads_to(200, "/v1/policies/{id}", "/policies/0/id")
             .does(list),
         get("get_policy", "/v1/policies/{id}", "policies", READ).about("One policy.").refuses(&[(404, "")]).does(one),
         delete("delete_policy", "/v1/policies/{id}", "policies", ACT)
@@ -30,6 +31,7 @@ pub fn operations() -> Vec<Operation> {
             .about("Stores weights: makes the policy, or replaces its weights.")
             .answers::<PolicyOut>(200, "Replaced")
             .answers::<PolicyOut>(201, "Made")
+            .leads_to(201, "/v1/policies/{id}", "/id")
             .refuses(&[
                 (409, "A name that is taken"),
                 (413, ""),

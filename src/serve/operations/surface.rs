@@ -31,7 +31,10 @@ pub fn operations() -> Vec<Operation> {
             )
             .refuses(&[(404, "Unknown family")])
             .queues(KIND, begin, work),
-        get("list_surfaces", "/v1/surfaces", "workflow", READ).about("Surfaces, oldest first.").does(list),
+        get("list_surfaces", "/v1/surfaces", "workflow", READ)
+            .about("Surfaces, oldest first.")
+            .leads_to(200, "/v1/surfaces/{id}", "/surfaces/0/id")
+            .does(list),
         get("get_surface", "/v1/surfaces/{id}", "workflow", READ)
             .about("One surface with its points.")
             .refuses(&[(404, "")])

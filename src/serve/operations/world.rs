@@ -13,10 +13,14 @@ use crate::session::Batch;
 /// What can be asked of one world.
 pub fn operations() -> Vec<Operation> {
     vec![
-        get("list_worlds", "/v1/worlds", "worlds", READ).about("Worlds in order of id.").does(list),
+        get("list_worlds", "/v1/worlds", "worlds", READ)
+            .about("Worlds in order of id.")
+            .leads_to(200, "/v1/worlds/{id}", "/worlds/0/id")
+            .does(list),
         post("create_world", "/v1/worlds", "worlds", ACT)
             .about("Makes a world; it outlives the server, and goes when nobody has used it for a while.")
             .refuses(&[(404, "Unknown task"), (413, ""), (429, "No room for more worlds")])
+            .leads_to(201, "/v1/worlds/{id}", "/id")
             .makes(201, at("Where the world is", |w: &WorldOut| format!("/v1/worlds/{}", w.id)), create),
         get("get_world", "/v1/worlds/{id}", "worlds", READ)
             .about("One world.")
