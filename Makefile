@@ -9,7 +9,8 @@ CARGO := cargo
 # Tests run every way the batched kernel can be compiled; one feature set for all of them, so that nothing is built twice.
 LEVELS := --features levels
 
-.PHONY: run test test-rust test-python test-clients test-examples lint bench bench-wire bench-hold openapi tasks clean help
+.PHONY: run test test-rust test-python test-clients test-examples lint bench bench-wire bench-hold fuzz fuzz-guided schemathesis \
+	deny openapi tasks clean help
 
 help:
 	@sed -n 's/^# //p' Makefile
@@ -69,6 +70,35 @@ bench-wire: $(VENV)/.installed
 	$(VENV)-peers/bin/python -m pip install --quiet --disable-pip-version-check \
 		openenv-core==0.3.0 dm_env_rpc==1.1.7 flask==3.1.3 requests numpy
 	$(PYTHON) benches/wire.py --peers $(VENV)-peers/bin/python
+
+# Every fuzz target as often as it is to stand (hours); RUNS=100000 makes it short. Where `cargo fuzz` and a nightly compiler
+# are, each is then fuzzed by what it reaches, too, for GUIDED seconds.
+FUZZED := zmtp msgpack bodies requests trials tracks weights tokens limits
+RUNS := long
+SCENES := 1000000
+GUIDED := 600
+fuzz:
+	for t in $(FUZZED); do \
+		FUZZ_RUNS=$(RUNS) $(CARGO) test --locked $(LEVELS) --test fuzz -- --exact $$t --nocapture || exit 1; done
+	FUZZ_SCENES=$(SCENES) $(CARGO) test --locked $(LEVELS) --test physics -- mutated_scenes --nocapture
+	if $(CARGO) +nightly fuzz --version 2>/dev/null; then $(MAKE) fuzz-guided; fi
+
+fuzz-guided:
+	for t in $(FUZZED) scene; do $(CARGO) +nightly fuzz run --sanitizer none $$t -- \
+		-max_total_time=$(GUIDED) -timeout=10 -malloc_limit_mb=64 -max_len=65536 || exit 1; done
+
+# The server held against its document, deeply: EXAMPLES an operation and for states that follow from each other.
+EXAMPLES := 200
+schemathesis: $(VENV)/.generators
+	$(CARGO) build --locked $(LEVELS) --bin iplw --examples
+	cd clients/generated && EXAMPLES=$(EXAMPLES) IPLW_BIN=$(CURDIR)/target/debug/iplw \
+		../../$(PYTHON) -m pytest -q -s -k document_says
+
+# Licences, sources and known faults of what the program is built of; the last needs the advisories' database.
+deny:
+	$(CARGO) deny --version || $(CARGO) install cargo-deny --locked
+	$(CARGO) deny check licenses bans sources
+	$(CARGO) deny check advisories
 
 # A thousand sessions, 64 clients at once; the figure in the README is with SECONDS=300.
 SECONDS := 20

@@ -45,6 +45,15 @@ pub fn rows(text: &str, place: &str) -> Result<Vec<Kept>> {
     kept(rows, "").map_err(|e| e.at(place))
 }
 
+/// Tokens from the text of such a file.
+pub fn whole(text: &str) -> Result<Vec<Kept>> {
+    let document: Document = json::parse(text)?;
+    if document.format != FORMAT {
+        return Err(Error::input("format", format!("{:?}", document.format), format!("{FORMAT:?}")));
+    }
+    kept(document.tokens, "tokens")
+}
+
 impl TokenFile {
     /// The file at a path, which need not be there.
     pub fn at(path: &Path) -> TokenFile {
@@ -68,14 +77,7 @@ impl TokenFile {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             Err(e) => return Err(Error::io(&self.path, e)),
         };
-        let place = self.path.display().to_string();
-        let document: Document = json::parse(&text).map_err(|e| e.at(&place))?;
-        if document.format != FORMAT {
-            return Err(
-                Error::input("format", format!("{:?}", document.format), format!("{FORMAT:?}")).at(&place)
-            );
-        }
-        kept(document.tokens, "tokens").map_err(|e| e.at(&place)).map(Some)
+        whole(&text).map_err(|e| e.at(self.path.display())).map(Some)
     }
 
     /// Changes what it holds, all of it or nothing; those who change it at the same time take turns.

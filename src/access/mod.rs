@@ -14,7 +14,7 @@ mod scope;
 mod token;
 mod when;
 
-pub use file::{TokenFile, rows};
+pub use file::{TokenFile, rows, whole};
 pub use keyring::{Keyring, Unknown};
 pub use scope::{Scope, Who};
 pub use token::{Digest, Kept, digest, fresh};

@@ -78,10 +78,16 @@ impl Bulk for Limits {}
 impl Limits {
     /// Those of a file.
     pub fn read(path: &Path) -> Result<Limits> {
+        let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, e))?;
+        Limits::parse(&text).map_err(|e| e.at(path.display()))
+    }
+
+    /// Those of such a file's text.
+    pub fn parse(text: &str) -> Result<Limits> {
         // As fields by name, or else a list would do.
-        let fields: Map<String, Value> = json::read(path)?;
-        let limits: Limits = json::from_value(Value::Object(fields)).map_err(|e| e.at(path.display()))?;
-        limits.validate().map_err(|e| e.at(path.display()))?;
+        let fields: Map<String, Value> = json::parse(text)?;
+        let limits: Limits = json::from_value(Value::Object(fields))?;
+        limits.validate()?;
         Ok(limits)
     }
 

@@ -14,6 +14,7 @@
 //! | `limits` | what is taken, and for how long |
 //! | `metrics` `log` | what happened: counters and times, a line for each request and job |
 //! | `config` | how a server is run |
+//! | `fuzz` | what fuzzing reaches of all this |
 //!
 //! An action on its way: `http/route` (or `zmq/peer`) makes an `Asked` of what was sent; the operation's declaration
 //! reads its input from it (`Body<StepIn>`) and calls the function beside it (`operations/world`), which steps a
@@ -27,6 +28,8 @@
 mod app;
 mod config;
 mod exposure;
+#[doc(hidden)]
+pub mod fuzz;
 mod http;
 mod leave;
 mod limits;

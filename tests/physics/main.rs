@@ -2,6 +2,8 @@
 
 #[path = "../../fuzz/fuzz_one.rs"]
 mod fuzz_one;
+#[path = "../../fuzz/json.rs"]
+mod json;
 
 mod analytic;
 mod effects;

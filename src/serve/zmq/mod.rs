@@ -9,9 +9,9 @@
 //! ZMTP is spoken here and not by a library: the `zeromq` crate (0.7.0) reserves whatever length a frame announces, so
 //! that a dozen bytes from anybody end the process, and it drops clients that send heartbeats.
 
-mod message;
+pub mod message;
 mod peer;
-mod zmtp;
+pub mod zmtp;
 
 use std::io;
 use std::net::IpAddr;
