@@ -108,7 +108,7 @@ mod tests {
         assert!(refused(json(&json_of("{\"a\":0}", MOST_VALUES / 16))));
         assert!(refused(json(&json_of("[]", MOST_VALUES / 4))));
         assert!(json(&json_of("0", MOST_VALUES - 10)).is_ok());
-        let quoted = json!({"csv": "0,[{\"\\,".repeat(400_000)}).to_string();
+        let quoted = json!({"csv": "0,[{\"\\,".repeat(500_000)}).to_string();
         assert!(quoted.len() > 4 * MOST_VALUES && json(&quoted).is_ok());
         let packed = |value: &Value| rmp_serde::to_vec(value).unwrap();
         assert!(refused(msgpack(&packed(&json!(vec![0; MOST_VALUES + 1])))));
@@ -124,7 +124,7 @@ mod tests {
     fn what_is_counted_is_what_there_is() {
         let count = |bytes: &[u8]| {
             let mut with = bytes.to_vec();
-            with.extend([0xc0; MOST_VALUES]);
+            with.extend(std::iter::repeat_n(0xc0, MOST_VALUES));
             match msgpack(&with) {
                 Err(Error::TooLarge { asked, .. }) => asked as usize - MOST_VALUES,
                 other => panic!("{other:?}"),

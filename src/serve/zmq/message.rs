@@ -229,7 +229,7 @@ fn place(mut fields: &mut Map<String, Value>, path: &str, value: Value) -> Resul
         let allowed = format!("the path of a field in args, at most {MOST_NAMES} names");
         return Err(Error::input("arrays.name", format!("{shown:?}.."), allowed));
     }
-    let (above, last) = path.rsplit_once('.').map_or(("", path), |(above, last)| (above, last));
+    let (above, last) = path.rsplit_once('.').unwrap_or(("", path));
     for name in above.split('.').filter(|_| path.contains('.')) {
         let below = fields.entry(name).or_insert_with(|| Value::Object(Map::new()));
         let Value::Object(below) = below else {
