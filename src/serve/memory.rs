@@ -4,7 +4,7 @@
 //! and unmapped when freed (glibc would raise the size from which it does so with every large block it sees), and from time to
 //! time what lies free is given back to the system. Elsewhere than on glibc nothing is done.
 
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "tells the C library's allocator how to keep memory and when to give it back")]
 
 use std::thread::available_parallelism;
 

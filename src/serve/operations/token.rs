@@ -18,6 +18,7 @@ pub fn operations() -> Vec<Operation> {
                  to be kept. Who has lost it revokes the token and makes another.",
             )
             .answers::<TokenMade>(201, "")
+            .leads_to(201, "/v1/tokens/{id}", "/name")
             .refuses(&[(409, "The server asks for no tokens, or has no file to keep one in")])
             .does(make),
         delete("revoke_token", "/v1/tokens/{id}", "system", ADMIN)
