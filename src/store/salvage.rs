@@ -177,7 +177,7 @@ fn put_aside(database: &Path) -> Result<PathBuf> {
     for beside in ["-wal", "-shm", "-journal", ""] {
         let (from, to) = (format!("{}{beside}", database.display()), format!("{}{beside}", kept.display()));
         match fs::rename(&from, &to) {
-            Err(e) if !(e.kind() == std::io::ErrorKind::NotFound && !beside.is_empty()) => {
+            Err(e) if e.kind() != std::io::ErrorKind::NotFound || beside.is_empty() => {
                 return Err(Error::io(Path::new(&from), e));
             }
             _ => {}
