@@ -31,9 +31,12 @@ pub fn own_directory(path: &Path) -> Result<()> {
     }
     let entries = fs::read_dir(path).map_err(|e| Error::io(path, e))?;
     let ours = |name: &str| OURS.iter().any(|o| name.trim_start_matches('.').starts_with(o));
-    let all_ours = entries.flatten().all(|entry| entry.file_name().to_str().is_some_and(ours));
+    let names: Vec<_> = entries.flatten().map(|entry| entry.file_name()).collect();
+    let all_ours = names.iter().all(|name| name.to_str().is_some_and(ours));
     if all_ours && close(path, 0o700) {
-        tracing::warn!("{}: others could read this data directory; now they cannot", path.display());
+        if !names.is_empty() {
+            tracing::warn!("{}: others could read this data directory; now they cannot", path.display());
+        }
     } else {
         tracing::warn!(
             "{}: others may list this data directory, as it holds other things, too, or is not ours to change; \
@@ -97,7 +100,8 @@ fn close(_: &Path, _: u32) -> bool {
     true
 }
 
-#[cfg(all(test, unix))]
+#[cfg(test)]
+#[cfg(unix)]
 mod tests {
     use std::collections::BTreeMap;
     use std::os::unix::fs::PermissionsExt;

@@ -154,6 +154,10 @@ fn make_world(
         key: Some(key),
     };
     let (status, made) = way.ask(&ask)?;
+    if status == 429 {
+        // No room for more worlds.
+        return Some(false);
+    }
     assert!(status < 300, "{made}");
     let id = made["id"].as_str().unwrap().to_string();
     let mut kept = kept.lock().unwrap();
