@@ -185,7 +185,7 @@ fn truncate(bytes: &mut Vec<u8>, draws: &mut Draws) -> String {
     format!("the first {length} bytes")
 }
 
-fn flip(bytes: &mut Vec<u8>, draws: &mut Draws) -> String {
+fn flip(bytes: &mut [u8], draws: &mut Draws) -> String {
     // One in eight of them in the first page's head and description of the tables, of which there is little and all matters.
     let near = if draws.below(8) == 0 { 3000.min(bytes.len() as u64) } else { bytes.len() as u64 };
     let (at, bit) = (draws.below(near) as usize, draws.below(8));
@@ -196,7 +196,7 @@ fn flip(bytes: &mut Vec<u8>, draws: &mut Draws) -> String {
 fn met(times: usize) {
     for (name, met) in [
         ("truncations", damaged(times, 0x9e37_79b9_7f4a_7c15, truncate)),
-        ("bit flips", damaged(times, 0xd1b5_4a32_d192_ed03, flip)),
+        ("bit flips", damaged(times, 0xd1b5_4a32_d192_ed03, |bytes, draws| flip(bytes, draws))),
     ] {
         println!(
             "{times} {name}: said at start {}, said when read {}, all there {}, wrong data {}",
