@@ -64,7 +64,7 @@ impl Rest<'_, '_, '_> {
         let form = Form { text: law::formula, among: law::FUNCTIONS, belief: 0.0 };
         let formula = self.fitted(law::law(self.fitter.data, self.model, noise)?, form)?;
         let field = match shared {
-            Some(s) => self.field(s.form)?,
+            Some(s) => self.field(s.whole)?,
             None => None,
         };
         Ok(self.plainer(formula, field))
