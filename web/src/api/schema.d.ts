@@ -226,7 +226,7 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Jobs, oldest first. */
+        /** Jobs, oldest first unless asked otherwise. */
         get: operations["list_jobs"];
         put?: never;
         post?: never;
@@ -305,6 +305,23 @@ export interface paths {
         get: operations["get_limits"];
         put?: never;
         post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/place": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /** Tells which actions have a place in a task or a scene, and why others have none; nothing is simulated. */
+        post: operations["place"];
         delete?: never;
         options?: never;
         head?: never;
@@ -419,6 +436,26 @@ export interface paths {
         /** Stores weights: makes the policy, or replaces its weights. */
         put: operations["upload_weights"];
         post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/simulate": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Simulates one rollout of a task or a scene with the latents and effects given, and forgets it: no world is made,
+         *     nothing is counted. With the times of contacts, and as finely observed as asked.
+         */
+        post: operations["simulate"];
         delete?: never;
         options?: never;
         head?: never;
@@ -653,38 +690,6 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
-    "/v1/simulate": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        post: operations["simulate"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/v1/place": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        post: operations["place"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
 }
 export type webhooks = Record<string, never>;
 export interface components {
@@ -793,6 +798,21 @@ export interface components {
             /** @description `x`, `y`, `radius`, `angle`, `vx`, `vy` or `omega`. */
             set: string;
             target: string;
+        };
+        /** @description Two things began to touch. */
+        ContactOut: {
+            /** @description Names of two bodies, or of a body and a static. */
+            between: string[];
+            /**
+             * Format: double
+             * @description How fast they approached along the contact's normal, m/s.
+             */
+            speed: number;
+            /**
+             * Format: double
+             * @description s
+             */
+            t: number;
         };
         /** @description Counts that the paper's action groups are made from. */
         ContactsOut: {
@@ -1168,6 +1188,20 @@ export interface components {
             low: number[];
             names: string[];
         };
+        /** @description Actions that may have a place; one of `task` and `scene` is needed. */
+        PlaceIn: {
+            /** @description At most 4096. */
+            actions: components["schemas"]["ActionIn"][];
+            /** @description An `iplw.scene/1` document with `action`. */
+            scene?: Record<string, never> | null;
+            /** @description Id of a task (`bowling:017`). */
+            task?: string | null;
+        };
+        /** @description Which actions have a place. */
+        Places: {
+            /** @description One for each action: why it cannot be placed, `null` where it can. */
+            reasons: (string | null)[];
+        };
         /** @description All policies. */
         Policies: {
             /** @description Cursor of the next page, if there is one. */
@@ -1375,6 +1409,52 @@ export interface components {
              * @description The slope times the prior's standard deviation.
              */
             stake: number;
+        };
+        /** @description A rollout to simulate; one of `task` and `scene` is needed. */
+        SimulateIn: {
+            action?: components["schemas"]["ActionIn"] | null;
+            /** @description Effects beyond gravity and contact, and beyond the scene's own. */
+            effects?: components["schemas"]["EffectIn"][] | null;
+            /** @description `auto`, or the name of an engine. */
+            engine?: string | null;
+            latents?: components["schemas"]["LatentsIn"] | null;
+            /**
+             * Format: int32
+             * @description Time steps between two samples; the scene's own if absent.
+             */
+            observe_every?: number | null;
+            /** @description An `iplw.scene/1` document; it needs neither `action` nor `goal`. */
+            scene?: Record<string, never> | null;
+            /** @description Whether it ends when the goal is reached; default true. */
+            stop?: boolean | null;
+            /** @description Id of a task (`bowling:017`). */
+            task?: string | null;
+        };
+        /** @description What became of it. */
+        Simulated: {
+            /** @description By body name, a state for each time. */
+            bodies: {
+                [key: string]: components["schemas"]["BodyTrack"];
+            };
+            /** @description Contacts that began, in order of time. */
+            contacts: components["schemas"]["ContactOut"][];
+            /** @description `horizon`, `goal` or `diverged`. */
+            end?: string | null;
+            /** @description Engine that ran. */
+            engine: string;
+            /** @description Why it could not be placed. */
+            reason?: string | null;
+            /** @description Whether the goal was reached; `null` where the scene has none. */
+            solved?: boolean | null;
+            /**
+             * Format: int32
+             * @description Simulated time steps.
+             */
+            steps: number;
+            /** @description Times of the samples, s. */
+            t: number[];
+            /** @description Whether the action could be placed; if not, nothing was simulated. */
+            valid: boolean;
         };
         /** @description Numbers of tasks. */
         SplitCounts: {
@@ -1709,42 +1789,6 @@ export interface components {
             truncated: boolean[];
             /** @description Whether the action could be placed. */
             valid: boolean[];
-        };
-        SimulateIn: {
-            task?: string | null;
-            scene?: Record<string, never> | null;
-            action?: null | components["schemas"]["ActionIn"];
-            latents?: null | components["schemas"]["LatentsIn"];
-            effects?: components["schemas"]["EffectIn"][] | null;
-            engine?: string | null;
-            observe_every?: number | null;
-            stop?: boolean | null;
-        };
-        ContactOut: {
-            t: number;
-            between: string[];
-            speed: number;
-        };
-        Simulated: {
-            engine: string;
-            valid: boolean;
-            reason?: string | null;
-            solved?: boolean | null;
-            end?: string | null;
-            steps: number;
-            t: number[];
-            bodies: {
-                [key: string]: components["schemas"]["BodyTrack"];
-            };
-            contacts: components["schemas"]["ContactOut"][];
-        };
-        PlaceIn: {
-            task?: string | null;
-            scene?: Record<string, never> | null;
-            actions: components["schemas"]["ActionIn"][];
-        };
-        Places: {
-            reasons: (string | null)[];
         };
     };
     responses: never;
@@ -2971,12 +3015,14 @@ export interface operations {
     list_jobs: {
         parameters: {
             query?: {
+                /** @description `oldest` (default) or `newest` first */
+                order?: string;
+                /** @description Only jobs in this state */
+                state?: string;
                 /** @description Most items, 1 to 1000; default 100 */
                 limit?: number;
                 /** @description `next` of the page before */
                 cursor?: string;
-                order?: string;
-                state?: string;
             };
             header?: never;
             path?: never;
@@ -3398,6 +3444,120 @@ export interface operations {
             };
             /** @description The server is not called so */
             421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request's deadline has passed, or storage fails */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    place: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["PlaceIn"];
+            };
+        };
+        responses: {
+            /** @description OK */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Places"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description No token, or none that is good */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The token may not act, or not from this page */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Unknown task */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body takes too long */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Too many actions */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A page sends a body of another type */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The server is not called so */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -4295,6 +4455,120 @@ export interface operations {
                 };
             };
             /** @description Not the weights of a policy */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request's deadline has passed, or storage fails */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    simulate: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: {
+            content: {
+                "application/json": components["schemas"]["SimulateIn"];
+            };
+        };
+        responses: {
+            /** @description OK */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Simulated"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description No token, or none that is good */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The token may not act, or not from this page */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Unknown task */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body takes too long */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Payload Too Large */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A page sends a body of another type */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The server is not called so */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Unprocessable Entity */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -5833,68 +6107,6 @@ export interface operations {
             };
             /** @description The request's deadline has passed, or storage fails */
             503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
-    simulate: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody: {
-            content: {
-                "application/json": components["schemas"]["SimulateIn"];
-            };
-        };
-        responses: {
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Simulated"];
-                };
-            };
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
-    place: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody: {
-            content: {
-                "application/json": components["schemas"]["PlaceIn"];
-            };
-        };
-        responses: {
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Places"];
-                };
-            };
-            422: {
                 headers: {
                     [name: string]: unknown;
                 };

@@ -107,7 +107,7 @@ OPERATIONS: dict[str, Operation] = {
         method="GET",
         path="/v1/jobs",
         status=200,
-        names=("limit", "cursor"),
+        names=("order", "state", "limit", "cursor"),
         gives=("application/json",),
         items="jobs",
     ),
@@ -137,6 +137,14 @@ OPERATIONS: dict[str, Operation] = {
         method="GET",
         path="/v1/limits",
         status=200,
+        gives=("application/json",),
+    ),
+    "place": Operation(
+        method="POST",
+        path="/v1/place",
+        status=200,
+        names=("actions", "scene", "task"),
+        takes=("application/json",),
         gives=("application/json",),
     ),
     "list_policies": Operation(
@@ -208,6 +216,14 @@ OPERATIONS: dict[str, Operation] = {
         status=200,
         names=("id", "body"),
         takes=("application/octet-stream",),
+        gives=("application/json",),
+    ),
+    "simulate": Operation(
+        method="POST",
+        path="/v1/simulate",
+        status=200,
+        names=("action", "effects", "engine", "latents", "observe_every", "scene", "stop", "task"),
+        takes=("application/json",),
         gives=("application/json",),
     ),
     "list_surfaces": Operation(
