@@ -132,9 +132,9 @@ mod tests {
     #[test]
     fn obstacles_are_what_a_rollout_would_say() {
         let sketch = bowling(None);
-        let solving = Catalogue::new().task("bowling:000").unwrap().certificate.unwrap().action;
-        let grid = (0..9).map(|i| Action::Vector(vec![f64::from(i % 3) / 2.0, f64::from(i / 3) / 2.0, 0.9]));
-        let actions: Vec<Action> = grid.chain([Action::Vector(solving)]).collect();
+        let shares = [0.25, 0.5, 0.75];
+        let vector = |i: usize| Action::Vector(vec![shares[i % 3], shares[i / 3], 0.5]);
+        let actions: Vec<Action> = (0..9).map(vector).collect();
         let found = obstacles(&sketch.scene, &actions, &RequestLimits::STANDARD, &Endless).unwrap();
         assert!(found.iter().any(Option::is_none) && found.iter().any(Option::is_some), "{found:?}");
         for (action, obstacle) in actions.into_iter().zip(found) {

@@ -53,7 +53,7 @@ def test_ten_thousand_jobs_come_in_pages(serve: Callable[..., Any], see: Callabl
     job = server.ask("POST", "/v1/iplw", SHORT)["id"]
     server.ended(job)
     server.kill()
-    copied(next(server.folder.glob("*.sqlite*")), 10_000)
+    copied(server.folder / "iplw.sqlite", 10_000)
     server.back()
     sight = see(server)
     page = sight.open("#/play")
