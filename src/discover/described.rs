@@ -225,6 +225,7 @@ mod tests {
                 squares: Vec::new(),
                 scores: Vec::new(),
                 form: FIELD,
+                whole: FIELD,
             };
             let law = rest.law(&NOISE, Some(&shared)).unwrap().expect("a law");
             assert!((law.form.text)(&law.layout, &law.state.values, 0).contains("ax ="));
