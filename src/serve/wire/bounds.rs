@@ -1,5 +1,5 @@
 //! How much a document holds, counted before it is read: a value of two bytes takes dozens once it is, an object of seven takes
-//! hundreds, so that 16 MiB of them would take a gigabyte.
+//! hundreds, so that 16 MiB of them would take gigabytes.
 
 use rmp::Marker;
 
@@ -100,7 +100,7 @@ mod tests {
         matches!(result, Err(Error::TooLarge { .. }))
     }
 
-    /// Megabytes of small values took a gigabyte.
+    /// Megabytes of small values took gigabytes.
     #[test]
     fn many_small_values_are_refused_and_long_text_is_not() {
         let json_of = |item: &str, n: usize| format!("[{}]", vec![item; n].join(","));

@@ -3,10 +3,7 @@
 //! Each level is a further copy of the whole kernel to compile. Programs need the baseline and what is wider; the others
 //! are for tests and benchmarks, which switch them on by the feature `levels`.
 
-#![allow(
-    unsafe_code,
-    reason = "calls what is compiled for instructions, once they were found on this machine"
-)]
+#![allow(unsafe_code, reason = "calls what was compiled for instructions that this machine was seen to have")]
 
 use super::batch;
 #[cfg(feature = "levels")]

@@ -1,9 +1,6 @@
 //! What a register of an instruction set can do.
 
-#![allow(
-    unsafe_code,
-    reason = "registers are loaded from memory, by instructions that not every machine has"
-)]
+#![allow(unsafe_code, reason = "instructions that not every machine has, and reads and writes at a pointer")]
 
 /// A register of a few lanes.
 ///
