@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 import subprocess
+import threading
 import time
 import urllib.request
 from collections.abc import Callable, Iterator
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from dev import front
 from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -26,7 +28,7 @@ class Server:
     """A server of its own, with what it keeps in a folder; it can be killed and come back at the same address."""
 
     def __init__(self, folder: Path, *arguments: str) -> None:
-        self.folder, self.arguments, self.url, self.token = folder, arguments, "", ""
+        self.folder, self.arguments, self.url, self.page, self.token = folder, arguments, "", "", ""
         self.start("127.0.0.1:0")
 
     def start(self, address: str) -> None:
@@ -37,6 +39,14 @@ class Server:
         found = re.search(r"http://\S+", line)
         assert found, f"the server said {line!r}"
         self.url = found[0]
+        if not self.page:
+            self.page = self.before() if os.environ.get("PAGE") == "dist" else self.url
+
+    def before(self) -> str:
+        """Address of web/dist as it is now, in front of the server: what is looked at where the program was not built anew."""
+        page = front(self.url)
+        threading.Thread(target=page.serve_forever, daemon=True).start()
+        return f"http://127.0.0.1:{page.server_port}"
 
     def kill(self) -> None:
         self.process.kill()
@@ -99,12 +109,12 @@ class Sight:
         self.page.on("console", lambda m: self.said.append(m.text) if m.type in ("error", "warning") else None)
 
     def open(self, address: str = "#/") -> Page:
-        self.page.goto(f"{self.server.url}/{address}")
+        self.page.goto(f"{self.server.page}/{address}")
         return self.page
 
     def check(self, expected: str = "Failed to load resource") -> None:
         """Nothing was asked of anybody else; the console has only refused requests, which browsers write there."""
-        foreign = [u for u in self.asked if not u.startswith((self.server.url, "blob:", "data:"))]
+        foreign = [u for u in self.asked if not u.startswith((self.server.page, "blob:", "data:"))]
         assert foreign == []
         assert [line for line in self.said if expected not in line] == []
 

@@ -60,8 +60,13 @@ class Handler(BaseHTTPRequestHandler):
     do_GET = do_POST = do_PUT = do_DELETE = any
 
 
+def front(upstream: str, port: int = 0) -> ThreadingHTTPServer:
+    """Serves the page at a port of loopback, a free one for 0, in front of the server at an address."""
+    before = type("Before", (Handler,), {"upstream": urlsplit(upstream).netloc})
+    return ThreadingHTTPServer(("127.0.0.1", port), before)
+
+
 if __name__ == "__main__":
-    Handler.upstream = urlsplit(sys.argv[1]).netloc
-    port = int(sys.argv[2]) if len(sys.argv) > 2 else 8090
-    print(f"http://127.0.0.1:{port}")
-    ThreadingHTTPServer(("127.0.0.1", port), Handler).serve_forever()
+    server = front(sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 8090)
+    print(f"http://127.0.0.1:{server.server_port}")
+    server.serve_forever()

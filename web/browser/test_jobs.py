@@ -1,5 +1,6 @@
 """Jobs: followed, cancelled, failed and why; they survive the server and the page says so; long lists come in pages."""
 
+import hashlib
 import sqlite3
 import time
 from collections.abc import Callable
@@ -75,10 +76,25 @@ def test_ten_thousand_jobs_come_in_pages(serve: Callable[..., Any], see: Callabl
 
 
 def copied(database: Any, times: int) -> None:
-    """Copies the one job of a store."""
+    """Copies the one job of a store, each copy with its own seal (`src/store/seal.rs` says what one is)."""
     with sqlite3.connect(database) as store:
-        names = [row[1] for row in store.execute("PRAGMA table_info(job)") if row[1] != "number"]
+        store.create_function("seal_of", -1, seal_of)
+        names = [row[1] for row in store.execute("PRAGMA table_info(job)") if row[1] not in ("number", "seal")]
         columns = ", ".join(names)
         row = store.execute(f"SELECT {columns} FROM job").fetchone()
         marks = ", ".join("?" for _ in names)
         store.executemany(f"INSERT INTO job ({columns}) VALUES ({marks})", [row] * times)
+        store.execute(f"UPDATE job SET seal = seal_of('job', number, {columns})")
+
+
+def seal_of(*values: int | str | None) -> int:
+    """The first 8 bytes of a digest of values, each with its type and length."""
+    digest = hashlib.sha256()
+    for value in values:
+        kind, data = 0, b""
+        if isinstance(value, int):
+            kind, data = 1, value.to_bytes(8, "little", signed=True)
+        elif isinstance(value, str):
+            kind, data = 3, value.encode()
+        digest.update(bytes([kind]) + len(data).to_bytes(8, "little") + data)
+    return int.from_bytes(digest.digest()[:8], "little", signed=True)
