@@ -32,7 +32,7 @@ fn gathered(files: &[File], reading: &Reading) -> Result<Gathered, String> {
 #[test]
 fn files_of_one_ball_are_diagnosed_without_a_scene() {
     let files = throws(|_, t, x, y| format!("{t},{x},{y}"), "Time (s),pos_x,pos_y");
-    let found = gathered(&files, &Reading::default(), &Endless).unwrap();
+    let found = gathered(&files, &Reading::default()).unwrap();
     assert_eq!((found.trials.len(), found.trials[7].name.as_str()), (8, "throw 7"));
     assert!(found.notes.is_empty(), "{:?}", found.notes);
     let finding = diagnose(&found.scene, &found.trials, &Config::standard(0), &Silent).unwrap();
@@ -43,9 +43,7 @@ fn files_of_one_ball_are_diagnosed_without_a_scene() {
 /// The same throws in other units give the same trials.
 #[test]
 fn units_that_are_said_change_nothing() {
-    let plain =
-        gathered(&throws(|_, t, x, y| format!("{t},{x},{y}"), "t,x,y"), &Reading::default(), &Endless)
-            .unwrap();
+    let plain = gathered(&throws(|_, t, x, y| format!("{t},{x},{y}"), "t,x,y"), &Reading::default()).unwrap();
     let films = throws(|_, t, x, y| format!("{},{},{}", 1e3 * t, x / 0.002, -y / 0.002), "t,x,y");
     let said = Reading {
         metres_per_pixel: Some(0.002),
@@ -94,7 +92,7 @@ fn units_that_cannot_be_are_told_with_what_to_give() {
         ("pictures", &|k, _, x, y| format!("{k},{x},{y}"), &["`t`", "`fps`", "a second"]),
     ];
     for (what, cells, wanted) in cases {
-        let error = gathered(&throws(cells, "t,x,y"), &Reading::default(), &Endless).expect_err(what);
+        let error = gathered(&throws(cells, "t,x,y"), &Reading::default()).expect_err(what);
         for part in wanted {
             assert!(error.contains(part), "{what}: {error}");
         }
@@ -115,7 +113,7 @@ fn a_unit_that_was_given_is_asked_about_and_not_asked_for() {
 #[test]
 fn odd_units_are_taken_as_they_are_said_to_be() {
     let files = throws(|_, t, x, y| format!("{t},{},{}", 40.0 * x, 40.0 * y), "t (s),x (m),y (m)");
-    let notes = gathered(&files, &Reading::default(), &Endless).unwrap().notes;
+    let notes = gathered(&files, &Reading::default()).unwrap().notes;
     assert!(notes.len() == 1 && notes[0].contains("times gravity"), "{notes:?}");
     let up = Reading { y_down: Some(false), ..Reading::default() };
     let notes = gathered(&throws(|_, t, x, y| format!("{t},{x},{}", -y), "t,x,y"), &up).unwrap().notes;
@@ -153,11 +151,11 @@ fn drops() -> Vec<File> {
 
 #[test]
 fn bounces_need_a_floor_where_they_are_and_calibrate_it() {
-    let error = gathered(&drops(), &Reading::default(), &Endless).expect_err("bounces off nothing");
+    let error = gathered(&drops(), &Reading::default()).expect_err("bounces off nothing");
     let wanted = ["`floor` is missing: 6 of 6 trials turn upwards", "at most 0.499 m"];
     assert!(wanted.iter().all(|w| error.contains(w)), "{error}");
     let flight = throws(|_, t, x, y| format!("{t},{x},{y}"), "t,x,y").swap_remove(0);
-    let notes = gathered(&[drops().swap_remove(0), flight], &Reading::default(), &Endless).unwrap().notes;
+    let notes = gathered(&[drops().swap_remove(0), flight], &Reading::default()).unwrap().notes;
     assert!(notes.len() == 1 && notes[0].contains("1 of 2 trials"), "{notes:?}");
     let with = |floor: f64| {
         gather(&drops(), Of::Ball(&Ball { floor: Some(floor), ..BALL }), &Reading::default(), &Endless)
@@ -198,9 +196,7 @@ fn files_are_named_in_trials_and_errors() {
     assert_eq!(bad.unwrap_err(), "b.csv:3: `y` is \"?\"; allowed: a number, or nothing");
     let both = "trial,t,body,x,y\na,0,red,0,1\na,0,blue,0,2\n";
     assert!(
-        gathered(&[file("a.csv", both)], &Reading::default(), &Endless)
-            .unwrap_err()
-            .contains("say which with `track`")
+        gathered(&[file("a.csv", both)], &Reading::default()).unwrap_err().contains("say which with `track`")
     );
 }
 
