@@ -1,0 +1,150 @@
+// Fields of a form over a draft: each shows what stands at its path, writes there what is typed, and can be marked wrong.
+
+import { fresh, h, put, set } from "../../dom";
+import type { Scene } from "../../scene/types";
+import { meant, read, write } from "./path";
+
+/** The draft that a form is about. */
+export interface Draft {
+  scene: () => Scene;
+  /** Another scene; changes with the same key are undone together. */
+  change: (scene: Scene, key: string | null) => void;
+}
+
+export interface Field {
+  element: HTMLElement;
+  /** As the server names it. */
+  path: string;
+  show: (scene: Scene) => void;
+  /** Says what is wrong with it; `null` takes that away. */
+  mark: (why: string | null) => void;
+}
+
+/** What stands at a path that the scene leaves out, and what happens where nothing is typed. */
+export interface Asked {
+  label: string;
+  path: string;
+  unit?: string;
+  /** What an empty field means; a field without it cannot be empty. */
+  empty?: string;
+  /** The whole pair where a path is one of two numbers, and the scene has none. */
+  pair?: [number, number];
+  whole?: boolean;
+  /** What else the form calls it, for screen readers: of which corner, say. */
+  of?: string;
+}
+
+/** A number, in SI units. */
+export function number(draft: Draft, asked: Asked): Field {
+  const input = h("input", { type: "number", step: "any", inputmode: "decimal", placeholder: asked.empty });
+  return field(asked, input, (scene) => {
+    const now = read(scene, asked.path);
+    return typeof now === "number" ? String(now) : "";
+  }, (text) => {
+    const value = text === "" ? undefined : Number(text);
+    if (value === undefined && asked.empty === undefined) return "A number is needed here.";
+    if (value !== undefined && !Number.isFinite(value)) return "This is no number.";
+    draft.change(written(draft.scene(), asked, value), `type-${asked.path}`);
+    return null;
+  }, "input");
+}
+
+/** A text; `changed` makes the scene of it. */
+export function text(draft: Draft, asked: Asked, changed: (scene: Scene, value: string) => Scene): Field {
+  const input = h("input", { type: "text", autocomplete: "off", spellcheck: "false" });
+  return field(asked, input, (scene) => String(read(scene, asked.path) ?? ""), (value) => {
+    draft.change(changed(draft.scene(), value), `type-${asked.path}`);
+    return null;
+  }, "input");
+}
+
+/** One of a list; `of` says which stands in the scene, `changed` makes the scene of another one. */
+export function choice(
+  draft: Draft,
+  asked: Asked,
+  options: readonly [string, string][],
+  of: (scene: Scene) => string,
+  changed: (scene: Scene, value: string) => Scene,
+): Field {
+  const input = h("select", {}, ...options.map(([value, title]) => h("option", { value }, title)));
+  const show = (scene: Scene): string => {
+    const now = of(scene);
+    // A name that no thing has (any more) is shown, and the server says so.
+    if (![...input.options].some((o) => o.value === now)) input.append(h("option", { value: now }, now || "none"));
+    return now;
+  };
+  return field(asked, input, show, (value) => {
+    draft.change(changed(draft.scene(), value), null);
+    return null;
+  }, "change");
+}
+
+/** A name among others at a path. */
+export function named(draft: Draft, asked: Asked, names: readonly string[]): Field {
+  const options = names.map((n): [string, string] => [n, n]);
+  return choice(draft, asked, options, (scene) => String(read(scene, asked.path) ?? ""), (scene, value) => write(scene, asked.path, value));
+}
+
+/** Fields side by side under a title. */
+export function group(title: string, ...parts: (Field | HTMLElement)[]): HTMLElement {
+  return h("fieldset", { class: "fields" }, h("legend", {}, title), ...parts.map((p) => ("path" in p ? p.element : p)));
+}
+
+/** Marks the fields that a problem is about; whether there were any. */
+export function marked(fields: readonly Field[], problem: { field: string; why: string } | null): Field[] {
+  const paths = problem ? meant(fields.map((f) => f.path), problem.field) : [];
+  const wrong = fields.filter((f) => paths.includes(f.path));
+  for (const f of fields) f.mark(wrong.includes(f) ? problem!.why : null);
+  // Said once, at the first.
+  for (const f of wrong.slice(1)) f.element.querySelector(".why")!.toggleAttribute("hidden", true);
+  return wrong;
+}
+
+/** The scene with a number at a path; of a pair that the scene leaves out, the other is as it is understood. */
+export function written(scene: Scene, { path, pair, empty }: Asked, value: number | undefined): Scene {
+  const [, parent, index] = /^(.*)\[(\d)\]$/.exec(path) ?? [];
+  if (!pair || parent === undefined) return write(scene, path, value);
+  const now = (read(scene, parent) as [number, number] | null | undefined) ?? pair;
+  // Half a pair cannot be left out.
+  if (value === undefined) return empty === undefined ? scene : write(scene, parent, undefined);
+  return write(scene, parent, index === "0" ? [value, now[1]] : [now[0], value]);
+}
+
+function field(
+  asked: Asked,
+  input: HTMLInputElement | HTMLSelectElement,
+  of: (scene: Scene) => string,
+  typed: (text: string) => string | null,
+  event: "input" | "change",
+): Field {
+  const [id, whyId] = [fresh("field"), fresh("why")];
+  const why = h("p", { class: "why", id: whyId, hidden: true });
+  const title = h("label", { for: id }, asked.label, asked.of ? h("span", { class: "unseen" }, ` ${asked.of}`) : null, asked.unit ? h("span", { class: "soft" }, ` ${asked.unit}`) : null);
+  set(input, { id, "data-field": asked.path });
+  const mark = (text: string | null): void => {
+    set(input, { "aria-invalid": text === null ? null : "true", "aria-describedby": text === null ? null : whyId });
+    why.hidden = text === null;
+    put(why, text);
+  };
+  let own = false;
+  input.addEventListener(event, () => {
+    // Numbers that a browser cannot read come as an empty text.
+    const broken = "validity" in input && input.validity.badInput;
+    const wrong = broken ? "This is no number." : typed(input.value);
+    own = wrong !== null;
+    if (own) mark(wrong);
+  });
+  const show = (scene: Scene): void => {
+    if (document.activeElement === input && event === "input") return;
+    own = false;
+    input.value = of(scene);
+  };
+  // What could not be used is not left standing.
+  input.addEventListener("blur", () => own && mark(null));
+  return {
+    element: h("div", { class: "field" }, title, input, why),
+    path: asked.path,
+    show,
+    mark: (text) => own || mark(text),
+  };
+}
