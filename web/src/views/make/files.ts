@@ -1,7 +1,7 @@
 // Scenes in and out: new, opened, saved, copied as commands, handed to Play. A draft outlives a reload of the tab.
 
 import { api, ok } from "../../api/client";
-import { ProblemError } from "../../api/problem";
+import { FileError, ProblemError } from "../../api/problem";
 import { token } from "../../api/token";
 import { fresh, h } from "../../dom";
 import { give } from "../../scene/handoff";
@@ -67,7 +67,7 @@ async function drawable(scene: Scene, name: string, signal: AbortSignal): Promis
     await ok(api.POST("/v1/simulate", { body: { scene: { ...scene, steps: 1 } as unknown as Record<string, never> }, signal }));
   } catch (e) {
     if (!(e instanceof ProblemError)) throw e;
-    if (e.problem.status === 400) throw new Error(`${name} cannot be read as a scene: ${e.problem.detail}`);
+    if (e.problem.status === 400) throw new FileError(name, `it cannot be read as a scene: ${e.problem.detail}`);
     if (e.problem.status !== 422) throw e;
   }
   return scene;

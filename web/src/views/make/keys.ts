@@ -1,13 +1,14 @@
 // The keyboard in the picture: everything that the mouse does.
 
 import type { Body, Point, Scene } from "../../scene/types";
+import { corners } from "../../scene/view";
 import type { Canvas } from "./canvas";
 import type { Corners, Hand } from "./gestures";
 import { moved } from "./handles";
 import { write } from "./path";
-import { scaled } from "./shapes";
-import { places, thing, turned } from "./things";
-import { type Tool, TOOLS, usual } from "./tools";
+import { far, middle, outward, scaled } from "./shapes";
+import { places, shifted, thing, turned } from "./things";
+import { type Drawn, type Tool, TOOLS, usual } from "./tools";
 
 /** What keys do beyond what the hand does. */
 export interface Commands {
@@ -36,17 +37,17 @@ export const HELP: readonly [string, string][] = [
 /** How far an arrow moves, share of what is seen; how much larger, and how far round, rad. */
 const [STEP, GROW, TURN] = [0.02, 1.1, Math.PI / 36];
 
-export function keys(at: Canvas, hand: Hand, corners: Corners, commands: Commands, signal: AbortSignal): void {
+export function keys(at: Canvas, hand: Hand, polygon: Corners, commands: Commands, signal: AbortSignal): void {
   at.svg.addEventListener("keydown", (event) => {
     if (event.altKey || ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() !== "d")) return;
-    const act = action(event, at, hand, corners, commands);
+    const act = action(event, at, hand, polygon, commands);
     if (!act) return;
     event.preventDefault();
     act();
   }, { signal });
 }
 
-function action(event: KeyboardEvent, at: Canvas, hand: Hand, corners: Corners, commands: Commands): (() => void) | null {
+function action(event: KeyboardEvent, at: Canvas, hand: Hand, polygon: Corners, commands: Commands): (() => void) | null {
   const { key } = event;
   if (event.ctrlKey || event.metaKey) return commands.duplicate;
   const way = ARROWS[key];
@@ -57,8 +58,8 @@ function action(event: KeyboardEvent, at: Canvas, hand: Hand, corners: Corners, 
   if (key === "Delete" || key === "Backspace") return commands.remove;
   if (key === "0") return at.fit;
   if (key === "i" || key === "o") return () => at.zoom(key === "i" ? 1 / 1.25 : 1.25);
-  if (key === "Enter") return () => enter(at, hand, corners, commands);
-  if (key === "Escape") return () => escape(hand, corners, commands);
+  if (key === "Enter") return () => enter(at, hand, polygon, commands);
+  if (key === "Escape") return () => escape(hand, polygon, commands);
   const tool = TOOLS.find((t) => t.key === key);
   return tool ? () => commands.tool(tool.tool) : null;
 }
@@ -87,17 +88,38 @@ function next(hand: Hand, by: number): void {
   if (place) hand.select(place);
 }
 
-function enter(at: Canvas, hand: Hand, corners: Corners, commands: Commands): void {
+function enter(at: Canvas, hand: Hand, polygon: Corners, commands: Commands): void {
   const tool = hand.tool();
   if (tool === "select") return commands.form();
-  if (corners.count()) return corners.close();
+  if (polygon.count()) return polygon.close();
   const box = at.picture.box;
   const middle = at.snap([(box[0] + box[2]) / 2, (box[1] + box[3]) / 2]);
-  hand.drew(usual(hand.grounded(""), tool, middle, hand.moving(), box, hand.selected(), at.step()));
+  const done = usual(hand.grounded(""), tool, middle, hand.moving(), box, hand.selected(), at.step());
+  hand.drew(done && aside(done, 10 * at.step()));
 }
 
-function escape(hand: Hand, corners: Corners, commands: Commands): void {
-  if (corners.count()) return corners.drop();
+function escape(hand: Hand, polygon: Corners, commands: Commands): void {
+  if (polygon.count()) return polygon.drop();
   if (hand.tool() !== "select") return commands.tool("select");
   hand.select("world");
+}
+
+/** What was drawn, above what was there before. */
+function aside(done: Drawn, step: number): Drawn {
+  const one = thing(done.scene, done.place);
+  if (!one) return done;
+  const others = places(done.scene).filter((p) => p !== done.place).map((p) => thing(done.scene, p)!);
+  let now = one;
+  for (let i = 0; i < TRIES && others.some((other) => meet(now, other)); i++) now = shifted(now, [0, step]);
+  return { ...done, scene: write(done.scene, done.place, now) };
+}
+
+/** Steps upwards for a free place. */
+const TRIES = 200;
+
+/** Whether two things may overlap: corners of one in the other. */
+function meet(a: Body, b: Body): boolean {
+  const reached = (one: Body, other: Body): boolean =>
+    [outward(one, middle(one.shape)), ...corners(one.shape, one.position ?? [0, 0], one.angle ?? 0)].some((p) => far(other, p) === 0);
+  return reached(a, b) || reached(b, a);
 }

@@ -1,6 +1,7 @@
 // Which task: a family, one of its tasks by picture, or a scene file.
 
 import { api, ok, type Schema } from "../../api/client";
+import { FileError } from "../../api/problem";
 import { fresh, h, put, set } from "../../dom";
 import { picture } from "../../scene/draw";
 import type { Scene } from "../../scene/types";
@@ -67,10 +68,10 @@ export async function read(file: File): Promise<Scene> {
   try {
     scene = JSON.parse(await file.text());
   } catch (e) {
-    throw new Error(`${file.name} is not JSON (${e instanceof Error ? e.message : e}). A scene file is an iplw.scene/1 document.`);
+    throw new FileError(file.name, `it is not JSON (${e instanceof Error ? e.message : e}). A scene file is an iplw.scene/1 document.`);
   }
   const known = typeof scene === "object" && scene !== null && (scene as Scene).format === "iplw.scene/1" && Array.isArray((scene as Scene).bodies);
-  if (!known) throw new Error(`${file.name} is no scene: \`format\` must be "iplw.scene/1", with a list of \`bodies\`.`);
+  if (!known) throw new FileError(file.name, `it is no scene: \`format\` must be "iplw.scene/1", with a list of \`bodies\`.`);
   return scene as Scene;
 }
 
