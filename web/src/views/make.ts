@@ -4,7 +4,7 @@ import { h, put } from "../dom";
 import { type Scene } from "../scene/types";
 import { type Context, link, type View } from "../view";
 import { canvas } from "./make/canvas";
-import { changed, filled, grounded, placeOf, redone, scene, settled, started, type State, undone, type Wrong } from "./make/desk";
+import { changed, filled, grounded, placeOf, put as stood, redone, scene, settled, started, type State, undone, type Wrong } from "./make/desk";
 import { empty, files, keep, kept } from "./make/files";
 import { gestures, type Hand } from "./make/gestures";
 import { HELP, keys } from "./make/keys";
@@ -31,7 +31,7 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
   // A reload is to bring the draft back, and not the task again.
   if (task) history.replaceState(null, "", link("make"));
   const now = studio(first, context);
-  const said = h("p", { class: "soft", role: "status" });
+  const said = h("p", { class: "soft said", role: "status" });
   const { element, drop } = await files(now.scene, now.open, (text) => put(said, text), context);
   put(place, h("div", { class: "card stack" }, element, said), now.element);
   dropped(place, drop, context.signal);
@@ -83,7 +83,7 @@ function studio(first: Scene, context: Context): { element: HTMLElement; scene: 
     select,
     change: (next, key) => {
       held = key.startsWith("drag-");
-      update(changed(state, next, key));
+      update(stood(state, next, key));
     },
     drew: (done) => {
       if (!done) return context.say("Nothing was drawn: it has no size, or there is nothing it could be about.");
@@ -92,6 +92,7 @@ function studio(first: Scene, context: Context): { element: HTMLElement; scene: 
       context.say(`${thing(scene(state), done.place)?.name ?? done.place} was drawn.`);
     },
     over: () => {
+      if (!held) return;
       held = false;
       state = settled(state);
       film.changed();

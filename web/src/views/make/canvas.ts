@@ -61,7 +61,7 @@ export function canvas(label: string, first: Scene, signal: AbortSignal): Canvas
   made.over.append(trails, preview, tools);
   svg.append(words);
   let shown: Shown = { scene: first, selected: "world", bad: null };
-  let [film, time, view, aspect]: [Film | null, number, Box, number] = [null, 0, made.box, 1.5];
+  let [film, time, view, wanted, aspect]: [Film | null, number, Box, Box, number] = [null, 0, made.box, made.box, 1.5];
   const pixel = (): number => (view[2] - view[0]) / Math.max(1, svg.clientWidth);
   const step = (): number => grade(pixel() * SNAP);
   const ghosts = (): void => made.pose("ghost", film ? at(film, time) : new Map());
@@ -72,7 +72,7 @@ export function canvas(label: string, first: Scene, signal: AbortSignal): Canvas
       return ring;
     });
     put(tools, ...shapes);
-    put(words, ...labels(view, pixel()), ...areas(shown.scene).map((a) => word([a.box[0], a.box[3]], a.bounds ? "bounds" : `place of ${a.id}`, pixel())));
+    put(words, ...labels(view, pixel()), ...areas(shown.scene).map((a) => named(a, pixel())));
     for (const group of svg.querySelectorAll<SVGGElement>("[data-name]")) {
       const own = thing(shown.scene, shown.selected)?.name;
       group.classList.toggle("selected", group.dataset.name === own);
@@ -85,7 +85,8 @@ export function canvas(label: string, first: Scene, signal: AbortSignal): Canvas
     ghosts();
     overlay();
   };
-  const look = (wanted: Box): void => {
+  const look = (box: Box): void => {
+    wanted = box;
     view = shaped(wanted, aspect);
     made.frame(view);
     set(grid, { d: lines(view, spacing(view, pixel())) });
@@ -99,7 +100,7 @@ export function canvas(label: string, first: Scene, signal: AbortSignal): Canvas
   const resized = new ResizeObserver(() => {
     if (!svg.clientWidth || !svg.clientHeight) return;
     aspect = svg.clientWidth / svg.clientHeight;
-    look(view);
+    look(wanted);
   });
   resized.observe(svg);
   signal.addEventListener("abort", () => resized.disconnect());
@@ -186,6 +187,11 @@ function labels(view: Box, pixel: number): SVGElement[] {
   const across = multiples(view[0] + 30 * pixel, view[2] - 30 * pixel, step).map((x) => word([x, view[1]], String(x), pixel, "middle"));
   const up = multiples(view[1] + 24 * pixel, view[3] - 24 * pixel, step).map((y) => word([view[0], y], String(y), pixel));
   return [...across, ...up, word([view[2] - 4 * pixel, view[1]], "m", pixel, "end")];
+}
+
+/** What a rectangle is, inside it: bounds and the place of a thing are often the same. */
+function named({ box, id, bounds }: { box: Box; id: string; bounds: boolean }, pixel: number): SVGElement {
+  return bounds ? word([box[2] - 4 * pixel, box[1]], "bounds", pixel, "end") : word([box[0], box[3] - 18 * pixel], `place of ${id}`, pixel);
 }
 
 function word([x, y]: Point, text: string, pixel: number, anchor = "start"): SVGElement {

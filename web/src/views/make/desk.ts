@@ -1,10 +1,11 @@
 // The draft on the desk: the scene with its history, what is selected, what the server says of it.
 
-import { placed } from "../../scene/place";
+import { placed, share } from "../../scene/place";
 import type { Scene } from "../../scene/types";
+import { needsAction } from "./film";
 import { begin, change, type History, redo, settle, undo } from "./history";
 import { write } from "./path";
-import { moves, thing } from "./things";
+import { thing } from "./things";
 
 /** What the server says is wrong. */
 export interface Wrong {
@@ -30,20 +31,33 @@ export function scene(state: State): Scene {
   return state.history.now;
 }
 
-/** The scene as it is drawn: bodies that only an action places stand where it places them. */
+/** The scene as it is drawn, which is how the film starts: with the action carried out, where there is one. */
 export function filled(state: State): Scene {
   const now = scene(state);
-  if (!now.action || now.bodies.every((b) => b.position)) return now;
-  const stood = placed(now, state.action ?? now.action.components.map(() => 0.5));
-  return { ...now, bodies: now.bodies.map((b, i) => (b.position ? b : { ...b, ...spot(stood.bodies[i]?.position) })) };
+  if (!now.action || (state.action === null && !needsAction(now))) return now;
+  return placed(now, state.action ?? now.action.components.map(() => 0.5));
 }
 
-/** The scene with what is at a place standing where it is drawn, so that it can be moved from there. */
+/** The scene with what is at a place standing as it is drawn, so that it can be moved from there. */
 export function grounded(state: State, place: string): Scene {
   const now = scene(state);
   const one = thing(now, place);
-  if (!one || one.position || !moves(place)) return now;
-  return write(now, `${place}.position`, thing(filled(state), place)?.position ?? [0, 0]);
+  const sets = now.action?.components.some((c) => c.target === one?.name);
+  return one && sets ? write(now, place, thing(filled(state), place)) : now;
+}
+
+/** After a thing was moved by hand: it stands where it was put, and not where the action had put it. */
+export function put(state: State, next: Scene, key: string | null): State {
+  const done = changed(state, next, key);
+  if (done.action === null || !next.action) return done;
+  if (!needsAction(next)) return { ...done, action: null };
+  const one = thing(next, state.selected);
+  const set: Record<string, number | undefined> = { x: one?.position?.[0], y: one?.position?.[1], angle: one?.angle, radius: one?.shape.type === "disc" ? one.shape.radius : undefined };
+  const action = next.action.components.map((c, i) => {
+    const now = c.target === one?.name ? set[c.set] : undefined;
+    return now === undefined ? done.action![i]! : share(c, now);
+  });
+  return { ...done, action };
 }
 
 export function changed(state: State, next: Scene, key: string | null): State {
@@ -74,8 +88,4 @@ function kept(state: State): State {
   const fits = state.action !== null && state.action.length === (now.action?.components.length ?? 0);
   const there = ["world", "goal", "action"].includes(state.selected) || thing(now, state.selected) !== null;
   return { ...state, action: fits ? state.action : null, selected: there ? state.selected : "world" };
-}
-
-function spot(position: [number, number] | null | undefined): { position?: [number, number] } {
-  return position ? { position } : {};
 }

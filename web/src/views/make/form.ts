@@ -39,7 +39,8 @@ export function number(draft: Draft, asked: Asked): Field {
   const input = h("input", { type: "number", step: "any", inputmode: "decimal", placeholder: asked.empty });
   return field(asked, input, (scene) => {
     const now = read(scene, asked.path);
-    return typeof now === "number" ? String(now) : "";
+    // Ninths of a millionth are rounding: they stay in the scene, and out of sight.
+    return typeof now === "number" ? String(Number(now.toPrecision(9))) : "";
   }, (text) => {
     const value = text === "" ? undefined : Number(text);
     if (value === undefined && asked.empty === undefined) return "A number is needed here.";
@@ -88,6 +89,13 @@ export function named(draft: Draft, asked: Asked, names: readonly string[]): Fie
 /** Fields side by side under a title. */
 export function group(title: string, ...parts: (Field | HTMLElement)[]): HTMLElement {
   return h("fieldset", { class: "fields" }, h("legend", {}, title), ...parts.map((p) => ("path" in p ? p.element : p)));
+}
+
+/** The same with room for longer titles. */
+export function wide(title: string, ...parts: (Field | HTMLElement)[]): HTMLElement {
+  const made = group(title, ...parts);
+  made.classList.add("wide");
+  return made;
 }
 
 /** Marks the fields that a problem is about; whether there were any. */

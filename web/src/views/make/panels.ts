@@ -3,7 +3,7 @@
 import { h } from "../../dom";
 import { everything, type Scene } from "../../scene/types";
 import { actionPanel } from "./action";
-import { type Draft, type Field, choice, group, number, text } from "./form";
+import { type Draft, type Field, choice, group, number, text, wide } from "./form";
 import { goalPanel } from "./goal";
 import { write } from "./path";
 import { thing } from "./things";
@@ -78,6 +78,6 @@ function world(desk: Desk): Panel {
   const fields = [name, ...gravity, ...time, stop];
   const kept = Object.entries(UNTOUCHED).filter(([field]) => desk.scene()[field] !== undefined);
   const note = kept.length ? h("p", { class: "soft" }, `Kept as they are: ${kept.map(([, what]) => what).join(", ")}.`) : h("span", {});
-  const element = h("div", { class: "stack" }, name.element, group("Gravity", ...gravity), group("Time and drag", ...time, stop), note);
+  const element = h("div", { class: "stack" }, name.element, group("Gravity", ...gravity), wide("Time and drag", ...time, stop), note);
   return { element, fields };
 }

@@ -50,6 +50,7 @@ export function rollout(at: Canvas, state: () => State, held: () => boolean, tel
   const describe = (): void => {
     const [now, { action }] = [scene(state()), state()];
     acting.hidden = !now.action;
+    once.hidden = live.checked;
     drawn.hidden = action === null || needsAction(now);
     put(said, action ? `Starts with ${worded(now, action)}.` : "Starts as drawn.");
   };

@@ -21,7 +21,7 @@ export function thingPanel(desk: Desk, place: string): Panel {
   const one = thing(desk.scene(), place)!;
   const moving = moves(place);
   const name = text(desk, { label: "Name", path: `${place}.name` }, (scene, value) => renamed(scene, place, value));
-  const kind = choice(desk, { label: "Kind", path: place }, [["bodies", "body: it moves"], ["statics", "static: it never moves"]], () => place.replace(/\[.*/, ""), (scene) => {
+  const kind = choice(desk, { label: "Kind", path: place }, [["bodies", "body"], ["statics", "static"]], () => place.replace(/\[.*/, ""), (scene) => {
     const done = converted(scene, place);
     desk.select(done.place);
     return done.scene;
@@ -44,7 +44,7 @@ export function thingPanel(desk: Desk, place: string): Panel {
   const element = h(
     "div",
     { class: "stack" },
-    h("div", { class: "fields" }, name.element, kind.element, type.element),
+    h("div", { class: "fields wide" }, name.element, kind.element, type.element),
     ...sizes.parts,
     group("Position", ...pose),
     motion.length ? group("Velocity at the start", ...motion) : null,
