@@ -1,8 +1,10 @@
 """Make: a scene is drawn by mouse and by keyboard, runs while one draws, is saved, and is a world for curl."""
 
+import importlib.util
 import json
 import shlex
 import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -89,6 +91,18 @@ def opened(page: Page, folder: Path, scene: Any) -> None:
     page.locator("input[type=file]").set_input_files(file)
 
 
+def dropped(page: Page, scene: Any) -> None:
+    """A file dropped onto the view."""
+    page.evaluate(
+        """(text) => {
+          const dataTransfer = new DataTransfer();
+          dataTransfer.items.add(new File([text], "dropped.json"));
+          document.querySelector(".stage svg.scene").dispatchEvent(new DragEvent("drop", { dataTransfer, bubbles: true, cancelable: true }));
+        }""",
+        json.dumps(scene),
+    )
+
+
 def test_a_scene_is_drawn_run_saved_and_made_a_world(serve: Callable[..., Any], see: Callable[..., Any], tmp_path: Path) -> None:
     server = serve()
     page = see(server, permissions=["clipboard-read", "clipboard-write"]).open("#/make")
@@ -124,6 +138,13 @@ def test_a_scene_is_drawn_run_saved_and_made_a_world(serve: Callable[..., Any], 
     command = page.evaluate("navigator.clipboard.readText()")
     made = json.loads(subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=True).stdout)
     assert made["task"] == "custom:roll", shlex.quote(command)
+    page.get_by_role("button", name="Copy as Python").click()
+    expect(page.get_by_text("Copied: a world of this scene, as Python.")).to_be_visible()
+    program = page.evaluate("navigator.clipboard.readText()")
+    compile(program, "copied", "exec")
+    if importlib.util.find_spec("iplw"):
+        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+        assert "'valid': True" in done.stdout
     page.get_by_role("button", name="Play in it").click()
     expect(page.locator("h1")).to_have_text("Play")
     expect(page.locator(".badge.sim")).to_have_text("Simulation: solved")
@@ -206,7 +227,7 @@ def test_a_wrong_file_is_told_and_a_right_one_kept_as_it_was(serve: Callable[...
     expect(page.locator(".error")).to_contain_text("notes.json: It is not JSON")
     opened(page, tmp_path, {**DROP, "bodies": [{"name": "ball", "shape": {"type": "ball"}}]})
     expect(page.locator(".error")).to_contain_text("unknown variant `ball`")
-    opened(page, tmp_path, DROP)
+    dropped(page, DROP)
     expect(verdict(page)).to_contain_text("no goal")
     expect(page.locator(".error")).to_have_count(0)
     assert saved(page, tmp_path) == DROP
@@ -218,6 +239,36 @@ def test_a_wrong_file_is_told_and_a_right_one_kept_as_it_was(serve: Callable[...
     assert after["settings"] == {"slow": {"bodies": {"puck": {"mass": 0.0027}}}}
     assert after["bodies"][0] == {**DROP["bodies"][0], "name": "puck", "restitution": 0.25}
     assert {k: v for k, v in after.items() if k not in ("bodies", "settings")} == {k: v for k, v in DROP.items() if k not in ("bodies", "settings")}
+
+
+def test_what_is_off_is_not_run_and_a_task_is_drawn_on(serve: Callable[..., Any], see: Callable[..., Any], tmp_path: Path) -> None:
+    server = serve()
+    page = see(server).open("#/make")
+    stage(page).wait_for()
+    page.get_by_role("button", name="Choose a task").click()
+    page.get_by_role("button", name="basketball:003").click()
+    expect(verdict(page)).to_contain_text("Goal")
+    task = server.ask("GET", "/v1/tasks/basketball/3")["scene"]
+    assert saved(page, tmp_path) == task
+    # Where the action puts things is found, another place on demand; a thing that is moved stands where it was put.
+    before = page.locator(".acting").inner_text()
+    page.get_by_role("button", name="Try another action").click()
+    expect(page.locator(".acting")).not_to_have_text(before)
+    page.get_by_label("Run as you draw").uncheck()
+    expect(verdict(page)).to_be_hidden()
+    tool(page, "Polygon")
+    for corner in ((30, 20), (36, 20), (33, 26)):
+        page.mouse.click(*point(page, *corner))
+    page.mouse.click(*point(page, 30, 20))
+    expect(page.locator(".form h2")).to_have_text("polygon")
+    page.get_by_label("Kind").select_option("statics")
+    expect(page.locator(".form h2")).to_have_text("polygon")
+    expect(verdict(page)).to_be_hidden()
+    page.get_by_role("button", name="Run", exact=True).click()
+    expect(verdict(page)).to_contain_text("Goal")
+    after = saved(page, tmp_path)
+    assert {**after, "statics": after["statics"][:-1]} == task
+    assert after["statics"][-1]["shape"]["type"] == "polygon"
 
 
 def test_the_keyboard_alone_adds_and_moves_a_body(serve: Callable[..., Any], see: Callable[..., Any], tmp_path: Path) -> None:
