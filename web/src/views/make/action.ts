@@ -3,7 +3,7 @@
 import { h } from "../../dom";
 import { unit } from "../../scene/place";
 import { type Component, everything, type Scene } from "../../scene/types";
-import { choice, type Field, group, named, number, wide } from "./form";
+import { choice, type Field, group, named, number } from "./form";
 import type { Desk, Panel } from "./panels";
 import { write } from "./path";
 import { round } from "./shapes";
@@ -73,7 +73,7 @@ function discretised(desk: Desk): Panel {
       : now?.type === "grid"
         ? now.counts.map((_, i) => number(desk, { label: "Cells", path: `action.discrete.counts[${i}]`, of: `along component ${i + 1}` }))
         : [];
-  return { element: wide("Discretised", type, ...counts), fields: [type, ...counts] };
+  return { element: group("Discretised", type, ...counts), fields: [type, ...counts] };
 }
 
 function discrete(scene: Scene, type: string): unknown {

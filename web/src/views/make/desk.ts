@@ -16,7 +16,7 @@ export interface Wrong {
 
 export interface State {
   history: History<Scene>;
-  /** `world`, `goal`, `action`, `bodies[0]`, `statics[0]`. */
+  /** `world`, `goal`, `action`, `effects`, `bodies[0]`, `statics[0]`. */
   selected: string;
   wrong: Wrong | null;
   /** The action that bodies without a position stand by, and that the film starts with; `null`: as it is drawn. */
@@ -78,7 +78,7 @@ export function redone(state: State): State {
 
 /** Where in the list what is wrong stands. */
 export function placeOf(field: string): string {
-  const [, place] = /^((?:bodies|statics)\[\d+\]|goal|action)/.exec(field) ?? [];
+  const [, place] = /^((?:bodies|statics)\[\d+\]|goal|action|effects)/.exec(field) ?? [];
   return place ?? "world";
 }
 
@@ -86,6 +86,6 @@ export function placeOf(field: string): string {
 function kept(state: State): State {
   const now = scene(state);
   const fits = state.action !== null && state.action.length === (now.action?.components.length ?? 0);
-  const there = ["world", "goal", "action"].includes(state.selected) || thing(now, state.selected) !== null;
+  const there = ["world", "goal", "action", "effects"].includes(state.selected) || thing(now, state.selected) !== null;
   return { ...state, action: fits ? state.action : null, selected: there ? state.selected : "world" };
 }

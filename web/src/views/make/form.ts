@@ -91,13 +91,6 @@ export function group(title: string, ...parts: (Field | HTMLElement)[]): HTMLEle
   return h("fieldset", { class: "fields" }, h("legend", {}, title), ...parts.map((p) => ("path" in p ? p.element : p)));
 }
 
-/** The same with room for longer titles. */
-export function wide(title: string, ...parts: (Field | HTMLElement)[]): HTMLElement {
-  const made = group(title, ...parts);
-  made.classList.add("wide");
-  return made;
-}
-
 /** Marks the fields that a problem is about; whether there were any. */
 export function marked(fields: readonly Field[], problem: { field: string; why: string } | null): Field[] {
   const paths = problem ? meant(fields.map((f) => f.path), problem.field) : [];

@@ -2,7 +2,7 @@
 
 import { h } from "../../dom";
 import { everything, type Goal, type Scene } from "../../scene/types";
-import { choice, named, number, wide } from "./form";
+import { choice, group, named, number } from "./form";
 import type { Desk, Panel } from "./panels";
 import { write } from "./path";
 import { corners } from "./thing";
@@ -27,11 +27,11 @@ export function goalPanel(desk: Desk): Panel {
       number(desk, { label: "Gap that still touches", path: "goal.tolerance", unit: "m", empty: "0.0167" }),
       hold,
     ];
-    return { element: h("div", { class: "stack" }, type.element, wide("Contact", ...parts)), fields: [type, ...parts] };
+    return { element: h("div", { class: "stack" }, type.element, group("Contact", ...parts)), fields: [type, ...parts] };
   }
   const body = named(desk, { label: "Body", path: "goal.body" }, bodies);
   const region = corners(desk, "goal.region", "Region");
-  return { element: h("div", { class: "stack" }, type.element, wide("Inside", body, hold), ...region.parts), fields: [type, body, hold, ...region.fields] };
+  return { element: h("div", { class: "stack" }, type.element, group("Inside", body, hold), ...region.parts), fields: [type, body, hold, ...region.fields] };
 }
 
 /** A goal of a kind to begin with: about the first bodies. */

@@ -33,4 +33,4 @@ export function list(select: (place: string) => void): List {
   };
 }
 
-const FIXED: Record<string, string> = { world: "World", goal: "Goal", action: "Action space" };
+const FIXED: Record<string, string> = { world: "World", goal: "Goal", action: "Action space", effects: "Effects" };

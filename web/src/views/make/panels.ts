@@ -3,7 +3,8 @@
 import { h } from "../../dom";
 import { everything, type Scene } from "../../scene/types";
 import { actionPanel } from "./action";
-import { type Draft, type Field, choice, group, number, text, wide } from "./form";
+import { type Draft, type Field, choice, group, number, text } from "./form";
+import { effectsPanel, type Library } from "./effects";
 import { goalPanel } from "./goal";
 import { write } from "./path";
 import { thing } from "./things";
@@ -14,9 +15,11 @@ export interface Panel {
   fields: Field[];
 }
 
-/** What a form needs beyond the draft: another selection, since a thing may move to another list. */
+/** What a form needs beyond the draft: another selection, since a thing may move to another list, and the effects there are. */
 export interface Desk extends Draft {
   select: (place: string) => void;
+  /** The server's effects. */
+  library: Library;
 }
 
 /** The form of what is at a place. */
@@ -25,6 +28,7 @@ export function panel(desk: Desk, place: string): Panel {
   if (thing(scene, place)) return thingPanel(desk, place);
   if (place === "goal") return goalPanel(desk);
   if (place === "action") return actionPanel(desk);
+  if (place === "effects") return effectsPanel(desk, desk.library);
   return world(desk);
 }
 
@@ -44,12 +48,12 @@ export function kind(scene: Scene, place: string): string {
     const counts = discrete?.type === "grid" ? discrete.counts.length : 0;
     return JSON.stringify([place, action?.components.map((c) => c.set), Boolean(action?.bounds), discrete?.type, counts, names]);
   }
+  if (place === "effects") return JSON.stringify([place, (scene.effects as { name: string }[] | undefined)?.map((e) => e.name)]);
   return place;
 }
 
 /** Fields of the format that have no form here: they are kept as they are. */
 const UNTOUCHED: Record<string, string> = {
-  effects: "effects",
   carriers: "carriers of the latents",
   calibrate: "latents to calibrate",
   per_setting: "quantities per setting",
@@ -78,6 +82,6 @@ function world(desk: Desk): Panel {
   const fields = [name, ...gravity, ...time, stop];
   const kept = Object.entries(UNTOUCHED).filter(([field]) => desk.scene()[field] !== undefined);
   const note = kept.length ? h("p", { class: "soft" }, `Kept as they are: ${kept.map(([, what]) => what).join(", ")}.`) : h("span", {});
-  const element = h("div", { class: "stack" }, name.element, group("Gravity", ...gravity), wide("Time and drag", ...time, stop), note);
+  const element = h("div", { class: "stack" }, name.element, group("Gravity", ...gravity), group("Time and drag", ...time, stop), note);
   return { element, fields };
 }

@@ -21,7 +21,8 @@ export interface Rollout {
 
 /** What a rollout tells of the draft. */
 export interface Told {
-  wrong: (wrong: Wrong | null) => void;
+  /** What is wrong with a scene, which may no longer be the draft. */
+  wrong: (wrong: Wrong | null, of: Scene) => void;
   action: (action: number[] | null) => void;
 }
 
@@ -59,19 +60,19 @@ export function rollout(at: Canvas, state: () => State, held: () => boolean, tel
     const now = scene(state());
     // An empty draft is no mistake; and what is off is run when it is asked for.
     if (!now.bodies.length || !(live.checked || asked)) {
-      tell.wrong(null);
+      tell.wrong(null, now);
       return show(null);
     }
     try {
       const done = await acted(now, state().action, tell.action, signal);
       context.fail(null);
-      tell.wrong(null);
+      tell.wrong(null, now);
       show(done);
     } catch (e) {
       if (signal.aborted) return;
-      const field = e instanceof ProblemError ? /^scene\.?(.*)$/.exec(e.problem.field ?? "")?.[1] : undefined;
-      if (field === undefined) context.fail(e);
-      else tell.wrong({ field, why: told(e).detail });
+      const field = e instanceof ProblemError ? ofScene(e.problem.field) : null;
+      if (field === null) context.fail(e);
+      else tell.wrong({ field, why: told(e).detail }, now);
       show(null);
     }
     describe();
@@ -106,6 +107,13 @@ async function acted(now: Scene, action: number[] | null, chosen: (action: numbe
   chosen(found);
   if (found) return run(now, found, signal);
   return { film: null, solved: null, end: null, reason: "no action was found that has a place" };
+}
+
+/** A field of the scene, as a scene's own paths go; `null` of anything else. Effects are named without the scene: no others
+ * are asked for here. */
+function ofScene(field: string | null | undefined): string | null {
+  const [, own] = /^(?:scene\.|(?=effects\[))(.*)$/.exec(field ?? "") ?? [];
+  return own ?? (field === "scene" ? "" : null);
 }
 
 function came({ film, solved, end: how, reason }: Run): string {

@@ -40,7 +40,7 @@ export function sheet(desk: Desk): Sheet {
   return { element, show, focus };
 }
 
-const TITLES: Record<string, string> = { world: "World", goal: "Goal", action: "Action space" };
+const TITLES: Record<string, string> = { world: "World", goal: "Goal", action: "Action space", effects: "Effects" };
 
 /** What gives the focus back to the field or button that has it now, or one of the same name. */
 function holder(element: HTMLElement): ((element: HTMLElement) => void) | null {

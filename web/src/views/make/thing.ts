@@ -40,15 +40,15 @@ export function thingPanel(desk: Desk, place: string): Panel {
       ]
     : [];
   const surface = material(desk, place, moving);
-  const fields = [name, kind, type, ...sizes.fields, ...pose, ...motion, ...surface];
+  const fields = [name, kind, type, ...sizes.fields, ...pose, ...motion, ...surface.fields];
   const element = h(
     "div",
     { class: "stack" },
-    h("div", { class: "fields wide" }, name.element, kind.element, type.element),
+    h("div", { class: "fields" }, name.element, kind.element, type.element),
     ...sizes.parts,
     group("Position", ...pose),
     motion.length ? group("Velocity at the start", ...motion) : null,
-    group("Material", ...surface),
+    ...surface.parts,
     buttons(desk, place),
   );
   return { element, fields };
@@ -119,18 +119,18 @@ function where(desk: Desk, place: string, one: Body, moving: boolean): Field[] {
   ];
 }
 
-function material(desk: Desk, place: string, moving: boolean): Field[] {
+function material(desk: Desk, place: string, moving: boolean): { fields: Field[]; parts: HTMLElement[] } {
   const usual = moving ? "0.5" : "1";
   const surface = [
     number(desk, { label: "Friction", path: `${place}.friction`, empty: usual }),
     number(desk, { label: "Restitution", path: `${place}.restitution`, empty: usual }),
   ];
-  if (!moving) return surface;
-  return [
+  if (!moving) return { fields: surface, parts: [group("Surface", ...surface)] };
+  const mass = [
     number(desk, { label: "Density", path: `${place}.density`, unit: "kg/m²", empty: "1" }),
-    number(desk, { label: "Mass", path: `${place}.mass`, unit: "kg", empty: "by density" }),
-    ...surface,
+    number(desk, { label: "Mass", path: `${place}.mass`, unit: "kg", empty: "auto" }),
   ];
+  return { fields: [...mass, ...surface], parts: [group("Density, or mass", ...mass), group("Surface", ...surface)] };
 }
 
 function buttons(desk: Desk, place: string): HTMLElement {

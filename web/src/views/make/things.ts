@@ -129,9 +129,10 @@ export function components(scene: Scene, list: readonly (NonNullable<Scene["acti
   const kept = list.filter((c) => c !== null);
   if (!kept.length) return write(scene, "action", undefined);
   const next = { ...action, components: kept };
-  if (action.discrete?.type !== "grid") return { ...scene, action: next };
-  const counts = list.flatMap((c, i) => (c === null ? [] : [action.discrete!.type === "grid" ? (action.discrete!.counts[i] ?? GRID) : GRID]));
-  return { ...scene, action: { ...next, discrete: { ...action.discrete, counts } } };
+  const { discrete } = action;
+  if (discrete?.type !== "grid") return { ...scene, action: next };
+  const counts = list.flatMap((c, i) => (c === null ? [] : [discrete.counts[i] ?? GRID]));
+  return { ...scene, action: { ...next, discrete: { ...discrete, counts } } };
 }
 
 /** Cells of a grid of actions along a component that is new. */

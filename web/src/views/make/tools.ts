@@ -1,8 +1,8 @@
 // Tools: what a gesture in the picture draws.
 
-import { type Box, type Component, everything, type Point, type Scene } from "../../scene/types";
+import { type Box, type Component, type Point, type Scene } from "../../scene/types";
 import { hull, round, rounded } from "./shapes";
-import { added, centred, moves, thing } from "./things";
+import { added, centred, components, moves, thing } from "./things";
 
 export type Tool = "select" | "disc" | "box" | "polygon" | "segment" | "goal" | "area" | "bounds";
 
@@ -94,16 +94,6 @@ function area(scene: Scene, [left, bottom, right, top]: Box, selected: string): 
 export function withComponent(scene: Scene, one: Component): Scene {
   const action = scene.action ?? { components: [] };
   const index = action.components.findIndex((c) => c.target === one.target && c.set === one.set);
-  if (index >= 0) return { ...scene, action: { ...action, components: action.components.map((c, i) => (i === index ? { ...c, ...one } : c)) } };
-  const grown = { ...action, components: [...action.components, one] };
-  const { discrete } = action;
-  return { ...scene, action: discrete?.type === "grid" ? { ...grown, discrete: { ...discrete, counts: [...discrete.counts, CELLS] } } : grown };
-}
-
-/** Cells of a grid of actions along a component that is new. */
-const CELLS = 10;
-
-/** The first thing that may be named where one is needed. */
-export function anyName(scene: Scene): string {
-  return everything(scene)[0]?.name ?? "";
+  const list = index < 0 ? [...action.components, one] : action.components.map((c, i) => (i === index ? { ...c, ...one } : c));
+  return components({ ...scene, action }, list);
 }
