@@ -30,12 +30,12 @@ function component(desk: Desk, index: number): Panel {
   const path = `action.components[${index}]`;
   const of = `of component ${index + 1}`;
   const names = everything(desk.scene()).map((b) => b.name);
-  const of_ = (scene: Scene): Component | undefined => scene.action?.components[index];
-  const set = of_(desk.scene())!.set;
+  const at = (scene: Scene): Component | undefined => scene.action?.components[index];
+  const set = at(desk.scene())!.set;
   const fields = [
-    named(desk, { label: "Sets of", path: `${path}.target`, of }, names),
-    choice(desk, { label: "What", path: `${path}.set`, of }, SETS.map((s) => [s, s]), (scene) => of_(scene)?.set ?? "", (scene, value) =>
-      write(scene, path, ranged(scene, { ...of_(scene)!, set: value as Component["set"] })),
+    named(desk, { label: "Thing", path: `${path}.target`, of }, names),
+    choice(desk, { label: "Sets", path: `${path}.set`, of }, SETS.map((s) => [s, s]), (scene) => at(scene)?.set ?? "", (scene, value) =>
+      write(scene, path, ranged(scene, { ...at(scene)!, set: value as Component["set"] })),
     ),
     number(desk, { label: "Low", path: `${path}.low`, of }),
     number(desk, { label: "High", path: `${path}.high`, of }),
@@ -67,6 +67,7 @@ function discretised(desk: Desk): Panel {
     (scene) => scene.action?.discrete?.type ?? "",
     (scene, value) => write(scene, "action.discrete", discrete(scene, value)),
   );
+  type.element.classList.add("broad");
   const counts: Field[] =
     now?.type === "sequence"
       ? [number(desk, { label: "How many", path: "action.discrete.count" })]

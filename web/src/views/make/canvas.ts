@@ -67,18 +67,9 @@ export function canvas(label: string, first: Scene, signal: AbortSignal): Canvas
   const ghosts = (): void => made.pose("ghost", film ? at(film, time) : new Map());
   const overlay = (): void => {
     put(places, ...areas(shown.scene).map(({ box, bounds }) => outlined(box, bounds ? "bounds" : "area")));
-    const shapes = handles(shown.scene, shown.selected, OFF * pixel()).map((h) => {
-      const ring = s("circle", { class: `handle ${h.look}`, "data-handle": h.id, cx: h.at[0], cy: h.at[1], r: HANDLE * pixel(), "vector-effect": "non-scaling-stroke" }, s("title", {}, h.about));
-      return ring;
-    });
-    put(tools, ...shapes);
+    put(tools, ...grips(shown, pixel()));
     put(words, ...labels(view, pixel()), ...areas(shown.scene).map((a) => named(a, pixel())));
-    for (const group of svg.querySelectorAll<SVGGElement>("[data-name]")) {
-      const own = thing(shown.scene, shown.selected)?.name;
-      group.classList.toggle("selected", group.dataset.name === own);
-      group.classList.toggle("bad", group.dataset.name === shown.bad);
-    }
-    svg.classList.toggle("goal-selected", shown.selected === "goal");
+    highlighted(svg, shown);
   };
   const draw = (): void => {
     made.redraw(shown.scene);
@@ -92,11 +83,6 @@ export function canvas(label: string, first: Scene, signal: AbortSignal): Canvas
     set(grid, { d: lines(view, spacing(view, pixel())) });
     draw();
   };
-  const tracks = (): void => {
-    const dealt = colours(shown.scene);
-    const ways = film ? Object.keys(film.bodies).map((name) => line(way(film!, name, end(film!)), { class: "trail", stroke: dealt.get(name) ?? "currentColor" })) : [];
-    put(trails, ...ways);
-  };
   const resized = new ResizeObserver(() => {
     if (!svg.clientWidth || !svg.clientHeight) return;
     aspect = svg.clientWidth / svg.clientHeight;
@@ -109,7 +95,7 @@ export function canvas(label: string, first: Scene, signal: AbortSignal): Canvas
     picture: made,
     pixel,
     step,
-    snap: (p) => [grid_(p[0], step()), grid_(p[1], step())],
+    snap: (p) => [gridded(p[0], step()), gridded(p[1], step())],
     show: (now) => {
       shown = now;
       draw();
@@ -117,7 +103,7 @@ export function canvas(label: string, first: Scene, signal: AbortSignal): Canvas
     sketch: (...elements) => void put(preview, ...elements),
     film: (now) => {
       film = now;
-      tracks();
+      put(trails, ...(film ? tracks(film, shown.scene) : []));
       ghosts();
       svg.dataset.film = String(Number(svg.dataset.film ?? 0) + 1);
     },
@@ -138,6 +124,30 @@ export function canvas(label: string, first: Scene, signal: AbortSignal): Canvas
 /** A box with a frame, m; drawn while something is being drawn, too. */
 export function outlined([left, bottom, right, top]: Box, look: string): SVGRectElement {
   return s("rect", { class: look, x: left, y: bottom, width: Math.max(0, right - left), height: Math.max(0, top - bottom), "vector-effect": "non-scaling-stroke" });
+}
+
+/** The ways of all bodies. */
+function tracks(film: Film, scene: Scene): SVGElement[] {
+  const dealt = colours(scene);
+  return Object.keys(film.bodies).map((name) => line(way(film, name, end(film)), { class: "trail", stroke: dealt.get(name) ?? "currentColor" }));
+}
+
+/** Handles of what is selected. */
+function grips({ scene, selected }: Shown, pixel: number): SVGElement[] {
+  return handles(scene, selected, OFF * pixel).map(({ id, look, at: [x, y], about }) => {
+    const place = { cx: x, cy: y, r: HANDLE * pixel, "vector-effect": "non-scaling-stroke" };
+    return s("circle", { class: `handle ${look}`, "data-handle": id, ...place }, s("title", {}, about));
+  });
+}
+
+/** Marks what is selected, and what is wrong. */
+function highlighted(svg: SVGSVGElement, { scene, selected, bad }: Shown): void {
+  const chosen = thing(scene, selected)?.name;
+  for (const group of svg.querySelectorAll<SVGGElement>("[data-name]")) {
+    group.classList.toggle("selected", group.dataset.name === chosen);
+    group.classList.toggle("bad", group.dataset.name === bad);
+  }
+  svg.classList.toggle("goal-selected", selected === "goal");
 }
 
 /** Everything of a scene with some room; of one with nothing in it a few metres. */
@@ -162,7 +172,7 @@ function grade(length: number): number {
   return ticks(length, 1)[1] ?? length;
 }
 
-function grid_(v: number, step: number): number {
+function gridded(v: number, step: number): number {
   return Number((Math.round(v / step) * step).toPrecision(12));
 }
 

@@ -33,8 +33,8 @@ function row(desk: Desk, library: Library, term: Term, index: number): Panel {
     const left = write(desk.scene(), path, undefined);
     desk.change((left.effects as Term[]).length ? left : write(left, "effects", undefined), null);
   });
-  const made = group(title, h("p", { class: "soft equation" }, known?.equation ?? "The server's library does not have it."), ...fields, gone);
-  made.classList.add("component");
+  const made = group(title, h("div", { class: "equation" }, h("p", { class: "soft" }, known?.equation ?? "The server's library does not have it."), gone), ...fields);
+  made.classList.add("effect");
   return { element: made, fields };
 }
 

@@ -16,8 +16,8 @@ export interface Field {
   /** As the server names it. */
   path: string;
   show: (scene: Scene) => void;
-  /** Says what is wrong with it; `null` takes that away. */
-  mark: (why: string | null) => void;
+  /** Marks it wrong and says why, where it is not said elsewhere; `null` takes that away. */
+  mark: (why: string | null, said?: boolean) => void;
 }
 
 /** What stands at a path that the scene leaves out, and what happens where nothing is typed. */
@@ -95,9 +95,8 @@ export function group(title: string, ...parts: (Field | HTMLElement)[]): HTMLEle
 export function marked(fields: readonly Field[], problem: { field: string; why: string } | null): Field[] {
   const paths = problem ? meant(fields.map((f) => f.path), problem.field) : [];
   const wrong = fields.filter((f) => paths.includes(f.path));
-  for (const f of fields) f.mark(wrong.includes(f) ? problem!.why : null);
   // Said once, at the first.
-  for (const f of wrong.slice(1)) f.element.querySelector(".why")!.toggleAttribute("hidden", true);
+  for (const f of fields) f.mark(wrong.includes(f) ? problem!.why : null, f === wrong[0]);
   return wrong;
 }
 
@@ -119,13 +118,18 @@ function field(
   event: "input" | "change",
 ): Field {
   const [id, whyId] = [fresh("field"), fresh("why")];
-  const why = h("p", { class: "why", id: whyId, hidden: true });
+  const why = h("p", { class: "why", id: whyId });
   const title = h("label", { for: id }, asked.label, asked.of ? h("span", { class: "unseen" }, ` ${asked.of}`) : null, asked.unit ? h("span", { class: "soft" }, ` ${asked.unit}`) : null);
   set(input, { id, "data-field": asked.path });
-  const mark = (text: string | null): void => {
-    set(input, { "aria-invalid": text === null ? null : "true", "aria-describedby": text === null ? null : whyId });
-    why.hidden = text === null;
-    put(why, text);
+  const element = h("div", { class: "field" }, title, input);
+  const mark = (text: string | null, said = true): void => {
+    const words = said ? text : null;
+    set(input, { "aria-invalid": text === null ? null : "true", "aria-describedby": words === null ? null : whyId });
+    put(why, words);
+    if (words === null) return why.remove();
+    // Across all columns, where there are some.
+    const row = element.closest(".fields, .corner") ?? element;
+    if (why.parentElement !== row) row.append(why);
   };
   let own = false;
   input.addEventListener(event, () => {
@@ -143,9 +147,9 @@ function field(
   // What could not be used is not left standing.
   input.addEventListener("blur", () => own && mark(null));
   return {
-    element: h("div", { class: "field" }, title, input, why),
+    element,
     path: asked.path,
     show,
-    mark: (text) => own || mark(text),
+    mark: (text, said) => own || mark(text, said),
   };
 }

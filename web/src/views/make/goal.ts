@@ -18,13 +18,14 @@ export function goalPanel(desk: Desk): Panel {
   const names = everything(desk.scene()).map((b) => b.name);
   const bodies = desk.scene().bodies.map((b) => b.name);
   const type = choice(desk, { label: "Goal", path: "goal.type" }, KINDS, (scene) => scene.goal?.type ?? "", (scene, value) => write(scene, "goal", started(scene, value)));
+  type.element.classList.add("broad");
   const hold = number(desk, { label: "Held for", path: "goal.hold_s", unit: "s", empty: "0" });
   if (!goal) return { element: h("div", { class: "stack" }, type.element, h("p", { class: "soft" }, "The server makes worlds only of scenes with a goal and an action space.")), fields: [type] };
   if (goal.type === "contact") {
     const parts = [
       named(desk, { label: "One thing", path: "goal.bodies[0]" }, names),
       named(desk, { label: "The other", path: "goal.bodies[1]" }, names),
-      number(desk, { label: "Gap that still touches", path: "goal.tolerance", unit: "m", empty: "0.0167" }),
+      number(desk, { label: "Tolerance", path: "goal.tolerance", unit: "m", empty: "0.0167" }),
       hold,
     ];
     return { element: h("div", { class: "stack" }, type.element, group("Contact", ...parts)), fields: [type, ...parts] };

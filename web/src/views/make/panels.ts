@@ -69,8 +69,8 @@ function world(desk: Desk): Panel {
   const time = [
     number(desk, { label: "Time step", path: "time_step", unit: "s", empty: "1/240" }),
     number(desk, { label: "Steps", path: "steps", empty: "4000" }),
-    number(desk, { label: "Observed every", path: "observe_every", unit: "steps", empty: "60" }),
-    number(desk, { label: "Damping", path: "damping", unit: "kept per s", empty: "none" }),
+    number(desk, { label: "Steps a sample", path: "observe_every", empty: "60" }),
+    number(desk, { label: "Damping", path: "damping", unit: "kept/s", empty: "none" }),
   ];
   const stop = choice(
     desk,
@@ -79,6 +79,7 @@ function world(desk: Desk): Panel {
     (scene) => String(scene.stop ?? true),
     (scene, value) => write(scene, "stop", value === "true" ? undefined : false),
   );
+  stop.element.classList.add("broad");
   const fields = [name, ...gravity, ...time, stop];
   const kept = Object.entries(UNTOUCHED).filter(([field]) => desk.scene()[field] !== undefined);
   const note = kept.length ? h("p", { class: "soft" }, `Kept as they are: ${kept.map(([, what]) => what).join(", ")}.`) : h("span", {});

@@ -39,10 +39,12 @@ export function rollout(at: Canvas, state: () => State, held: () => boolean, tel
   const said = h("span", { class: "soft" });
   const acting = h("div", { class: "row acting" }, said, another, drawn);
   let tried = 0;
-  const show = (run: Run | null): void => {
-    const words = run ? came(run) : null;
+  const note = (words: string | null): void => {
     put(verdict, words);
     verdict.hidden = words === null;
+  };
+  const show = (run: Run | null): void => {
+    note(run ? came(run) : null);
     verdict.dataset.verdict = run?.solved ? "solved" : "";
     at.film(run?.film ?? null);
     play.load(run?.film ? end(run.film) : 0);
@@ -61,7 +63,9 @@ export function rollout(at: Canvas, state: () => State, held: () => boolean, tel
     // An empty draft is no mistake; and what is off is run when it is asked for.
     if (!now.bodies.length || !(live.checked || asked)) {
       tell.wrong(null, now);
-      return show(null);
+      show(null);
+      if (!now.bodies.length) note("Nothing moves yet: draw a disc, a box or a polygon.");
+      return;
     }
     try {
       const done = await acted(now, state().action, tell.action, signal);

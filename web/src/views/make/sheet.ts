@@ -17,21 +17,21 @@ export function sheet(desk: Desk): Sheet {
   const title = h("h2", {});
   const place = h("div", {});
   const element = h("section", { class: "card form", "aria-label": "What is selected" }, title, place);
-  let [made, panel_]: [string, Panel | null] = ["", null];
+  let [made, current]: [string, Panel | null] = ["", null];
   const show = (state: State): void => {
     const now = kind(scene(state), state.selected);
     const one = thing(scene(state), state.selected);
     put(title, one ? one.name || "(no name)" : TITLES[state.selected]);
-    if (now !== made || !panel_) {
+    if (now !== made || !current) {
       const held = holder(element);
-      panel_ = panel(desk, state.selected);
-      put(place, panel_.element);
+      current = panel(desk, state.selected);
+      put(place, current.element);
       made = now;
-      for (const f of panel_.fields) f.show(scene(state));
+      for (const f of current.fields) f.show(scene(state));
       if (held) held(element);
     }
-    for (const f of panel_.fields) f.show(scene(state));
-    marked(panel_.fields, state.wrong && placeOf(state.wrong.field) === state.selected ? state.wrong : null);
+    for (const f of current.fields) f.show(scene(state));
+    marked(current.fields, state.wrong && placeOf(state.wrong.field) === state.selected ? state.wrong : null);
   };
   const focus = (): void => {
     const wrong = element.querySelector<HTMLElement>('[aria-invalid="true"]');

@@ -14,7 +14,7 @@ import { rollout, type Told } from "./rollout";
 import { type Sheet, sheet } from "./sheet";
 import { doubled, removed, thing } from "./things";
 import { toolbar } from "./toolbar";
-import type { Tool } from "./tools";
+import { nothing, type Tool } from "./tools";
 
 export interface Studio {
   element: HTMLElement;
@@ -45,7 +45,8 @@ interface Acts {
   choose: (tool: Tool) => void;
   /** Runs the draft. */
   run: () => void;
-  say: (text: string) => void;
+  /** To screen readers; `shown`: to everybody, until something changes. */
+  say: (text: string, shown?: boolean) => void;
 }
 
 export function studio(first: Scene, library: Library, context: Context): Studio {
@@ -83,7 +84,11 @@ export function studio(first: Scene, library: Library, context: Context): Studio
     render();
     if (tool !== "select") at.svg.focus({ preventScroll: true });
   };
-  const acts: Acts = { update, render, select, choose, run: () => film.changed(), say: context.say };
+  const say = (text: string, shown = false): void => {
+    context.say(text);
+    if (shown) bar.tell(text);
+  };
+  const acts: Acts = { update, render, select, choose, run: () => film.changed(), say };
   const form = sheet({ scene: () => scene(now.state), change: (next, key) => update(changed(now.state, next, key)), select, library });
   const back = (): void => update(undone(now.state));
   const again = (): void => update(redone(now.state));
@@ -127,7 +132,7 @@ function handOf(now: Now, acts: Acts): Hand {
       acts.update(stood(now.state, next, key));
     },
     drew: (done) => {
-      if (!done) return acts.say("Nothing was drawn: it has no size, or there is nothing it could be about.");
+      if (!done) return acts.say(nothing(scene(now.state), now.tool), true);
       acts.update({ ...changed(settled(now.state), done.scene, null), selected: done.place });
       acts.choose("select");
       acts.say(`${named(now.state, done.place)} was drawn.`);

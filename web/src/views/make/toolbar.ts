@@ -6,6 +6,8 @@ import { type Tool, TOOLS } from "./tools";
 export interface Toolbar {
   element: HTMLElement;
   hint: HTMLElement;
+  /** Says something in place of the hint. */
+  tell: (text: string) => void;
   show: (tool: Tool, moving: boolean, undo: boolean, redo: boolean) => void;
 }
 
@@ -39,6 +41,7 @@ export function toolbar(presses: Presses): Toolbar {
   return {
     element,
     hint: h("div", { class: "row between" }, hint, of),
+    tell: (text) => void put(hint, h("strong", {}, text)),
     show: (tool, moving, before, after) => {
       for (const one of tools) set(one, { "aria-pressed": String(one.dataset.tool === tool) });
       [undo.disabled, redo.disabled] = [!before, !after];

@@ -18,6 +18,14 @@ export const TOOLS: readonly { tool: Tool; title: string; key: string; hint: str
   { tool: "bounds", title: "Bounds", key: "w", hint: "Drag a rectangle that nothing placed may leave; Enter takes all that is in view." },
 ];
 
+/** Why a tool drew nothing. */
+export function nothing(scene: Scene, tool: Tool): string {
+  if (tool === "bounds" && !scene.action) return "Bounds are the action's: draw an action area first.";
+  if (tool === "goal" && !scene.bodies.length) return "Draw a body first: a goal region is where its centre has to be.";
+  if (tool === "area" && !scene.bodies.length) return "Draw a thing first: an action area is where it may be placed.";
+  return "Nothing was drawn: it has no size.";
+}
+
 /** A scene after a gesture, and what is selected then. */
 export interface Drawn {
   scene: Scene;
@@ -43,7 +51,7 @@ export function drawn(scene: Scene, tool: Tool, from: Point, to: Point, moving: 
       return added(scene, centred({ name: "segment", shape: { type: "segment", from, to, radius } }), moving);
     }
     case "goal":
-      return w > 0 && h > 0 ? { scene: goal(scene, box, selected), place: "goal" } : null;
+      return w > 0 && h > 0 && scene.bodies.length ? { scene: goal(scene, box, selected), place: "goal" } : null;
     case "area":
       return w > 0 || h > 0 ? area(scene, box, selected) : null;
     case "bounds":
