@@ -242,6 +242,8 @@ def test_a_wrong_file_is_told_and_a_right_one_kept_as_it_was(serve: Callable[...
     assert saved(page, tmp_path) == DROP
     # What the editor has no form for stays when something else is changed; names go along.
     page.get_by_role("button", name="ball", exact=True).click()
+    page.get_by_label("Name").fill("hammer")
+    expect(page.get_by_text('Another thing is named "hammer".')).to_be_visible()
     page.get_by_label("Name").fill("puck")
     page.get_by_label("Restitution").fill("0.25")
     after = saved(page, tmp_path)

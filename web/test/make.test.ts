@@ -79,7 +79,8 @@ test("changes of one drag are undone together, others one by one", () => {
 });
 
 test("names go along, and what is gone is named nowhere", () => {
-  const other = renamed(scene, "bodies[0]", "puck");
+  const other = renamed(scene, "bodies[0]", "puck") as Scene;
+  assert.equal(renamed(scene, "bodies[0]", "plank"), `Another thing is named "plank".`);
   assert.ok(!JSON.stringify(other).includes('"ball"'));
   assert.deepEqual(other.goal, { type: "contact", bodies: ["puck", "floor"], hold_s: 1 });
   assert.deepEqual(other.settings, { slow: { bodies: { puck: { mass: 0.5 } } } });

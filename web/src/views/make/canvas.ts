@@ -7,7 +7,7 @@ import { line, picture, type Picture } from "../../scene/draw";
 import { at, end, type Film, way } from "../../scene/film";
 import { everything, type Box, type Point, type Scene } from "../../scene/types";
 import { seen } from "../../scene/view";
-import { areas, handles } from "./handles";
+import { areas, type Handle, handles } from "./handles";
 import { thing } from "./things";
 
 /** What is shown of a draft. */
@@ -29,6 +29,8 @@ export interface Canvas {
   /** The nearest point of that grid. */
   snap: (p: Point) => Point;
   show: (shown: Shown) => void;
+  /** The handle of what is selected that is nearest to a point, within so many pixels. */
+  handle: (p: Point, near: number) => string | null;
   /** What a gesture would draw; nothing where none is under way. */
   sketch: (...elements: SVGElement[]) => void;
   film: (film: Film | null) => void;
@@ -99,6 +101,11 @@ export function canvas(label: string, first: Scene, signal: AbortSignal): Canvas
     show: (now) => {
       shown = now;
       draw();
+    },
+    handle: (p, near) => {
+      const far = (h: Handle): number => Math.hypot(h.at[0] - p[0], h.at[1] - p[1]);
+      const [first] = handles(shown.scene, shown.selected, OFF * pixel()).sort((a, b) => far(a) - far(b));
+      return first && far(first) <= near * pixel() ? first.id : null;
     },
     sketch: (...elements) => void put(preview, ...elements),
     film: (now) => {

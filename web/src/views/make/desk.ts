@@ -52,7 +52,8 @@ export function put(state: State, next: Scene, key: string | null): State {
   if (done.action === null || !next.action) return done;
   if (!needsAction(next)) return { ...done, action: null };
   const one = thing(next, state.selected);
-  const set: Record<string, number | undefined> = { x: one?.position?.[0], y: one?.position?.[1], angle: one?.angle, radius: one?.shape.type === "disc" ? one.shape.radius : undefined };
+  const radius = one?.shape.type === "disc" ? one.shape.radius : undefined;
+  const set: Record<string, number | undefined> = { x: one?.position?.[0], y: one?.position?.[1], angle: one?.angle, radius };
   const action = next.action.components.map((c, i) => {
     const now = c.target === one?.name ? set[c.set] : undefined;
     return now === undefined ? done.action![i]! : share(c, now);

@@ -28,7 +28,12 @@ export function keep(scene: Scene): void {
 }
 
 /** Buttons for all of it; `opened` is given a scene that is to be drawn on, `scene` says which one is drawn. */
-export async function files(scene: () => Scene, opened: (scene: Scene) => void, said: (text: string) => void, context: Context): Promise<{ element: HTMLElement; drop: (file: File) => void }> {
+export async function files(
+  scene: () => Scene,
+  opened: (scene: Scene) => void,
+  said: (text: string) => void,
+  context: Context,
+): Promise<{ element: HTMLElement; drop: (file: File) => void }> {
   const { families } = await ok(api.GET("/v1/tasks", { signal: context.signal }));
   const { button: task, dialog } = gallery(families, (id) => void load(id, context.signal).then((one) => opened(one.scene)).catch(context.fail), context);
   const take = (file: File): void => {
@@ -42,7 +47,8 @@ export async function files(scene: () => Scene, opened: (scene: Scene) => void, 
     if (one) take(one);
     input.value = "";
   });
-  const copy = (what: string, text: () => string): HTMLElement => button(`Copy as ${what}`, () => void copied(text(), what, said).catch(context.fail));
+  const copy = (what: string, text: () => string): HTMLElement =>
+    button(`Copy as ${what}`, () => void copied(text(), what).then((done) => said(`${done} ${lacking(scene())}`)).catch(context.fail));
   const element = h(
     "div",
     { class: "row files", role: "group", "aria-label": "File" },
@@ -73,6 +79,12 @@ async function drawable(scene: Scene, name: string, signal: AbortSignal): Promis
   return scene;
 }
 
+/** What the server would miss. */
+function lacking(scene: Scene): string {
+  const missing = [scene.goal ? "" : "a goal", scene.action ? "" : "an action space"].filter(Boolean);
+  return missing.length ? `The server makes a world of it when it has ${missing.join(" and ")}.` : "";
+}
+
 function save(scene: Scene): void {
   const url = URL.createObjectURL(new Blob([pretty(scene)], { type: "application/json" }));
   h("a", { href: url, download: filename(scene) }).click();
@@ -80,18 +92,20 @@ function save(scene: Scene): void {
 }
 
 /** Into the clipboard; where the browser has none (plain HTTP elsewhere), shown to be copied by hand. */
-async function copied(text: string, what: string, said: (text: string) => void): Promise<void> {
+async function copied(text: string, what: string): Promise<string> {
   try {
     await navigator.clipboard.writeText(text);
-    said(`Copied: a world of this scene, as ${what}.`);
+    return `Copied: a world of this scene, as ${what}.`;
   } catch {
     const close = h("button", { type: "button" }, "Close");
     const area = h("textarea", { rows: 14, readonly: true, "aria-label": `The scene as ${what}` }, text);
-    const dialog = h("dialog", { class: "copy", "aria-label": `Copy as ${what}` }, h("p", {}, "The browser does not let this page copy: select the text and copy it."), area, close);
+    const why = h("p", {}, "The browser does not let this page copy: select the text and copy it.");
+    const dialog = h("dialog", { class: "copy", "aria-label": `Copy as ${what}` }, why, area, close);
     close.addEventListener("click", () => (dialog.close(), dialog.remove()));
     document.body.append(dialog);
     dialog.showModal();
     area.select();
+    return "";
   }
 }
 

@@ -37,7 +37,7 @@ export interface Asked {
 /** A number, in SI units. */
 export function number(draft: Draft, asked: Asked): Field {
   const input = h("input", { type: "number", step: "any", inputmode: "decimal", placeholder: asked.empty });
-  return field(asked, input, (scene) => {
+  return field(draft, asked, input, (scene) => {
     const now = read(scene, asked.path);
     // Ninths of a millionth are rounding: they stay in the scene, and out of sight.
     return typeof now === "number" ? String(Number(now.toPrecision(9))) : "";
@@ -50,11 +50,13 @@ export function number(draft: Draft, asked: Asked): Field {
   }, "input");
 }
 
-/** A text; `changed` makes the scene of it. */
-export function text(draft: Draft, asked: Asked, changed: (scene: Scene, value: string) => Scene): Field {
+/** A text; `changed` makes the scene of it, or says why it cannot be. */
+export function text(draft: Draft, asked: Asked, changed: (scene: Scene, value: string) => Scene | string): Field {
   const input = h("input", { type: "text", autocomplete: "off", spellcheck: "false" });
-  return field(asked, input, (scene) => String(read(scene, asked.path) ?? ""), (value) => {
-    draft.change(changed(draft.scene(), value), `type-${asked.path}`);
+  return field(draft, asked, input, (scene) => String(read(scene, asked.path) ?? ""), (value) => {
+    const next = changed(draft.scene(), value);
+    if (typeof next === "string") return next;
+    draft.change(next, `type-${asked.path}`);
     return null;
   }, "input");
 }
@@ -74,7 +76,7 @@ export function choice(
     if (![...input.options].some((o) => o.value === now)) input.append(h("option", { value: now }, now || "none"));
     return now;
   };
-  return field(asked, input, show, (value) => {
+  return field(draft, asked, input, show, (value) => {
     draft.change(changed(draft.scene(), value), null);
     return null;
   }, "change");
@@ -111,6 +113,7 @@ export function written(scene: Scene, { path, pair, empty }: Asked, value: numbe
 }
 
 function field(
+  draft: Draft,
   asked: Asked,
   input: HTMLInputElement | HTMLSelectElement,
   of: (scene: Scene) => string,
@@ -119,7 +122,8 @@ function field(
 ): Field {
   const [id, whyId] = [fresh("field"), fresh("why")];
   const why = h("p", { class: "why", id: whyId });
-  const title = h("label", { for: id }, asked.label, asked.of ? h("span", { class: "unseen" }, ` ${asked.of}`) : null, asked.unit ? h("span", { class: "soft" }, ` ${asked.unit}`) : null);
+  const whose = asked.of ? h("span", { class: "unseen" }, ` ${asked.of}`) : null;
+  const title = h("label", { for: id }, asked.label, whose, asked.unit ? h("span", { class: "soft" }, ` ${asked.unit}`) : null);
   set(input, { id, "data-field": asked.path });
   const element = h("div", { class: "field" }, title, input);
   const mark = (text: string | null, said = true): void => {
@@ -131,12 +135,12 @@ function field(
     const row = element.closest(".fields, .corner") ?? element;
     if (why.parentElement !== row) row.append(why);
   };
-  let own = false;
+  let [own, unused] = [false, false];
   input.addEventListener(event, () => {
-    // Numbers that a browser cannot read come as an empty text.
-    const broken = "validity" in input && input.validity.badInput;
-    const wrong = broken ? "This is no number." : typed(input.value);
+    // Half a number ("-") is waited for.
+    const wrong = input.validity.badInput ? null : typed(input.value);
     own = wrong !== null;
+    unused = own || input.validity.badInput;
     if (own) mark(wrong);
   });
   const show = (scene: Scene): void => {
@@ -145,7 +149,12 @@ function field(
     input.value = of(scene);
   };
   // What could not be used is not left standing.
-  input.addEventListener("blur", () => own && mark(null));
+  input.addEventListener("blur", () => {
+    if (!unused) return;
+    [own, unused] = [false, false];
+    mark(null);
+    input.value = of(draft.scene());
+  });
   return {
     element,
     path: asked.path,

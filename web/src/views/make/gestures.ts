@@ -24,8 +24,8 @@ export interface Hand {
   over: () => void;
 }
 
-/** How near the mouse has to be, and how far it has to go before something is dragged, pixels. */
-const [NEAR, START] = [8, 3];
+/** How near the mouse has to be, or a finger to a handle, and how far it has to go before something is dragged, pixels. */
+const [NEAR, FINGER, START] = [9, 20, 3];
 
 /** Corners of a polygon that is being drawn; Enter closes it, Escape gives it up. */
 export interface Corners {
@@ -49,16 +49,16 @@ export function gestures(at: Canvas, hand: Hand, signal: AbortSignal): Corners {
     if (gesture) going = { ...gesture, from: [event.clientX, event.clientY], began: false };
   };
   const editing = (event: PointerEvent, from: Point, key: string): Gesture => {
-    const handle = (event.target as Element).closest<SVGElement>("[data-handle]")?.dataset.handle;
-    const place = handle === undefined ? hit(hand.scene(), from, NEAR * at.pixel()) : hand.selected();
+    const handle = at.handle(from, event.pointerType === "touch" ? FINGER : NEAR);
+    const place = handle === null ? hit(hand.scene(), from, NEAR * at.pixel()) : hand.selected();
     if (place === null) return panning(at, from, () => hand.select("world"));
-    if (handle === undefined) hand.select(place);
+    if (handle === null) hand.select(place);
     const before = hand.grounded(place);
     const corner = at.snap(from);
     return {
       move: (p) => {
         const to = at.snap(p);
-        const next = handle !== undefined ? dragged(before, place, handle, handle === "turn" ? p : to) : moved(before, place, [to[0] - corner[0], to[1] - corner[1]]);
+        const next = handle !== null ? dragged(before, place, handle, handle === "turn" ? p : to) : moved(before, place, [to[0] - corner[0], to[1] - corner[1]]);
         hand.change(next, key);
       },
       done: () => hand.over(),

@@ -20,7 +20,8 @@ export function goalPanel(desk: Desk): Panel {
   const type = choice(desk, { label: "Goal", path: "goal.type" }, KINDS, (scene) => scene.goal?.type ?? "", (scene, value) => write(scene, "goal", started(scene, value)));
   type.element.classList.add("broad");
   const hold = number(desk, { label: "Held for", path: "goal.hold_s", unit: "s", empty: "0" });
-  if (!goal) return { element: h("div", { class: "stack" }, type.element, h("p", { class: "soft" }, "The server makes worlds only of scenes with a goal and an action space.")), fields: [type] };
+  const note = h("p", { class: "soft" }, "The server makes worlds only of scenes with a goal and an action space.");
+  if (!goal) return { element: h("div", { class: "stack" }, type.element, note), fields: [type] };
   if (goal.type === "contact") {
     const parts = [
       named(desk, { label: "One thing", path: "goal.bodies[0]" }, names),

@@ -17,7 +17,7 @@ export interface Handle {
 /** Handles of what is at a place; `gap` is how far the turning one stands off, m. */
 export function handles(scene: Scene, place: string, gap: number): Handle[] {
   const one = thing(scene, place);
-  if (one) return one.position === undefined && place.startsWith("bodies") ? [] : [...sizes(one), ...turn(one, gap)];
+  if (one) return !one.position && place.startsWith("bodies") ? [] : [...sizes(one), ...turn(one, gap)];
   if (place === "goal" && scene.goal?.type === "inside") return scene.goal.region.map((at, i) => size(`${i}`, at, "Move this corner of the region"));
   if (place === "action") return areas(scene).flatMap(({ id, box, about }) => rectangle(id, box, about));
   return [];
@@ -44,7 +44,7 @@ export function moved(scene: Scene, place: string, by: Point): Scene {
 
 /** What is at a point: the topmost thing within `near`, m, the goal's region, or a side of where the action places things. */
 export function hit(scene: Scene, p: Point, near: number): string | null {
-  const drawn = places(scene).filter((at) => thing(scene, at)!.position !== undefined || at.startsWith("statics"));
+  const drawn = places(scene).filter((at) => thing(scene, at)!.position || at.startsWith("statics"));
   // Bodies lie over statics, later ones over earlier.
   const order = [...drawn.filter((at) => at.startsWith("statics")), ...drawn.filter((at) => at.startsWith("bodies"))].reverse();
   const distances = order.map((at) => far(thing(scene, at)!, p));

@@ -47,10 +47,12 @@ export function doubled(scene: Scene, place: string, aside: number): { scene: Sc
   return added(scene, shifted(structuredClone(one), [aside, aside]), moves(place));
 }
 
-/** A thing by another name, wherever the scene names it. */
-export function renamed(scene: Scene, place: string, name: string): Scene {
+/** A thing by another name, wherever the scene names it; why not, if another thing has the name: what the scene says of one
+ * would be of both. */
+export function renamed(scene: Scene, place: string, name: string): Scene | string {
   const old = thing(scene, place)?.name;
   if (old === undefined || old === name) return scene;
+  if (everything(scene).some((b) => b.name === name)) return `Another thing is named "${name}".`;
   const now = (n: string): string => (n === old ? name : n);
   let next = write(scene, `${place}.name`, name);
   const shared = everything(scene).filter((b) => b.name === old).length > 1;
