@@ -148,6 +148,29 @@ def test_a_scene_is_drawn_run_saved_and_made_a_world(serve: Callable[..., Any], 
     page.get_by_role("button", name="Play in it").click()
     expect(page.locator("h1")).to_have_text("Play")
     expect(page.locator(".badge.sim")).to_have_text("Simulation: solved")
+    page.get_by_role("link", name="Make").click()
+    undo = page.get_by_role("button", name="Undo")
+    expect(undo).to_be_enabled()
+    undo.click()
+    expect(page.locator(".scene .area")).to_have_count(0)
+
+
+def test_a_server_gone_is_told_and_the_draft_runs_when_it_is_back(serve: Callable[..., Any], see: Callable[..., Any], tmp_path: Path) -> None:
+    server = serve()
+    page = see(server).open("#/make")
+    stage(page).wait_for()
+    opened(page, tmp_path, DROP)
+    expect(verdict(page)).to_contain_text("no goal")
+    server.kill()
+    stage(page).focus()
+    page.keyboard.press("n")
+    page.keyboard.press("ArrowUp")
+    expect(page.locator(".banner")).to_be_visible()
+    expect(verdict(page)).to_be_hidden()
+    server.back()
+    expect(page.locator(".banner")).to_be_hidden()
+    expect(verdict(page)).to_contain_text("no goal")
+    assert saved(page, tmp_path)["bodies"][0]["position"][1] > 2
 
 
 def test_undo_redo_and_a_reload_keep_the_draft(serve: Callable[..., Any], see: Callable[..., Any], tmp_path: Path) -> None:

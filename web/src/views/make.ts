@@ -3,7 +3,7 @@
 import { all, api, ok } from "../api/client";
 import { h, put } from "../dom";
 import { type Context, link, type View } from "../view";
-import { empty, files, kept } from "./make/files";
+import { files } from "./make/files";
 import { studio } from "./make/studio";
 import { load } from "./play/tasks";
 import "./make.css";
@@ -20,7 +20,7 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
   const { signal } = context;
   const task = context.query.get("task");
   const [first, library] = await Promise.all([
-    task ? load(task, signal).then((one) => one.scene) : (kept() ?? empty()),
+    task ? load(task, signal).then((one) => one.scene) : null,
     all((cursor) => ok(api.GET("/v1/effects", { params: { query: cursor ? { cursor } : {} }, signal })), (page) => page.effects),
   ]);
   // A reload is to bring the draft back, and not the task again.

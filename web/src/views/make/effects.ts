@@ -26,7 +26,7 @@ function row(desk: Desk, library: Library, term: Term, index: number): Panel {
   const known = library.find((e) => e.name === term.name);
   const title = term.name.replaceAll("_", " ");
   const fields = (known?.parameters ?? []).map((p) =>
-    number(desk, { label: p.name, path: `${path}.parameters.${p.name}`, unit: p.unit === "1" ? "" : p.unit, empty: String(p.neutral), of: `of ${title}` }),
+    number(desk, { label: p.name, path: `${path}.parameters.${p.name}`, unit: p.unit === "1" ? "" : p.unit.replaceAll("^2", "²"), empty: String(p.neutral), of: `of ${title}` }),
   );
   const gone = h("button", { type: "button", class: "quiet", "aria-label": `Remove ${title}` }, "×");
   gone.addEventListener("click", () => {

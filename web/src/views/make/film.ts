@@ -13,8 +13,8 @@ export interface Run {
   reason: string | null;
 }
 
-/** Time between two samples of a film, s; and most samples of one. */
-const [SAMPLES, MOST] = [1 / 60, 4000];
+/** Time between two samples of a film, s; and most samples of one, all bodies together: more follow a hand too slowly. */
+const [SAMPLES, MOST] = [1 / 60, 12_000];
 /** Actions that are tried for a place. */
 const TRIED = 512;
 
@@ -49,5 +49,5 @@ export function spread(dimension: number, index: number): number[] {
 
 function every(scene: Scene): number {
   const step = typeof scene.time_step === "number" && scene.time_step > 0 ? scene.time_step : 1 / 240;
-  return Math.max(1, Math.round(SAMPLES / step), Math.ceil((scene.steps ?? 4000) / MOST));
+  return Math.max(1, Math.round(SAMPLES / step), Math.ceil(((scene.steps ?? 4000) * scene.bodies.length) / MOST));
 }

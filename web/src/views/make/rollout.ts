@@ -1,5 +1,6 @@
 // Under the picture: the film of the draft, what it came to, with which action it starts.
 
+import { back, isLost } from "../../api/connection";
 import { ProblemError, told } from "../../api/problem";
 import { fresh, h, put } from "../../dom";
 import { latest } from "../../parts/latest";
@@ -38,7 +39,12 @@ export function rollout(at: Canvas, state: () => State, held: () => boolean, tel
   const [another, drawn] = [h("button", { type: "button" }, "Try another action"), h("button", { type: "button" }, "Start as drawn")];
   const said = h("span", { class: "soft" });
   const acting = h("div", { class: "row acting" }, said, another, drawn);
-  let tried = 0;
+  let [tried, failed] = [0, false];
+  // What is shown above the view is taken away by who showed it: a wrong file is not forgiven by a film.
+  const fail = (error: unknown): void => {
+    if (error !== null || failed) context.fail(error);
+    failed = error !== null;
+  };
   const note = (words: string | null): void => {
     put(verdict, words);
     verdict.hidden = words === null;
@@ -69,15 +75,16 @@ export function rollout(at: Canvas, state: () => State, held: () => boolean, tel
     }
     try {
       const done = await acted(now, state().action, tell.action, signal);
-      context.fail(null);
+      fail(null);
       tell.wrong(null, now);
       show(done);
     } catch (e) {
       if (signal.aborted) return;
       const field = e instanceof ProblemError ? ofScene(e.problem.field) : null;
-      if (field === null) context.fail(e);
-      else tell.wrong({ field, why: told(e).detail }, now);
+      fail(field === null ? e : null);
+      if (field !== null) tell.wrong({ field, why: told(e).detail }, now);
       show(null);
+      if (isLost()) void back().then(() => signal.aborted || work(asked));
     }
     describe();
   });

@@ -6,7 +6,7 @@ import type { Context } from "../../view";
 import { canvas, type Canvas } from "./canvas";
 import { changed, filled, grounded, placeOf, put as stood, redone, scene, settled, started, type State, undone } from "./desk";
 import type { Library } from "./effects";
-import { keep } from "./files";
+import { empty, keep, kept } from "./files";
 import { gestures, type Hand } from "./gestures";
 import { type Commands, HELP, keys } from "./keys";
 import { list } from "./list";
@@ -49,10 +49,14 @@ interface Acts {
   say: (text: string, shown?: boolean) => void;
 }
 
-export function studio(first: Scene, library: Library, context: Context): Studio {
+/** The draft with its history, while the page stands: Play and back loses nothing. */
+let last: State | null = null;
+
+/** The editor over a scene; for `null` over the draft of this tab. */
+export function studio(first: Scene | null, library: Library, context: Context): Studio {
   const { signal } = context;
-  const now: Now = { state: started(first), tool: "select", moving: true, held: false, fresh: true };
-  const at = canvas(LABEL, first, signal);
+  const now: Now = { state: first ? started(first) : (last ?? started(kept() ?? empty())), tool: "select", moving: true, held: false, fresh: true };
+  const at = canvas(LABEL, scene(now.state), signal);
   const things = list((place) => acts.select(place));
   const problem = h("div", { class: "problem", role: "alert", hidden: true });
   const render = (): void => {
@@ -66,7 +70,7 @@ export function studio(first: Scene, library: Library, context: Context): Studio
     at.svg.dataset.tool = tool;
   };
   const update = (state: State): void => {
-    now.state = state;
+    now.state = last = state;
     keep(scene(state));
     render();
     film.changed();
