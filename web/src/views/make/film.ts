@@ -15,6 +15,8 @@ export interface Run {
 
 /** Time between two samples of a film, s; and most samples of one, all bodies together: more follow a hand too slowly. */
 const [SAMPLES, MOST] = [1 / 60, 12_000];
+/** Most time steps between two samples that the server takes. */
+const LONGEST = 1_000_000;
 /** Actions that are tried for a place. */
 const TRIED = 512;
 
@@ -49,5 +51,7 @@ export function spread(dimension: number, index: number): number[] {
 
 function every(scene: Scene): number {
   const step = typeof scene.time_step === "number" && scene.time_step > 0 ? scene.time_step : 1 / 240;
-  return Math.max(1, Math.round(SAMPLES / step), Math.ceil(((scene.steps ?? 4000) * scene.bodies.length) / MOST));
+  const few = Math.max(1, Math.round(SAMPLES / step), Math.ceil(((scene.steps ?? 4000) * scene.bodies.length) / MOST));
+  // Whatever the scene's own numbers are: if they are wrong the server is to say so of them.
+  return Math.min(few, LONGEST);
 }

@@ -178,6 +178,8 @@ function heard(now: Now, acts: Acts): Told {
       acts.render();
     },
     action: (action) => {
+      // Found for a scene that had other components.
+      if (action && action.length !== scene(now.state).action?.components.length) return;
       now.state = { ...now.state, action };
       acts.render();
     },
