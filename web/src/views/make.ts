@@ -26,7 +26,7 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
   // A reload is to bring the draft back, and not the task again.
   if (task) history.replaceState(null, "", link("make"));
   const desk = studio(first, library, context);
-  const said = h("p", { class: "soft said", role: "status" });
+  const said = h("p", { class: "soft make-said", role: "status" });
   const { element, drop } = await files(desk.scene, desk.open, (text) => put(said, text), context);
   put(place, h("div", { class: "card stack" }, element, said), desk.element);
   dropped(place, drop, signal);

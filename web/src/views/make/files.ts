@@ -51,7 +51,7 @@ export async function files(
     button(`Copy as ${what}`, () => void copied(text(), what).then((done) => said(`${done} ${lacking(scene())}`)).catch(context.fail));
   const element = h(
     "div",
-    { class: "row files", role: "group", "aria-label": "File" },
+    { class: "row make-files", role: "group", "aria-label": "File" },
     button("New", () => opened(empty())),
     task,
     h("span", { class: "file" }, input, h("label", { for: id, class: "button" }, "Open a scene file")),
