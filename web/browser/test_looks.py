@@ -30,10 +30,18 @@ def shown(page: Page, server: Any) -> None:
     page.locator(".result").wait_for()
 
 
+def drafted(page: Page, server: Any) -> None:
+    """A task as a draft, with a body selected and the film half way."""
+    page.locator(".stage .badge.sim").wait_for()
+    page.get_by_role("button", name="green", exact=True).click()
+    page.get_by_label("Time", exact=True).fill("1.6")
+
+
 #: A picture's name, the address, and what is done before it is taken.
 VIEWS: dict[str, tuple[str, Callable[[Page, Any], None]]] = {
     "play": ("#/play/bowling:002", played),
     "play-basketball": ("#/play/basketball:003", played),
+    "make": ("#/make?task=bowling:002", drafted),
     "jobs": ("#/jobs", listed),
     "job": ("#/jobs/job-1", shown),
 }
