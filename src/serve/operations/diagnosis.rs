@@ -19,6 +19,7 @@ use crate::serve::shared::Base;
 use crate::serve::wire::{DiagnosisIn, JobOut};
 use crate::task::Scene;
 use crate::task::ball::Ball;
+use crate::world::effect;
 
 /// What can be asked about what a simulation gets wrong.
 pub fn operations() -> Vec<Operation> {
@@ -87,7 +88,7 @@ fn sent(body: DiagnosisIn, budget: &dyn Budget) -> Result<(Scene, String, usize)
         return Err(Error::input("trials", "missing", "a scene and its trials, or the job that has both"));
     };
     if let Some(scene) = &scene {
-        scene.validate().map_err(|e| e.under("scene"))?;
+        scene.validate().and_then(|()| effect::check(&scene.effects)).map_err(|e| e.under("scene"))?;
     }
     let reading = body.reading.map(|r| Reading::from(r.0)).unwrap_or_default();
     let mut files = trials.files("trials");
