@@ -55,7 +55,8 @@ export async function load(id: string, signal: AbortSignal): Promise<Task> {
   return { id: task.id, family, scene: task.scene as unknown as Scene };
 }
 
-async function read(file: File): Promise<Scene> {
+/** A scene file. */
+export async function read(file: File): Promise<Scene> {
   let scene: unknown;
   try {
     scene = JSON.parse(await file.text());
