@@ -24,6 +24,9 @@ export class GoneError extends Error {
   }
 }
 
+/** A file that is not what it should be; its message is whole sentences. */
+export class FileError extends Error {}
+
 /** The kind of a problem: the last part of its type. */
 export function slug(problem: Problem): string {
   return problem.type.split("/").at(-1) ?? "";
@@ -45,6 +48,7 @@ export function told(error: unknown): Told {
     return { title: titled(problem), detail: sentence(problem.detail) + wait, field: problem.field ?? null };
   }
   if (error instanceof GoneError) return { title: "No connection", detail: error.message, field: null };
+  if (error instanceof FileError) return { title: "The file", detail: error.message, field: null };
   const detail = error instanceof Error ? error.message : String(error);
   return { title: "The page failed", detail: sentence(detail), field: null };
 }

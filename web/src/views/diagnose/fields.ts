@@ -33,7 +33,7 @@ export function fieldLeft(found: Report, scene: Scene): (HTMLElement | null)[] {
   const all = x.map((v, i) => ({ at: [v, y[i]!] as Point, push: [ax[i]!, ay[i]!] as Point, told: (ax[i]! / sx[i]!) ** 2 + (ay[i]! / sy[i]!) ** 2 > TOLD }));
   const told = all.filter((p) => p.told);
   if (!told.length) return [h("p", {}, "Nowhere do the data tell a push that launches share beside the reported model.")];
-  const about = "What pushes beside the reported model, per mass: dots where nothing is told";
+  const about = "What pushes beside the reported model, per mass; dots where nothing is told";
   return [drawn(scene, about, [[told, "arrow left", "left"]], all.filter((p) => !p.told).map((p) => p.at))];
 }
 

@@ -1,5 +1,6 @@
 // Files: dropped anywhere on the view, or chosen; several are a launch each.
 
+import { FileError } from "../../api/problem";
 import { fresh, h } from "../../dom";
 import { cut, type Cut } from "./file";
 
@@ -49,7 +50,7 @@ async function text(file: File): Promise<string> {
   try {
     return new TextDecoder("utf-8", { fatal: true }).decode(await file.arrayBuffer());
   } catch (e) {
-    if (e instanceof TypeError) throw new Error(`${file.name} is no text (UTF-8), so it holds no table of tracks.`);
+    if (e instanceof TypeError) throw new FileError(`${file.name} is no text (UTF-8), so it holds no table of tracks.`);
     throw e;
   }
 }

@@ -7,7 +7,7 @@ import type { Point, Scene } from "../../scene/types";
 import type { Context } from "../../view";
 import { arrows, over, spots, ways } from "./over";
 import type { Report, Score } from "./report";
-import { sentence, set } from "./words";
+import { plain, set } from "./words";
 
 /** Most rivals that are drawn. */
 const MOST = 4;
@@ -17,7 +17,7 @@ const SAMPLES = 1 / 60;
 export function next(found: Report, extended: Scene, context: Context): HTMLElement[] {
   const { next_experiment: said, next_scene: scene } = found;
   if (!said) return [];
-  const words = [h("p", {}, h("strong", {}, sentence(said.do))), h("p", {}, `Why: ${sentence(said.why)}`)];
+  const words = [h("p", {}, h("strong", {}, plain(said.do))), h("p", {}, `Why: ${plain(said.why)}`)];
   if (!scene) return words;
   const place = h("div", { class: "stack" }, h("p", { class: "soft" }, "Simulating what each rival has it do…"));
   drawn(found, scene, extended, place, context).catch((e: unknown) => {

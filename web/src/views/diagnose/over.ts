@@ -6,9 +6,12 @@ import { picture } from "../../scene/draw";
 import type { Box, Point, Scene } from "../../scene/types";
 import { seen } from "../../scene/view";
 
+/** Width over height of a picture, at least: a tall one would leave its sides empty. */
+const ASPECT = 1.5;
+
 /** A scene with what is drawn over it; `around` must be in sight. */
 export function over(scene: Scene, label: string, around: readonly Point[], drawn: readonly (SVGElement | null)[], note = ""): HTMLElement {
-  const box = seen(scene, corners(around));
+  const box = widened(seen(scene, corners(around)));
   const shown = picture(scene, label, box);
   const { lines, step } = grid(box);
   put(shown.under, ...lines);
@@ -55,6 +58,11 @@ export function corners(points: readonly Point[]): Point[] {
     [left, bottom, right, top] = [Math.min(left, x), Math.min(bottom, y), Math.max(right, x), Math.max(top, y)];
   }
   return left <= right && Number.isFinite(left + right + bottom + top) ? [[left, bottom], [right, top]] : [];
+}
+
+function widened(box: Box): Box {
+  const more = Math.max(0, ASPECT * (box[3] - box[1]) - (box[2] - box[0])) / 2;
+  return [box[0] - more, box[1], box[2] + more, box[3]];
 }
 
 function grid(box: Box): { lines: SVGElement[]; step: number } {

@@ -17,8 +17,9 @@ export function paths(found: Report, scene: Scene, signal: AbortSignal): HTMLEle
   const usual = order[order.length >> 1]!;
   const place = h("div", { class: "stack" });
   const names = new Map(found.launches.map((l) => [l.trial, l.name]));
+  const named = (trial: number): string => (names.get(trial) === String(trial) ? `launch ${trial}` : `${trial}: ${names.get(trial) ?? "launch"}`);
   const mark = (trial: number): string => (found.predictive && trial === order[0] ? " (the furthest off)" : found.predictive && trial === usual ? " (the usual one)" : "");
-  const options = [...order].sort((a, b) => a - b).map((t) => [String(t), `${t}: ${names.get(t) ?? "launch"}${mark(t)}`] as const);
+  const options = [...order].sort((a, b) => a - b).map((t) => [String(t), `${named(t)}${mark(t)}`] as const);
   const show = (value: string): void => put(place, ...launch(found, scene, Number(value), signal)) && undefined;
   const field = choice("Launch", options, String(usual), show);
   const step = (text: string, by: number): HTMLElement => {

@@ -11,7 +11,7 @@ import { paths } from "./paths";
 import { bounces, correlation, predictive, residuals, sizes } from "./plots";
 import { byDistance, launched, plainReport, type Report } from "./report";
 import { effects, facts, gains, latents, rivals, ties } from "./tables";
-import { checked, digits, interval, sentence, set, verdict, VERDICTS } from "./words";
+import { checked, digits, interval, plain, sentence, set, verdict, VERDICTS } from "./words";
 
 /** Shows a result in place of what was there. */
 export async function result(place: HTMLElement, found: Report, job: Schema<"JobOut">, context: Context): Promise<void> {
@@ -61,7 +61,7 @@ function head(found: Report, job: Schema<"JobOut">, context: Context): HTMLEleme
     h("div", { class: "row between" }, h("span", { class: `badge ${found.verdict}` }, VERDICTS[found.verdict]), h("span", { class: "soft" }, about.filter(Boolean).join(", "))),
     h("h2", {}, sentence(verdict(found))),
     equations,
-    h("p", {}, sentence(found.reason)),
+    h("p", {}, plain(found.reason)),
     found.residual_law
       ? h("div", {}, h("p", {}, found.residual_law.offered ? "What is left, as an acceleration without a name; it is part of the extended scene:" : "What is left, as an acceleration without a name; on held-out trials it does not help:"), h("pre", { tabindex: 0, "aria-label": "Formula of what is left" }, found.residual_law.formula))
       : null,

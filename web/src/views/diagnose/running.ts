@@ -39,8 +39,10 @@ function progress(id: string, context: Context): { element: HTMLElement; show: (
   const seen: string[] = [];
   cancel.addEventListener("click", () => {
     cancel.disabled = true;
+    put(cancel, "Cancelling…");
     ok(api.DELETE("/v1/jobs/{id}", { params: { path: { id } } }) as Promise<{ data?: unknown; response: Response }>).catch((e: unknown) => {
       cancel.disabled = false;
+      put(cancel, "Cancel");
       context.fail(e);
     });
   });

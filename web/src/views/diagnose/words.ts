@@ -39,6 +39,11 @@ export const VERDICTS: Record<Report["verdict"], string> = {
   insufficient_data: "too few data",
 };
 
+/** What the server says, with the names of effects as people read them. */
+export function plain(text: string): string {
+  return sentence(text.replace(/([a-z])_(?=[a-z])/g, "$1 "));
+}
+
 /** A sentence, with a capital and a full stop. */
 export function sentence(text: string): string {
   const whole = text.charAt(0).toUpperCase() + text.slice(1);
@@ -59,6 +64,7 @@ export function interval([low, high]: readonly [number | null, number | null]): 
 
 /** A probability. */
 export function chance(p: number): string {
+  if (p === 0) return "< 1e-300";
   return p < 1e-3 ? p.toExponential(0) : p.toFixed(3);
 }
 
