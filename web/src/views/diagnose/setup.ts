@@ -81,7 +81,7 @@ export function pixelByFall(setup: Setup): number | null {
 export function sceneOf(setup: Setup): Scene {
   if (setup.of === "scene" || setup.of === "task") return setup.scene ?? { format: "iplw.scene/1", bodies: [] };
   const { radius, floor } = setup.ball;
-  const body = { name: "ball", shape: { type: "disc" as const, radius } };
+  const body = { name: "ball", shape: { type: "disc" as const, radius: Math.max(0, radius) } };
   const ground = { name: "floor", shape: { type: "halfspace" as const, normal: [0, 1] as [number, number], offset: floor ?? 0 } };
   return { format: "iplw.scene/1", name: "one ball", bodies: [body], statics: floor === null ? [] : [ground] };
 }

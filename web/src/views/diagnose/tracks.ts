@@ -79,7 +79,7 @@ export function glance(tracks: readonly Track[]): Glance {
 }
 
 /** Pieces that a track is cut into, and fewest samples of one. */
-const [PIECES, PIECE] = [4, 6];
+const [PIECES, PIECE] = [3, 8];
 
 /** The median over pieces of tracks of the curvature of a parabola fitted to y; of the pieces those count that it fits best, so
  * that bounces do not. */
@@ -96,7 +96,7 @@ export function upwards(tracks: readonly Track[]): number | null {
   return best.length ? best[best.length >> 1]! : null;
 }
 
-/** The second derivative of the parabola nearest to values, and how far off they are beside how much it bends. */
+/** The second derivative of the parabola nearest to values, and the mean square of how far off they are. */
 function parabola(t: readonly number[], y: readonly number[]): { curve: number; off: number } | null {
   const n = t.length;
   const middle = t.reduce((a, b) => a + b, 0) / n;
@@ -110,7 +110,7 @@ function parabola(t: readonly number[], y: readonly number[]): { curve: number; 
   const mean = y.reduce((a, b) => a + b, 0) / n;
   const slope = t.reduce((sum, v, i) => sum + (v - middle) * y[i]!, 0) / n / m2;
   const left = y.reduce((sum, v, i) => sum + (v - mean - slope * (t[i]! - middle) - bend * basis[i]!) ** 2, 0) / n;
-  return { curve: 2 * bend, off: left / (bend * bend * square + 1e-300) };
+  return { curve: 2 * bend, off: left };
 }
 
 /** Times the usual change of velocity between samples, and m/s: by which a path must turn upwards to have bounced. */
