@@ -23,8 +23,8 @@ export interface Axes {
   y: string;
   /** A sentence under it. */
   note?: string;
-  /** Marks of x that are names: of launches, of settings. */
-  names?: readonly string[];
+  /** Whether x counts things: its marks are whole numbers. */
+  counts?: boolean;
 }
 
 const [HEIGHT, LEFT, BOTTOM, TOP, RIGHT] = [260, 62, 40, 10, 14];
@@ -141,12 +141,11 @@ function grid({ at, x, y, width, colour }: Frame, axes: Axes, across: [number, n
   }
   at.textAlign = "center";
   at.textBaseline = "alphabetic";
-  for (const v of marks(...across, Math.max(2, Math.floor(width / 90)))) {
-    const text = axes.names ? axes.names[v] : plain(v);
-    if (text === undefined) continue;
+  const columns = marks(...across, Math.max(2, Math.floor(width / 90))).filter((v) => !axes.counts || Number.isInteger(v));
+  for (const v of columns) {
     at.strokeStyle = line;
     stroke(at, [[x(v), HEIGHT - BOTTOM], [x(v), HEIGHT - BOTTOM + 4]]);
-    at.fillText(text.length > 12 ? `${text.slice(0, 11)}…` : text, x(v), HEIGHT - BOTTOM + 17);
+    at.fillText(plain(v), x(v), HEIGHT - BOTTOM + 17);
   }
   at.fillText(axes.x, (LEFT + width - RIGHT) / 2, HEIGHT - 6);
   at.save();

@@ -23,7 +23,7 @@ export function desk(place: HTMLElement, outer: Context): void {
   const setup = kept;
   let fields: Record<string, Field> = {};
   let told: string[] = [];
-  const [files, readings, subjects, sight, why] = [h("div", { class: "soft" }), h("div"), h("div"), h("div"), h("span", { class: "soft" })];
+  const [files, readings, subjects, sight, why] = [h("div", { class: "soft" }), h("div"), h("div"), h("div", { class: "stack" }), h("span", { class: "soft" })];
   const run = h("button", { type: "button", class: "main" }, "Run the diagnosis");
   const look = (): void => {
     const lacks = missing(setup);

@@ -67,7 +67,7 @@ function widened(box: Box): Box {
 
 function grid(box: Box): { lines: SVGElement[]; step: number } {
   const [width, height] = [box[2] - box[0], box[3] - box[1]];
-  const long = marks(0, Math.max(width, height), 8);
+  const long = marks(0, Math.max(width, height), 12);
   const step = long[1] ?? 1;
   const line = (x1: number, y1: number, x2: number, y2: number, zero: boolean): SVGElement =>
     s("line", { class: zero ? "metre zero" : "metre", x1, y1, x2, y2, "vector-effect": "non-scaling-stroke" });

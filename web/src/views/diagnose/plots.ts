@@ -4,7 +4,7 @@ import { h, put } from "../../dom";
 import { choice } from "../../parts/field";
 import { plot, type Series } from "../../parts/plot";
 import { columnOf, type Evidence, type Launch, type Report, type Table } from "./report";
-import { title } from "./words";
+import { symbol, title } from "./words";
 
 /** Standard deviations to either side of 95 % of a normal distribution. */
 const RANGE = 1.96;
@@ -39,7 +39,7 @@ export function sizes(found: Report, signal: AbortSignal): HTMLElement[] {
     ];
     const unit = effect.parameters.find((p) => p.name === name)?.unit;
     const note = "A launch by itself tells a size by least squares; knowing how sizes are spread among the others, by best linear prediction.";
-    return [plot({ title: `${title(effect.name)}: ${name}`, x: "launch", y: unit ? `${name}, ${unit}` : name, note }, series, signal)];
+    return [plot({ title: `${title(effect.name)}: ${name}`, x: "launch", y: [name, symbol(unit ?? "")].filter(Boolean).join(", "), note, counts: true }, series, signal)];
   });
 }
 

@@ -11,7 +11,7 @@ import { paths } from "./paths";
 import { bounces, correlation, predictive, residuals, sizes } from "./plots";
 import { byDistance, launched, plainReport, type Report } from "./report";
 import { effects, facts, gains, latents, rivals, ties } from "./tables";
-import { checked, digits, interval, plain, sentence, set, verdict, VERDICTS } from "./words";
+import { checked, digits, interval, plain, sentence, set, symbol, verdict, VERDICTS } from "./words";
 
 /** Shows a result in place of what was there. */
 export async function result(place: HTMLElement, found: Report, job: Schema<"JobOut">, context: Context): Promise<void> {
@@ -75,7 +75,7 @@ async function named(found: Report, place: HTMLElement, { signal }: Context): Pr
     found.effects.map((e) => {
       const equation = library.find((known) => known.name === e.name)?.equation;
       // Of many settings the table has the sizes.
-      const few = e.parameters.length <= 3 ? e.parameters.map((p) => `${p.name}${p.setting === null ? "" : ` of ${p.setting}`} = ${digits(p.value)} ${p.unit} (95 %: ${interval(p.ci95)})`) : [];
+      const few = e.parameters.length <= 3 ? e.parameters.map((p) => `${p.name}${p.setting === null ? "" : ` of ${p.setting}`} = ${digits(p.value)} ${symbol(p.unit)} (95 %: ${interval(p.ci95)})`) : [];
       return h("p", {}, h("strong", {}, set([e.name])), equation ? [": ", equation].join("") : null, few.length ? h("span", { class: "sizes" }, few.join("; ")) : null);
     });
   put(place, ...lines([]));

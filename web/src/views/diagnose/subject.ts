@@ -36,7 +36,7 @@ function ball(setup: Setup, changed: () => void, again: () => void): Subject {
   const floor = numeric("Its height", "m", ball.floor, (v) => ((ball.floor = v), changed()));
   const there = h("input", { type: "checkbox", checked: ball.floor !== null });
   there.addEventListener("change", () => ((ball.floor = there.checked ? 0 : null), again()));
-  const ground = h("div", { class: "row" }, h("label", { class: "radio" }, there, "There is a floor"), ball.floor === null ? null : floor.element);
+  const ground = h("div", { class: "row ground" }, h("label", { class: "radio" }, there, "There is a floor"), ball.floor === null ? null : floor.element);
   const note = h("p", { class: "soft" }, "While it flies, radius and mass hardly matter; where it bounces, the radius does.");
   const element = h("div", { class: "stack" }, h("div", { class: "fields" }, radius.element, mass.element, gravity.element), ground, note);
   return { element, fields: { "ball.radius": radius, "ball.mass": mass, "ball.gravity": gravity, ...(ball.floor === null ? {} : { "ball.floor": floor }) } };

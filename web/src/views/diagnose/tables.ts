@@ -2,7 +2,7 @@
 
 import { h } from "../../dom";
 import type { HeldOut, Report, Score } from "./report";
-import { chance, digits, interval, metres, set, sizes, title } from "./words";
+import { chance, digits, interval, metres, set, sizes, symbol, title } from "./words";
 
 /** Sets that are shown at once. */
 const BEST = 8;
@@ -23,7 +23,7 @@ export function table(caption: string, headings: readonly Heading[], rows: reado
 
 export function effects(found: Report): HTMLElement | null {
   const rows = found.effects.flatMap((e) =>
-    e.parameters.map((p) => [title(e.name), p.name, p.setting ?? "all", digits(p.value), p.unit, interval(p.ci95), p.spread === null ? "shared" : digits(p.spread), chance(e.p_value)]),
+    e.parameters.map((p) => [title(e.name), p.name, p.setting ?? "all", digits(p.value), symbol(p.unit), interval(p.ci95), p.spread === null ? "shared" : digits(p.spread), chance(e.p_value)]),
   );
   if (!rows.length) return null;
   const headings: Heading[] = ["Effect", "Parameter", "Setting", { number: "Value" }, "Unit", "95 % interval", { number: "Spread by launch" }, { number: "p" }];
@@ -82,7 +82,7 @@ export function facts(found: Report): HTMLElement {
     ["Correlation of the noise", r.noise_correlation.toFixed(2)],
     ["Unexplained share of the excess", found.unexplained_share === null ? "nothing to explain" : found.unexplained_share.toFixed(3)],
     ...(found.remainder ? [["What is left", found.remainder.text] as [string, string]] : []),
-    ...unlike.map((u): [string, string] => [`Launches differ in ${title(u.effect)} ${u.parameter}`, `by ${digits(u.spread)} ${u.unit} (standard deviation)`]),
+    ...unlike.map((u): [string, string] => [`Launches differ in ${title(u.effect)} ${u.parameter}`, `by ${digits(u.spread)} ${symbol(u.unit)} (standard deviation)`]),
   ];
   return h("dl", { class: "facts" }, ...rows.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)]));
 }

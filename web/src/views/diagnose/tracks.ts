@@ -116,20 +116,27 @@ function parabola(t: readonly number[], y: readonly number[]): { curve: number; 
 /** Times the usual change of velocity between samples, and m/s: by which a path must turn upwards to have bounced. */
 const SHARPLY = [8, 0.5] as const;
 
-/** Heights of the centre at which tracks turn upwards sharply, as in a bounce: where the straight ways before and after meet. */
+/** Heights of the centre at which tracks turn upwards sharply, as in a bounce: where the parabolas before and after meet. */
 export function contacts(tracks: readonly Track[]): number[] {
   return tracks.flatMap(({ t, at }) => {
     const speed = (i: number): number => (at[i + 1]![1] - at[i]![1]) / (t[i + 1]! - t[i]!);
     const speeds = Array.from({ length: Math.max(0, t.length - 1) }, (_, i) => speed(i));
-    const turns = speeds.slice(1).map((v, i) => Math.abs(v - speeds[i]!)).sort((a, b) => a - b);
-    const sharp = Math.max(SHARPLY[1], SHARPLY[0] * (turns[turns.length >> 1] ?? 0));
+    const turns = speeds.slice(1).map((v, i) => v - speeds[i]!);
+    const median = (of: number[]): number => of.sort((a, b) => a - b)[of.length >> 1] ?? 0;
+    const sharp = Math.max(SHARPLY[1], SHARPLY[0] * median(turns.map(Math.abs)));
+    const bend = median(turns.map((v, i) => (2 * v) / (t[i + 2]! - t[i]!)));
     const found: number[] = [];
     // The interval with the bounce in it is between one that falls and one that rises.
     for (let i = 1; i + 1 < speeds.length; i++) {
       const [down, up] = [speeds[i - 1]!, speeds[i + 1]!];
       if (!(down < 0 && up > 0 && up - down > sharp)) continue;
-      const when = (at[i + 1]![1] - at[i]![1] + down * t[i]! - up * t[i + 1]!) / (down - up);
-      found.push(at[i]![1] + down * (Math.min(t[i + 1]!, Math.max(t[i]!, when)) - t[i]!));
+      const span = t[i + 1]! - t[i]!;
+      // Speeds are those in the middle of their intervals.
+      const before = down + 0.5 * bend * (t[i]! - t[i - 1]!);
+      const after = up - 0.5 * bend * (t[i + 2]! - t[i + 1]!);
+      const when = (at[i + 1]![1] - at[i]![1] - after * span + 0.5 * bend * span * span) / (before - after + bend * span);
+      const since = Math.min(span, Math.max(0, when));
+      found.push(at[i]![1] + before * since + 0.5 * bend * since * since);
       i += 1;
     }
     return found;

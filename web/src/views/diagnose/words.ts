@@ -62,6 +62,11 @@ export function interval([low, high]: readonly [number | null, number | null]): 
   return low === null || high === null ? "no bound from these trials" : `${digits(low)} to ${digits(high)}`;
 }
 
+/** A unit as people write it; nothing for plain numbers. */
+export function symbol(unit: string): string {
+  return unit === "1" ? "" : unit.replace("^2", "²");
+}
+
 /** A probability. */
 export function chance(p: number): string {
   if (p === 0) return "< 1e-300";
@@ -84,7 +89,7 @@ export function sizes(effects: readonly Effect[]): string {
   const one = (e: Effect, p: Parameter): string => {
     const known = p.ci95[0] !== null && p.ci95[1] !== null ? ` (${interval(p.ci95)})` : "";
     const name = effects.length > 1 ? `${title(e.name)} ${p.name}` : p.name;
-    return `${name}${p.setting === null ? "" : ` of ${p.setting}`} = ${digits(p.value)}${known}${p.unit ? ` ${p.unit}` : ""}`;
+    return `${name}${p.setting === null ? "" : ` of ${p.setting}`} = ${digits(p.value)}${known} ${symbol(p.unit)}`.trimEnd();
   };
   return effects.flatMap((e) => e.parameters.map((p) => one(e, p))).join("; ");
 }
