@@ -12,8 +12,9 @@ type Heading = string | { number: string };
 /** A table that scrolls by itself where it is wider than its place. */
 export function table(caption: string, headings: readonly Heading[], rows: readonly (readonly string[])[]): HTMLElement {
   const right = headings.map((c) => (typeof c === "string" ? null : "n"));
-  const heads = headings.map((c, i) => h("th", { scope: "col", class: right[i] }, typeof c === "string" ? c : c.number));
-  const body = rows.map((row) => h("tr", {}, ...row.map((text, i) => (i === 0 ? h("th", { scope: "row" }, text) : h("td", { class: right[i] }, text)))));
+  const names = headings.map((c) => (typeof c === "string" ? c : c.number));
+  const heads = names.map((name, i) => h("th", { scope: "col", class: right[i] }, name));
+  const body = rows.map((row) => h("tr", {}, ...row.map((text, i) => (i === 0 ? h("th", { scope: "row" }, text) : h("td", { class: right[i], "data-label": names[i] }, text)))));
   return h(
     "div",
     { class: "scroll", tabindex: 0, role: "region", "aria-label": caption },
@@ -32,7 +33,7 @@ export function effects(found: Report): HTMLElement | null {
 
 export function ties(found: Report): HTMLElement | null {
   if (found.rivals.length < 2) return null;
-  return h("ul", {}, ...found.rivals.map((r) => h("li", {}, set(r))));
+  return h("ul", { class: "ties" }, ...found.rivals.map((r) => h("li", {}, set(r))));
 }
 
 /** The best of the sets that were fitted, the others behind a click, and those that could not be. */
