@@ -92,7 +92,21 @@ def test_pixels_that_count_downwards_are_set_by_hand(serve: Callable[..., Any], 
     page.get_by_label("Pictures a second").fill("1")
     page.get_by_label("Lengths in").select_option("px")
     expect(page.get_by_text("say how many metres one is")).to_be_visible()
-    page.get_by_label("Metres per pixel").fill("0.002")
+    # A ruler along the grid: as far as one of its lines, drawn as metres as long as nobody said.
+    apart = float(page.locator(".over figcaption").inner_text().split("Grid lines are ")[1].split(" m")[0])
+    page.get_by_label("as long as").fill(str(round(0.002 * apart, 4)))
+    scale = page.evaluate("document.querySelector('.over svg.scene > g').getScreenCTM().a")
+    box = page.locator(".over svg.scene").bounding_box()
+    assert box
+    x, y = box["x"] + 20, box["y"] + box["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + scale * apart / 2, y)
+    page.mouse.move(x + scale * apart, y)
+    page.mouse.up()
+    size = page.get_by_label("Metres per pixel")
+    assert abs(float(size.input_value()) - 0.002) < 0.00005
+    size.fill("0.002")
     page.get_by_label("downwards").check()
     expect(page.locator(".glance")).to_contain_text("12 launches, 480 samples")
     expect(page.locator(".glance")).to_contain_text(FALLS)

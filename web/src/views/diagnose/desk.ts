@@ -9,6 +9,7 @@ import { type Context, link } from "../../view";
 import { intake } from "./intake";
 import { over, spots, ways } from "./over";
 import { reading } from "./reading";
+import { ruler } from "./ruler";
 import { body, empty, guess, missing, sceneOf, type Setup, tracksOf, unitsAsked } from "./setup";
 import { subject } from "./subject";
 import { glance, type Glance, type Track } from "./tracks";
@@ -29,7 +30,7 @@ export function desk(place: HTMLElement, outer: Context): void {
     const lacks = missing(setup);
     run.disabled = lacks !== null;
     put(why, lacks);
-    put(sight, ...picture(setup, told));
+    put(sight, ...picture(setup, told, form));
   };
   const form = (): void => {
     const [how, what] = [reading(setup, look, form), subject(setup, look, form, context)];
@@ -108,7 +109,7 @@ function listed(setup: Setup): HTMLElement {
 }
 
 /** The tracks over the scene, and what they tell at a glance. */
-function picture(setup: Setup, told: readonly string[]): HTMLElement[] {
+function picture(setup: Setup, told: readonly string[], again: () => void): HTMLElement[] {
   if (setup.of === "job") return [h("p", { class: "soft" }, "An estimation's trials are diagnosed as it measured them, with the scene that it simulates.")];
   const scene = sceneOf(setup);
   const tracks = tracksOf(setup);
@@ -117,9 +118,14 @@ function picture(setup: Setup, told: readonly string[]): HTMLElement[] {
   const seen = glance(tracks);
   const drawn = [ways(tracks.map((t) => t.at), "track"), spots(tracks.map((t) => t.at[0]!), "track-start")];
   const label = tracks.length ? `${seen.trials} tracks over the scene` : "The scene";
-  const scaled = unitsAsked(setup).pixels && setup.said.metresPerPixel === null;
+  const { pixels } = unitsAsked(setup);
+  const note = pixels && setup.said.metresPerPixel === null ? "A pixel is drawn as a metre until its size is said." : "";
+  const shown = over(scene, label, all, drawn, note);
+  const scale = setup.said.metresPerPixel ?? 1;
+  const measure = pixels && scale > 0 ? ruler(shown.picture, scale, (v) => ((setup.said.metresPerPixel = v), again())) : null;
   return [
-    over(scene, label, all, drawn, scaled ? "A pixel is drawn as a metre until its size is said." : ""),
+    shown.element,
+    ...(measure ? [measure] : []),
     tracks.length ? facts(setup, seen, tracks) : h("p", { class: "soft" }, setup.files.length ? NOTHING : "Drop the CSV of the tracks."),
     ...told.map((text) => h("p", { class: "told" }, text)),
   ];

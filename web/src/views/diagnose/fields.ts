@@ -48,7 +48,7 @@ function drawn(scene: Scene, about: string, of: readonly (readonly [Push[], stri
   const tips = of.flatMap(([pushes]) => pushes.map((p): Point => [p.at[0] + per * p.push[0], p.at[1] + per * p.push[1]]));
   const key = h("div", { class: "row keys" }, ...of.map(([, look, name]) => h("span", { class: `key swatch ${look}` }, name)));
   const picture = over(scene, about, [...all, ...tips], [...of.map(([pushes, look]) => arrows(pushes, per, look)), spots(quiet, "quiet-spot")], `The longest arrow is ${digits(most)} m/s².`);
-  return h("div", { class: "stack" }, h("h3", {}, about), key, picture);
+  return h("div", { class: "stack" }, h("h3", {}, about), key, picture.element);
 }
 
 /** For each cell with anything in it the mean place and the median push. */

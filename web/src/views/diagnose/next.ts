@@ -48,7 +48,7 @@ async function drawn(found: Report, scene: Scene, extended: Scene, place: HTMLEl
   const keys = sets.map((s, i) => h("span", { class: `key swatch rival rival-${i}` }, `by ${set(s.effects)}`));
   const label = `The next experiment: launched from ${start.map((v) => v.toFixed(2)).join(", ")} m with ${velocity.map((v) => v.toFixed(2)).join(", ")} m/s`;
   // Sensors are not drawn: the ways are those of the thing itself.
-  put(place, h("div", { class: "row keys" }, ...keys), over({ ...extended, ...scene }, label, all, drawn, `${label}.`));
+  put(place, h("div", { class: "row keys" }, ...keys), over({ ...extended, ...scene }, label, all, drawn, `${label}.`).element);
 }
 
 /** The experiment as one rival simulates it; `null` where it has no sizes for this setting. */

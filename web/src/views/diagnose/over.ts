@@ -2,7 +2,7 @@
 
 import { h, put, s } from "../../dom";
 import { marks } from "../../parts/plot";
-import { picture } from "../../scene/draw";
+import { picture, type Picture } from "../../scene/draw";
 import type { Box, Point, Scene } from "../../scene/types";
 import { seen } from "../../scene/view";
 
@@ -10,7 +10,7 @@ import { seen } from "../../scene/view";
 const ASPECT = 1.5;
 
 /** A scene with what is drawn over it; `around` must be in sight. */
-export function over(scene: Scene, label: string, around: readonly Point[], drawn: readonly (SVGElement | null)[], note = ""): HTMLElement {
+export function over(scene: Scene, label: string, around: readonly Point[], drawn: readonly (SVGElement | null)[], note = ""): { element: HTMLElement; picture: Picture } {
   const box = widened(seen(scene, corners(around)));
   const shown = picture(scene, label, box);
   const { lines, step } = grid(box);
@@ -18,7 +18,7 @@ export function over(scene: Scene, label: string, around: readonly Point[], draw
   put(shown.over, ...drawn);
   put(shown.svg, s("title", {}, label), ...shown.svg.childNodes);
   const scale = `Grid lines are ${step} m apart; the darker ones are x = 0 and y = 0.`;
-  return h("figure", { class: "over" }, shown.svg, h("figcaption", { class: "soft" }, note ? `${note} ` : "", scale));
+  return { element: h("figure", { class: "over" }, shown.svg, h("figcaption", { class: "soft" }, note ? `${note} ` : "", scale)), picture: shown };
 }
 
 /** Many ways as one element: as quick as one. `null` where there is nothing to draw. */

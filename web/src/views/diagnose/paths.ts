@@ -61,7 +61,7 @@ function launch(found: Report, scene: Scene, trial: number, signal: AbortSignal)
   );
   const all = [...own.seen, ...own.before.at, ...own.after.at, ...pieces.flat()].filter((p) => p.every(Number.isFinite));
   const note = `Bands are ${BAND} standard deviations of what a model predicts of an observation.`;
-  return [key, over(scene, label, all, drawn, note), h("div", { class: "pair" }, residual(own, 0, signal), residual(own, 1, signal))];
+  return [key, over(scene, label, all, drawn, note).element, h("div", { class: "pair" }, residual(own, 0, signal), residual(own, 1, signal))];
 }
 
 /** A band across a way: along its normal where it goes, by what is predicted there. */
