@@ -7,7 +7,7 @@ import type { Box, Point, Scene } from "../../scene/types";
 import { seen } from "../../scene/view";
 
 /** Width over height of a picture, at least: a tall one would leave its sides empty. */
-const ASPECT = 1.5;
+const ASPECT = 1.8;
 
 /** A scene with what is drawn over it; `around` must be in sight. */
 export function over(scene: Scene, label: string, around: readonly Point[], drawn: readonly (SVGElement | null)[], note = ""): { element: HTMLElement; picture: Picture } {

@@ -65,7 +65,7 @@ export function residuals(found: Report, signal: AbortSignal): HTMLElement[] {
   const show = (name: string): void => put(place, ...(["x", "y"] as const).map((axis) => residual(evidence.points, name, axis, signal))) && undefined;
   const over = choice("Over", Object.keys(OVER).map((name) => [name, name] as const), "time", show);
   show("time");
-  return [over.element, place, h("div", { class: "pair" }, bySetting(evidence, signal), accelerations(evidence, signal))];
+  return [h("div", { class: "row" }, over.element), place, h("div", { class: "pair" }, bySetting(evidence, signal), accelerations(evidence, signal))];
 }
 
 function residual(points: Table, over: string, axis: "x" | "y", signal: AbortSignal): HTMLElement {
