@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from playwright.sync_api import Page, expect
-from thrown import csv, launches
+from thrown import ALIKE, LOW, csv, launches
 
 #: Counts what a hand does.
 CLICKS = "addEventListener('pointerdown', () => (window.clicks = (window.clicks ?? 0) + 1), true)"
@@ -80,6 +80,21 @@ def test_what_was_found_is_saved_and_played_in(serve: Callable[..., Any], see: C
     assert far[1] > far[0] + 0.1
     trail = page.locator(".stage .trail").first.get_attribute("points") or ""
     assert abs(float(trail.split()[-1].split(",")[0]) - far[0]) < 0.02
+
+
+def test_what_ties_has_a_next_experiment_drawn(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
+    server = serve()
+    body = {"ball": {"radius": 0.02}, "trials": csv(launches(4, 22, k=0.05, speeds=ALIKE))}
+    job = server.ended(server.ask("POST", "/v1/diagnoses", body)["id"])
+    rivals = job["result"]["rivals"]
+    assert job["result"]["verdict"] == "ambiguous" and job["result"]["next_scene"], job["result"]["reason"]
+    page = see(server).open(f"#/diagnose/{job['id']}")
+    expect(verdict(page).locator("h2")).to_contain_text(f"One of {len(rivals)} is missing")
+    expect(page.get_by_role("img", name="The next experiment: launched from")).to_be_visible()
+    expect(page.locator("path.rival")).to_have_count(min(4, len(rivals)))
+    residuals = page.get_by_role("region", name="Residuals before and after", exact=True)
+    residuals.get_by_label("Over", exact=True).select_option("speed")
+    expect(residuals.get_by_role("img", name="Residual in x over speed")).to_be_visible()
 
 
 def test_pixels_that_count_downwards_are_set_by_hand(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
@@ -171,7 +186,7 @@ def test_134_launches_with_bounces_leave_the_page_usable(serve: Callable[..., An
     page = see(serve()).open("#/diagnose")
     page.locator(".drop").wait_for()
     page.evaluate(FRAMES)
-    drop(page, "bounces.csv", csv(launches(134, 80, bounce=0.85)))
+    drop(page, "bounces.csv", csv(launches(134, 80, bounce=0.85, speeds=LOW)))
     expect(page.locator(".glance")).to_contain_text("134 launches, 10720 samples")
     expect(page.locator(".told")).to_contain_text("A floor was set")
     run(page)

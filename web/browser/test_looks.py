@@ -9,7 +9,7 @@ from conftest import ROOT
 from playwright.sync_api import Page, expect
 from test_diagnose import drop
 from test_jobs import SHORT
-from thrown import csv, launches
+from thrown import LOW, csv, launches
 
 AXE = ROOT / "web/node_modules/axe-core/axe.min.js"
 PICTURES = ROOT / "docs/pictures"
@@ -34,7 +34,7 @@ def shown(page: Page, server: Any) -> None:
 
 def tracked(page: Page, server: Any) -> None:
     """Tracks over a floor, as they will be read."""
-    drop(page, "throws.csv", csv(launches(14, 70, bounce=0.8)))
+    drop(page, "throws.csv", csv(launches(14, 70, bounce=0.8, speeds=LOW)))
     page.locator(".told").wait_for()
 
 

@@ -7,6 +7,11 @@ GRAVITY, RADIUS, STEPS = 9.81, 0.02, 20
 
 #: Time (s), x and y (m) of each picture.
 Track = list[tuple[float, float, float]]
+#: Ranges of the velocities along x and y, m/s: that tell drags apart, that stay over a floor, and that tell hardly anything.
+Speeds = tuple[tuple[float, float], tuple[float, float]]
+FAST: Speeds = ((2.5, 9), (-1, 5))
+LOW: Speeds = ((2, 4), (-1, 2))
+ALIKE: Speeds = ((3.9, 4.1), (1.5, 1.8))
 
 
 def quadratic(k: float) -> Callable[[float, float], tuple[float, float]]:
@@ -35,13 +40,12 @@ def launch(k: float, height: float, velocity: tuple[float, float], samples: int,
     return rows
 
 
-def launches(count: int, samples: int, k: float = 0.2, bounce: float | None = None, noise: float = 0.001, fps: float = 100) -> list[Track]:
-    """Launches that differ in speed and angle, with noise (m); always the same ones."""
+def launches(count: int, samples: int, k: float = 0.2, bounce: float | None = None, noise: float = 0.001, speeds: Speeds = FAST) -> list[Track]:
+    """Launches at 100 pictures a second that differ in speed and angle, with noise (m); always the same ones."""
     draw, found = random.Random(1), []
     for _ in range(count):
-        fast = (draw.uniform(2.5, 9), draw.uniform(-1, 5))
-        velocity = fast if bounce is None else (draw.uniform(2, 4), draw.uniform(-1, 2))
-        rows = launch(k, draw.uniform(0.3, 0.5), velocity, samples, fps, bounce)
+        velocity = (draw.uniform(*speeds[0]), draw.uniform(*speeds[1]))
+        rows = launch(k, draw.uniform(0.3, 0.5), velocity, samples, 100, bounce)
         found.append([(t, x + draw.gauss(0, noise), y + draw.gauss(0, noise)) for t, x, y in rows])
     return found
 

@@ -14,13 +14,13 @@ const MOST = 4;
 /** Seconds between samples. */
 const SAMPLES = 1 / 60;
 
-export function next(found: Report, extended: Scene, context: Context): HTMLElement[] {
+export function next(found: Report, context: Context): HTMLElement[] {
   const { next_experiment: said, next_scene: scene } = found;
   if (!said) return [];
   const words = [h("p", {}, h("strong", {}, plain(said.do))), h("p", {}, `Why: ${plain(said.why)}`)];
   if (!scene) return words;
   const place = h("div", { class: "stack" }, h("p", { class: "soft" }, "Simulating what each rival has it do…"));
-  drawn(found, scene, extended, place, context).catch((e: unknown) => {
+  drawn(found, scene, place, context).catch((e: unknown) => {
     put(place);
     context.fail(e);
   });
@@ -33,7 +33,7 @@ export function rivals(found: Report): Score[] {
   return found.scores.filter((s) => tied.has(JSON.stringify(s.effects))).slice(0, MOST);
 }
 
-async function drawn(found: Report, scene: Scene, extended: Scene, place: HTMLElement, context: Context): Promise<void> {
+async function drawn(found: Report, scene: Scene, place: HTMLElement, context: Context): Promise<void> {
   const body = scene.bodies[0];
   const start = body?.position;
   if (!body || !start) return void put(place);
@@ -47,11 +47,10 @@ async function drawn(found: Report, scene: Scene, extended: Scene, place: HTMLEl
   const drawn = [...courses.map((c, i) => ways([c], `track rival rival-${i}`)), arrows([{ at: start, push: velocity }], per, "arrow launch"), spots([start], "seen-spot")];
   const keys = sets.map((s, i) => h("span", { class: `key swatch rival rival-${i}` }, `by ${set(s.effects)}`));
   const label = `The next experiment: launched from ${start.map((v) => v.toFixed(2)).join(", ")} m with ${velocity.map((v) => v.toFixed(2)).join(", ")} m/s`;
-  // Sensors are not drawn: the ways are those of the thing itself.
-  put(place, h("div", { class: "row keys" }, ...keys), over({ ...extended, ...scene }, label, all, drawn, `${label}.`).element);
+  put(place, h("div", { class: "row keys" }, ...keys), over(scene, label, all, drawn, `${label}.`).element);
 }
 
-/** The experiment as one rival simulates it; `null` where it has no sizes for this setting. */
+/** The experiment as one rival would have it seen; `null` where it has no sizes for this setting. */
 async function film(scene: Scene, rival: Score, signal: AbortSignal): Promise<Film | null> {
   const effects = rival.sizes.map((e) => ({ name: e.name, parameters: Object.fromEntries(e.parameters.map((p) => [p.name, p.value])) }));
   const every = Math.max(1, Math.round(SAMPLES / (scene.time_step ?? 1 / 240)));

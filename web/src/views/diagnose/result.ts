@@ -23,7 +23,7 @@ export async function result(place: HTMLElement, found: Report, job: Schema<"Job
   const sections: [string, () => (HTMLElement | null)[]][] = [
     ["Effects", () => [effects(found)]],
     ["Sets that tie", () => [ties(found)]],
-    ["Next experiment", () => next(found, scene, context)],
+    ["Next experiment", () => next(found, context)],
     ["Paths before and after", () => paths(found, scene, signal)],
     ["What is missing, and what is left", () => [fieldMissing(found, scene), ...fieldLeft(found, scene)]],
     ["Sizes launch by launch", () => sizes(found, signal)],
