@@ -4,6 +4,7 @@ import { api, ok } from "../../api/client";
 import { ProblemError } from "../../api/problem";
 import { h, put } from "../../dom";
 import type { Field } from "../../parts/field";
+import { pause } from "../../parts/pause";
 import { short } from "../../parts/slider";
 import { type Context, link } from "../../view";
 import { intake } from "./intake";
@@ -42,13 +43,14 @@ export function desk(place: HTMLElement, outer: Context): void {
     tracksCard.hidden = setup.of === "job";
     look();
   };
-  const zone = intake(place, (cuts) => {
+  const zone = intake(place, async (cuts) => {
     context.fail(null);
     const fresh = empty();
     // Another recording of the same thing: what it is of stays, how it is read is told anew.
     Object.assign(setup, { files: cuts, columns: null, said: fresh.said, ...(setup.of === "ball" ? { ball: { ...setup.ball, floor: null } } : {}) });
     if (setup.of === "job") setup.of = "ball";
     told = guess(setup);
+    await pause();
     context.say(`${cuts.length === 1 ? cuts[0]!.name : `${cuts.length} files`} read. ${told.join(" ")}`);
     form();
   }, context.fail, context.signal);

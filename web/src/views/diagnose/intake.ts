@@ -2,10 +2,11 @@
 
 import { FileError } from "../../api/problem";
 import { fresh, h } from "../../dom";
+import { pause } from "../../parts/pause";
 import { cut, type Cut } from "./file";
 
 /** The place for files; `taken` has them cut. */
-export function intake(place: HTMLElement, taken: (files: Cut[]) => void, fail: (error: unknown) => void, signal: AbortSignal): HTMLElement {
+export function intake(place: HTMLElement, taken: (files: Cut[]) => Promise<void>, fail: (error: unknown) => void, signal: AbortSignal): HTMLElement {
   const id = fresh("tracks");
   const input = h("input", { id, type: "file", accept: ".csv,.tsv,.txt,text/csv,text/plain", multiple: true, class: "unseen" });
   const zone = h(
@@ -17,8 +18,8 @@ export function intake(place: HTMLElement, taken: (files: Cut[]) => void, fail: 
   );
   const take = (files: readonly File[]): void => {
     if (!files.length) return;
-    Promise.all(files.map(async (file) => cut(file.name, await text(file))))
-      .then((cuts) => signal.aborted || taken(cuts))
+    cuts(files)
+      .then((found) => (signal.aborted ? undefined : taken(found)))
       .catch(fail);
   };
   input.addEventListener("change", () => {
@@ -44,6 +45,16 @@ export function intake(place: HTMLElement, taken: (files: Cut[]) => void, fail: 
     { signal },
   );
   return zone;
+}
+
+/** Files cut one at a time, so that the page stays quick between them. */
+async function cuts(files: readonly File[]): Promise<Cut[]> {
+  const found: Cut[] = [];
+  for (const file of files) {
+    found.push(cut(file.name, await text(file)));
+    await pause();
+  }
+  return found;
 }
 
 async function text(file: File): Promise<string> {

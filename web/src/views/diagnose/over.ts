@@ -79,6 +79,7 @@ function grid(box: Box): { lines: SVGElement[]; step: number } {
   return { lines: [...columns, ...along(box[1], box[3]).map((v) => line(box[0], v, box[2], v, v === 0))], step: Number(step.toPrecision(6)) };
 }
 
+/** To a hundredth of a millimetre: quicker than digits that count, and there are many. */
 function short(v: number): number {
-  return Number(v.toPrecision(6));
+  return Math.round(v * 1e5) / 1e5;
 }

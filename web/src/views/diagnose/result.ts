@@ -2,6 +2,7 @@
 
 import { api, all, ok, type Schema } from "../../api/client";
 import { h, put } from "../../dom";
+import { pause } from "../../parts/pause";
 import { give } from "../../scene/handoff";
 import type { Scene } from "../../scene/types";
 import { type Context, link } from "../../view";
@@ -36,17 +37,12 @@ export async function result(place: HTMLElement, found: Report, job: Schema<"Job
     ["Figures", () => [facts(found), ...correlation(found, signal)]],
   ];
   for (const [title, make] of sections) {
-    await frame();
+    await pause();
     if (signal.aborted) return;
     const content = make().filter((e) => e !== null);
     if (content.length) body.append(h("section", { class: "card stack", "aria-label": title }, h("h2", {}, title), ...content));
   }
   body.dataset.whole = "true";
-}
-
-/** Waits until something else could be drawn. */
-function frame(): Promise<void> {
-  return new Promise((resolve) => setTimeout(resolve, 0));
 }
 
 /** The verdict in words, what it is in symbols, and what can be done with it. */

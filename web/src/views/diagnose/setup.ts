@@ -3,7 +3,7 @@
 import type { Schema } from "../../api/client";
 import type { Scene } from "../../scene/types";
 import { type Columns, type Cut, sent, usual } from "./file";
-import { asks, glance, read, type Said, SILENT, touches, type Track } from "./tracks";
+import { asks, read, type Said, SILENT, touches, type Track, upwards } from "./tracks";
 
 export interface Ball {
   /** m */
@@ -56,14 +56,16 @@ export function guess(setup: Setup): string[] {
   if (!first) return told;
   const gravity = setup.ball.gravity;
   const { pixels } = unitsAsked(setup);
-  const up = glance(tracksOf(setup)).upwards;
+  let tracks = tracksOf(setup);
+  const up = upwards(tracks);
   // In units of nobody's knowledge only the direction is told.
   if (setup.said.yDown === null && gravity > 0 && up !== null && up > (pixels ? 0 : gravity / 2)) {
     setup.said.yDown = true;
+    tracks = tracksOf(setup);
     told.push("y was set to be counted downwards: read upwards, what is thrown would fall up.");
   }
   const scaled = !pixels || setup.said.metresPerPixel !== null;
-  const touch = setup.of === "ball" && scaled && setup.ball.floor === null ? touches(tracksOf(setup)) : null;
+  const touch = setup.of === "ball" && scaled && setup.ball.floor === null ? touches(tracks) : null;
   if (touch !== null) {
     setup.ball.floor = Number((touch - setup.ball.radius).toFixed(4));
     told.push(`A floor was set at ${setup.ball.floor} m, where the tracks bounce (centre less radius).`);
@@ -73,7 +75,7 @@ export function guess(setup: Setup): string[] {
 
 /** m of a pixel with which the tracks would fall as gravity has it. */
 export function pixelByFall(setup: Setup): number | null {
-  const up = glance(tracksOf({ ...setup, said: { ...setup.said, metresPerPixel: 1, lengthUnit: "" } })).upwards;
+  const up = upwards(tracksOf({ ...setup, said: { ...setup.said, metresPerPixel: 1, lengthUnit: "" } }));
   return up ? Number((setup.ball.gravity / Math.abs(up)).toPrecision(4)) : null;
 }
 
