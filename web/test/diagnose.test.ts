@@ -153,3 +153,18 @@ test("plots have round marks within their range, and means of as many each", () 
   const pushes = { columns: ["x", "y", "ax", "ay"], rows: [[0, 0, 1, 1], [0.01, 0, 3, 5], [1, 1, 2, 2], [1, null, 2, 2]] };
   assert.deepEqual(cells(pushes, "ax", "ay"), [{ at: [0.005, 0], push: [2, 3] }, { at: [1, 1], push: [2, 2] }]);
 });
+
+test("a bounce early or late between two pictures is at the same height", () => {
+  const g = 9.81;
+  for (let phase = 0; phase < 10; phase++) {
+    // Falls from 0.5 m and comes back with 0.8 of its speed.
+    const hit = Math.sqrt(1 / g) + 0.001 * phase;
+    const height = (t: number): number => {
+      const [u, v] = [t - hit, Math.sqrt(g)];
+      return u < 0 ? -v * u - 0.5 * g * u * u : 0.8 * v * u - 0.5 * g * u * u;
+    };
+    const rows = [0, 1].flatMap((id) => Array.from({ length: 60 }, (_, i) => `${id},${i / 100},0,${height(i / 100)}`));
+    const file = cut("b.csv", ["trial,t,x,y", ...rows].join("\n"));
+    assert.ok(Math.abs(touches(read(file, usual(file), SILENT))!) < 1e-6, `phase ${phase}`);
+  }
+});

@@ -77,20 +77,33 @@ function task(setup: Setup, again: () => void, context: Context): HTMLElement {
   return place;
 }
 
-/** Estimations that have trials to give; most that are listed. */
-const MOST = 200;
+/** Jobs of a page, since results come along; and pages that are looked through at most. */
+const [PAGE, PAGES] = [20, 10];
 
 function jobs(setup: Setup, changed: () => void, context: Context): HTMLElement {
   const place = h("div", { class: "row" });
   const fill = async (): Promise<void> => {
-    const found = await ok(api.GET("/v1/jobs", { params: { query: { order: "newest", limit: MOST } }, signal: context.signal }));
-    const own = found.jobs.filter((job) => job.kind === "iplw" && job.state !== "queued" && job.state !== "failed");
+    const own = await estimations(context.signal);
     if (!own.length) return void put(place, h("p", { class: "soft" }, "No estimation has measured anything yet."));
     const field = choice("Estimation", [["", "choose"], ...own.map((job) => [job.id, told(job)] as const)], setup.job, (v) => ((setup.job = v), changed()));
     put(place, field.element);
   };
   fill().catch(context.fail);
   return place;
+}
+
+/** Estimations that may have measured something, the newest first. */
+async function estimations(signal: AbortSignal): Promise<Schema<"JobOut">[]> {
+  const own: Schema<"JobOut">[] = [];
+  let cursor: string | null | undefined;
+  for (let page = 0; page < PAGES && own.length < PAGE; page++) {
+    const query = { order: "newest", limit: PAGE, ...(cursor ? { cursor } : {}) };
+    const found = await ok(api.GET("/v1/jobs", { params: { query }, signal }));
+    own.push(...found.jobs.filter((job) => job.kind === "iplw" && job.state !== "queued" && job.state !== "failed"));
+    cursor = found.next;
+    if (!cursor) break;
+  }
+  return own;
 }
 
 function told(job: Schema<"JobOut">): string {

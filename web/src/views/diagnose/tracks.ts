@@ -125,11 +125,12 @@ export function contacts(tracks: readonly Track[]): number[] {
     const median = (of: number[]): number => of.sort((a, b) => a - b)[of.length >> 1] ?? 0;
     const sharp = Math.max(SHARPLY[1], SHARPLY[0] * median(turns.map(Math.abs)));
     const bend = median(turns.map((v, i) => (2 * v) / (t[i + 2]! - t[i]!)));
+    const turn = (i: number): number => (speeds[i + 1] ?? -Infinity) - speeds[i - 1]!;
     const found: number[] = [];
-    // The interval with the bounce in it is between one that falls and one that rises.
+    // The interval with the bounce in it is between one that falls and one that rises, and they differ the most.
     for (let i = 1; i + 1 < speeds.length; i++) {
       const [down, up] = [speeds[i - 1]!, speeds[i + 1]!];
-      if (!(down < 0 && up > 0 && up - down > sharp)) continue;
+      if (!(down < 0 && up > 0 && up - down > sharp) || turn(i + 1) > up - down) continue;
       const span = t[i + 1]! - t[i]!;
       // Speeds are those in the middle of their intervals.
       const before = down + 0.5 * bend * (t[i]! - t[i - 1]!);
