@@ -78,6 +78,8 @@ def test_what_was_found_is_saved_and_played_in(serve: Callable[..., Any], see: C
     played = json.loads(page.evaluate("sessionStorage.getItem('iplw-scene')"))
     far = [server.ask("POST", "/v1/simulate", {"scene": s})["bodies"]["ball"]["x"][-1] for s in (played, played | {"effects": []})]
     assert far[1] > far[0] + 0.1
+    left, _, width, _ = map(float, (page.locator(".stage > svg.scene").get_attribute("viewBox") or "").split())
+    assert left < 0 and left + width > 1
     trail = page.locator(".stage .trail").first.get_attribute("points") or ""
     assert abs(float(trail.split()[-1].split(",")[0]) - far[0]) < 0.02
 

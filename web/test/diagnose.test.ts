@@ -6,7 +6,7 @@ import { cut, sent, split, tracks, usual } from "../src/views/diagnose/file";
 import { cells } from "../src/views/diagnose/fields";
 import { cutAt } from "../src/views/diagnose/paths";
 import { means } from "../src/views/diagnose/plots";
-import { launched, plainReport, type Report, way } from "../src/views/diagnose/report";
+import { around, launched, plainReport, type Report, way } from "../src/views/diagnose/report";
 import { body, columnsOf, empty, guess, missing, pixelByFall, tracksOf } from "../src/views/diagnose/setup";
 import { glance, read, SILENT, touches } from "../src/views/diagnose/tracks";
 import { gained, interval, plain, verdict } from "../src/views/diagnose/words";
@@ -133,6 +133,18 @@ test("a launch's way has both models, and starts the extended scene", () => {
   assert.deepEqual(position!.map((v) => Number(v.toFixed(9))), [0, 1]);
   assert.deepEqual(velocity!.map((v) => Number(v.toFixed(9))), [3, 2]);
   assert.equal("evidence" in plainReport(report()), false);
+  // Of another setting: its mass, and what the effect is there.
+  const found = report();
+  found.launches[0]!.setting = "light";
+  const of = (setting: string, value: number) => ({ name: "k", value, ci95: [0, 1] as [number, number], unit: "1/m", setting, spread: null });
+  found.effects[0]!.parameters = [of("heavy", 0.1), of("light", 0.3)];
+  Object.assign(found.extended_scene!, { effects: [{ name: "quadratic_drag", parameters: { k: 0.1 } }], settings: { light: { bodies: { ball: { mass: 0.01 } } } } });
+  const scene = launched(found, 4)!;
+  assert.equal(scene.bodies[0]!.mass, 0.01);
+  assert.deepEqual(scene.effects, [{ name: "quadratic_drag", parameters: { k: 0.3 } }]);
+  assert.equal(scene.settings, undefined);
+  const [left, bottom, right, top] = around(found)!;
+  assert.ok(left < 0.1 && right > 1.3 && bottom < 1 && top > 1.15);
 });
 
 test("a verdict is said in words", () => {

@@ -18,6 +18,14 @@ import { glance, type Glance, type Track } from "./tracks";
 /** What was set up last: there again after a diagnosis was looked at. */
 let kept: Setup = empty();
 
+/** The job that was asked for last, with the picture of its tracks. */
+let asked: { id: string; picture: () => HTMLElement[] } | null = null;
+
+/** The tracks of a job that was asked for here. */
+export function tracksSeen(id: string): HTMLElement[] {
+  return asked?.id === id ? asked.picture() : [];
+}
+
 /** Fills a place with the desk. */
 export function desk(place: HTMLElement, outer: Context): void {
   const own = new AbortController();
@@ -60,7 +68,10 @@ export function desk(place: HTMLElement, outer: Context): void {
     run.disabled = true;
     put(run, "Sending…");
     ok(api.POST("/v1/diagnoses", { body: body(setup), signal: context.signal }))
-      .then((job) => (location.hash = link("diagnose", [job.id])))
+      .then((job) => {
+        asked = setup.of === "job" ? null : { id: job.id, picture: () => picture(setup, [], null) };
+        location.hash = link("diagnose", [job.id]);
+      })
       .catch((e: unknown) => {
         put(run, "Run the diagnosis");
         run.disabled = false;
@@ -111,7 +122,7 @@ function listed(setup: Setup): HTMLElement {
 }
 
 /** The tracks over the scene, and what they tell at a glance. */
-function picture(setup: Setup, told: readonly string[], again: () => void): HTMLElement[] {
+function picture(setup: Setup, told: readonly string[], again: (() => void) | null): HTMLElement[] {
   if (setup.of === "job") return [h("p", { class: "soft" }, "An estimation's trials are diagnosed as it measured them, with the scene that it simulates.")];
   const scene = sceneOf(setup);
   const tracks = tracksOf(setup);
@@ -124,7 +135,7 @@ function picture(setup: Setup, told: readonly string[], again: () => void): HTML
   const note = pixels && setup.said.metresPerPixel === null ? "A pixel is drawn as a metre until its size is said." : "";
   const shown = over(scene, label, all, drawn, note);
   const scale = setup.said.metresPerPixel ?? 1;
-  const measure = pixels && scale > 0 ? ruler(shown.picture, scale, (v) => ((setup.said.metresPerPixel = v), again())) : null;
+  const measure = again && pixels && scale > 0 ? ruler(shown.picture, scale, (v) => ((setup.said.metresPerPixel = v), again())) : null;
   return [
     shown.element,
     ...(measure ? [measure] : []),

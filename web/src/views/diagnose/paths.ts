@@ -5,7 +5,8 @@ import { choice } from "../../parts/field";
 import { plot, type Series } from "../../parts/plot";
 import type { Point, Scene } from "../../scene/types";
 import { over, spots, strip, ways } from "./over";
-import { byDistance, type Model, type Report, way, type Way } from "./report";
+import { play } from "./play";
+import { byDistance, launched, type Model, type Report, way, type Way } from "./report";
 
 /** Standard deviations to either side that a band is drawn over. */
 const BAND = 2;
@@ -33,8 +34,13 @@ export function paths(found: Report, scene: Scene, signal: AbortSignal): HTMLEle
   };
   const furthest = h("button", { type: "button" }, "The furthest off");
   furthest.addEventListener("click", () => show((field.input.value = String(order[0]))));
+  const enter = h("button", { type: "button" }, "Play this launch");
+  enter.addEventListener("click", () => {
+    const started = launched(found, Number(field.input.value));
+    if (started) play(started, found);
+  });
   show(String(usual));
-  return [h("div", { class: "row" }, field.element, step("Before it", -1), step("After it", 1), found.predictive ? furthest : null), place];
+  return [h("div", { class: "row" }, field.element, step("Before it", -1), step("After it", 1), found.predictive ? furthest : null, found.extended_scene ? enter : null), place];
 }
 
 function launch(found: Report, scene: Scene, trial: number, signal: AbortSignal): HTMLElement[] {

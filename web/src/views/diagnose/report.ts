@@ -1,6 +1,7 @@
 // `iplw.diagnosis/1` as far as it is shown (docs/formats.md), and the tables beside it.
 
-import type { Point, Scene } from "../../scene/types";
+import { range } from "../../parts/plot";
+import type { Box, Point, Scene } from "../../scene/types";
 
 type Interval = [number | null, number | null];
 
@@ -149,7 +150,7 @@ export function byDistance(found: Report): number[] {
   return told.length ? told : found.paths.launches.map((l) => l.trial);
 }
 
-/** The extended scene as a launch started: places and velocities of the first body, from the parabola through the first three places
+/** The extended scene as a launch started, in its setting: places and velocities of the first body, from the parabola through the first three places
  * of the extended model. `null` where the launch does not tell it. */
 export function launched(found: Report, trial: number): Scene | null {
   const own = way(found.paths, trial);
@@ -165,7 +166,34 @@ export function launched(found: Report, trial: number): Scene | null {
     return slope(0) - ((slope(1) - slope(0)) * (t[1]! - t[0]!)) / (t[2]! - t[0]!);
   };
   const velocity: Point = [along(0), along(1)];
-  const name = found.launches.find((l) => l.trial === trial)?.name;
-  const moving = { ...body, position: at[0]!, velocity };
-  return { ...scene, name: `${scene.name || "scene"}, extended${name ? `, ${name}` : ""}`, bodies: [moving, ...scene.bodies.slice(1)] };
+  const launch = found.launches.find((l) => l.trial === trial);
+  const { settings, ...plain } = scene;
+  const over = launch?.setting ? (settings as Settings | undefined)?.[launch.setting] : undefined;
+  const set = <T extends { name: string }>(thing: T, by: Record<string, object> | undefined): T => ({ ...thing, ...by?.[thing.name] });
+  const [moving, ...others] = scene.bodies.map((b) => set(b, over?.bodies));
+  const effects = (scene.effects as { name: string; parameters: Record<string, number> }[] | undefined)?.map((e) => ({ ...e, parameters: { ...e.parameters, ...ofSetting(found, e.name, launch?.setting ?? null) } }));
+  return {
+    ...plain,
+    name: `${scene.name || "scene"}, extended${launch?.name ? `, ${launch.name}` : ""}`,
+    bodies: [{ ...moving!, position: at[0]!, velocity }, ...others],
+    ...(scene.statics ? { statics: scene.statics.map((b) => set(b, over?.statics)) } : {}),
+    ...(effects ? { effects } : {}),
+  };
+}
+
+type Settings = Record<string, { bodies?: Record<string, object>; statics?: Record<string, object> }>;
+
+/** The parameters that an effect has in a setting of its own. */
+function ofSetting(found: Report, effect: string, setting: string | null): Record<string, number> {
+  const own = found.effects.find((e) => e.name === effect)?.parameters.filter((p) => p.setting !== null && p.setting === setting) ?? [];
+  return Object.fromEntries(own.map((p) => [p.name, p.value]));
+}
+
+/** What is to be in sight of a launch, m: where launches were seen, with room at the sides. */
+export function around(found: Report): Box | null {
+  const [x, y] = ["x", "y"].map((name) => found.paths.launches.flatMap((l) => columnOf({ columns: found.paths.columns, rows: l.rows }, name)));
+  const [across, up] = [range(x!), range(y!)];
+  if (!across || !up) return null;
+  const pad = 0.08 * Math.max(across[1] - across[0], up[1] - up[0], 0.1);
+  return [across[0] - pad, up[0] - pad, across[1] + pad, up[1] + pad];
 }

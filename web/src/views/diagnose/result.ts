@@ -3,14 +3,13 @@
 import { api, all, ok, type Schema } from "../../api/client";
 import { h, put } from "../../dom";
 import { pause } from "../../parts/pause";
-import { give } from "../../scene/handoff";
-import type { Scene } from "../../scene/types";
 import { type Context, link } from "../../view";
 import { fieldLeft, fieldMissing } from "./fields";
 import { next } from "./next";
 import { paths } from "./paths";
 import { bounces, correlation, predictive, residuals, sizes } from "./plots";
 import { byDistance, launched, plainReport, type Report } from "./report";
+import { play } from "./play";
 import { effects, facts, gains, latents, rivals, ties } from "./tables";
 import { checked, digits, interval, plain, sentence, set, symbol, verdict, VERDICTS } from "./words";
 
@@ -92,17 +91,12 @@ function actions(found: Report, job: Schema<"JobOut">): HTMLElement {
   return h(
     "div",
     { class: "row" },
-    scene && start ? button("Play in the extended world", () => play(start), true) : null,
+    scene && start ? button("Play in the extended world", () => play(start, found), true) : null,
     scene ? button("Download the extended scene", () => save("extended_scene.json", scene)) : null,
     button("Download report.json", () => save("report.json", plainReport(found))),
     h("a", { href: link("diagnose") }, "Another diagnosis"),
     h("a", { href: link("jobs", [job.id]) }, "The job"),
   );
-}
-
-function play(scene: Scene): void {
-  give(scene);
-  location.hash = link("play", ["scene"]);
 }
 
 function save(name: string, what: unknown): void {

@@ -5,6 +5,7 @@ import { follow } from "../../api/events";
 import { h, put } from "../../dom";
 import { type Context, link } from "../../view";
 import { duration } from "../jobs";
+import { tracksSeen } from "./desk";
 import type { Report } from "./report";
 import { result } from "./result";
 
@@ -25,7 +26,7 @@ export async function running(place: HTMLElement, id: string, context: Context):
       result(place, job.result as unknown as Report, job, context).catch(context.fail);
     } else view.show(job);
   };
-  put(place, view.element);
+  put(place, view.element, first.state === "succeeded" ? null : h("div", { class: "stack seen" }, ...tracksSeen(id)));
   show(first);
   if (!done) await follow(`/v1/jobs/${encodeURIComponent(id)}/events`, (event) => show(JSON.parse(event.data) as Job), signal);
 }
