@@ -9,7 +9,7 @@ import { means } from "../src/views/diagnose/plots";
 import { around, launched, plainReport, type Report, way } from "../src/views/diagnose/report";
 import { body, columnsOf, empty, guess, missing, pixelByFall, tracksOf } from "../src/views/diagnose/setup";
 import { glance, read, SILENT, touches } from "../src/views/diagnose/tracks";
-import { gained, interval, plain, verdict } from "../src/views/diagnose/words";
+import { gained, interval, plain, sizes, verdict } from "../src/views/diagnose/words";
 
 /** Names and what the server takes them for (src/reality/columns.rs has the same list). */
 test("names of columns are understood as the server does", () => {
@@ -151,6 +151,10 @@ test("a verdict is said in words", () => {
   assert.equal(verdict(report()), "The simulation lacks quadratic drag");
   assert.equal(verdict({ ...report(), verdict: "ambiguous", rivals: [["a_b"], []] }), "One of 2 is missing, and these trials cannot tell which: a b; none (the base model)");
   assert.equal(plain("quadratic_drag wins; k_2 stays"), "Quadratic drag wins; k_2 stays.");
+  const k = (setting: string, value: number) => ({ name: "k", value, ci95: [0, 1] as [number, number], unit: "1/m", setting, spread: null });
+  const drag = (...parameters: ReturnType<typeof k>[]) => [{ name: "linear_drag", acts_on: "motion", p_value: 0, parameters }];
+  assert.equal(sizes(drag(k("a", 0.2))), "k of a = 0.2 (0 to 1) 1/m");
+  assert.equal(sizes(drag(k("a", 0.2), k("b", 0.1), k("c", 0.4), k("d", 0.3))), "k from 0.1 to 0.4 1/m in 4 settings");
   assert.equal(interval([null, 1]), "no bound from these trials");
   assert.match(gained({ trials: 3, base_rmse: 0.0712, extended_rmse: 0.003, floor_rmse: 0.002, excess_removed: 0.981 }), /71.2 mm before, 3.00 mm after; noise 2.00 mm: 98.1 %/);
 });

@@ -85,5 +85,5 @@ export function facts(found: Report): HTMLElement {
     ...(found.remainder ? [["What is left", found.remainder.text] as [string, string]] : []),
     ...unlike.map((u): [string, string] => [`Launches differ in ${title(u.effect)} ${u.parameter}`, `by ${digits(u.spread)} ${symbol(u.unit)} (standard deviation)`]),
   ];
-  return h("dl", { class: "facts" }, ...rows.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)]));
+  return h("dl", { class: "facts figures" }, ...rows.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)]));
 }

@@ -84,6 +84,9 @@ export function gained(g: HeldOut): string {
   return `${metres(g.base_rmse)} before, ${metres(g.extended_rmse)} after; noise ${metres(g.floor_rmse)}: ${removed}`;
 }
 
+/** Settings of which each size is said; of more the range is. */
+const FEW = 3;
+
 /** Sizes of effects in short. */
 export function sizes(effects: readonly Effect[]): string {
   const one = (e: Effect, p: Parameter): string => {
@@ -91,7 +94,17 @@ export function sizes(effects: readonly Effect[]): string {
     const name = effects.length > 1 ? `${title(e.name)} ${p.name}` : p.name;
     return `${name}${p.setting === null ? "" : ` of ${p.setting}`} = ${digits(p.value)}${known} ${symbol(p.unit)}`.trimEnd();
   };
-  return effects.flatMap((e) => e.parameters.map((p) => one(e, p))).join("; ");
+  const many = (e: Effect, name: string, own: Parameter[]): string => {
+    const values = own.map((p) => p.value);
+    return `${effects.length > 1 ? `${title(e.name)} ` : ""}${name} from ${digits(Math.min(...values))} to ${digits(Math.max(...values))} ${symbol(own[0]!.unit)}`.trimEnd() + ` in ${own.length} settings`;
+  };
+  const all = effects.flatMap((e) =>
+    [...new Set(e.parameters.map((p) => p.name))].flatMap((name) => {
+      const own = e.parameters.filter((p) => p.name === name);
+      return own.length > FEW ? [many(e, name, own)] : own.map((p) => one(e, p));
+    }),
+  );
+  return all.join("; ");
 }
 
 /** The predictive check in a sentence or two. */
