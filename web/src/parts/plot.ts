@@ -141,7 +141,7 @@ function grid({ at, x, y, width, colour }: Frame, axes: Axes, across: [number, n
   }
   at.textAlign = "center";
   at.textBaseline = "alphabetic";
-  const columns = marks(...across, Math.max(2, Math.floor(width / 90))).filter((v) => !axes.counts || Number.isInteger(v));
+  const columns = marks(...across, Math.max(4, Math.floor(width / 90))).filter((v) => !axes.counts || Number.isInteger(v));
   for (const v of columns) {
     at.strokeStyle = line;
     stroke(at, [[x(v), HEIGHT - BOTTOM], [x(v), HEIGHT - BOTTOM + 4]]);
