@@ -135,7 +135,7 @@ def test_a_wrong_file_is_told_in_words(serve: Callable[..., Any], see: Callable[
     page = see(serve()).open("#/diagnose")
     error = page.locator(".error")
     page.locator(".drop input").set_input_files({"name": "film.mp4", "mimeType": "video/mp4", "buffer": b"\x00\xff\xfe\x80"})
-    expect(error).to_contain_text("film.mp4 is no text")
+    expect(error).to_contain_text("film.mp4: It is no text")
     drop(page, "words.csv", "name,size\nred,1\n")
     run(page)
     expect(error).to_contain_text("a line that names the columns")

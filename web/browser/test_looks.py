@@ -52,10 +52,18 @@ def diagnosed(page: Page, server: Any) -> None:
     page.evaluate("scrollTo(0, 0)")
 
 
+def drafted(page: Page, server: Any) -> None:
+    """A task as a draft, with a body selected and the film half way."""
+    page.locator(".stage .badge.sim").wait_for()
+    page.get_by_role("button", name="green", exact=True).click()
+    page.get_by_label("Time", exact=True).fill("1.6")
+
+
 #: A picture's name, the address, and what is done before it is taken.
 VIEWS: dict[str, tuple[str, Callable[[Page, Any], None]]] = {
     "play": ("#/play/bowling:002", played),
     "play-basketball": ("#/play/basketball:003", played),
+    "make": ("#/make?task=bowling:002", drafted),
     "diagnose": ("#/diagnose", tracked),
     "diagnosis": ("#/diagnose", diagnosed),
     "jobs": ("#/jobs", listed),

@@ -2,7 +2,8 @@
 
 import { diagnose } from "./views/diagnose";
 import { jobs } from "./views/jobs";
+import { make } from "./views/make";
 import { play } from "./views/play";
 import type { View } from "./view";
 
-export const VIEWS: readonly View[] = [play, diagnose, jobs];
+export const VIEWS: readonly View[] = [play, make, diagnose, jobs];

@@ -7,12 +7,13 @@ use serde_json::{Value, json};
 
 use super::text::json;
 use super::trials;
+use crate::budget::Budget;
 use crate::discover::drawn::drawn;
 use crate::discover::{Config, diagnose};
 use crate::error::{Error, Result};
 use crate::job::{New, Outcome, Work};
 use crate::json::{from_value, parse};
-use crate::reality::{Of, Reading, gather, trials_from_csv, trials_to_csv};
+use crate::reality::{Of, Reading, gather, trials_from_csv, written};
 use crate::serve::app::App;
 use crate::serve::operation::{ACT, Body, Keep, Operation, post};
 use crate::serve::shared::Base;
@@ -62,7 +63,7 @@ fn begin(app: &App, Body(body): Body<DiagnosisIn>, keep: Keep<JobOut>) -> Result
             let count = trials_from_csv(&csv, &scene).map_err(|e| e.under("trials"))?.len();
             (scene, csv, count)
         }
-        None => sent(body)?,
+        None => sent(body, app.budget())?,
     };
     // What was asked for, without the data themselves.
     let config = json!({ "job": job, "scene": scene.name, "trials": count, "seed": seed });
@@ -72,7 +73,7 @@ fn begin(app: &App, Body(body): Body<DiagnosisIn>, keep: Keep<JobOut>) -> Result
 }
 
 /// The scene, the trials as CSV and their number, of what was sent.
-fn sent(body: DiagnosisIn) -> Result<(Scene, String, usize)> {
+fn sent(body: DiagnosisIn, budget: &dyn Budget) -> Result<(Scene, String, usize)> {
     let scene = body.scene.map(|s| s.0);
     let ball = body.ball.map(|b| Ball::from(b.0));
     let of = match (&scene, &ball) {
@@ -95,11 +96,11 @@ fn sent(body: DiagnosisIn) -> Result<(Scene, String, usize)> {
     if files.is_empty() {
         return Err(Error::input("trials", "empty", "at least one file"));
     }
-    let found = gather(&files, of, &reading).map_err(placed)?;
+    let found = gather(&files, of, &reading, budget).map_err(placed)?;
     // Of one file as it should be nothing is rewritten.
     let csv = match found.own_format && files.len() == 1 {
         true => files.swap_remove(0).text,
-        false => trials_to_csv(&found.trials),
+        false => written(&found.trials, budget)?,
     };
     Ok((found.scene, csv, found.trials.len()))
 }

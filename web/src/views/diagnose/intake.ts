@@ -61,7 +61,7 @@ async function text(file: File): Promise<string> {
   try {
     return new TextDecoder("utf-8", { fatal: true }).decode(await file.arrayBuffer());
   } catch (e) {
-    if (e instanceof TypeError) throw new FileError(`${file.name} is no text (UTF-8), so it holds no table of tracks.`);
+    if (e instanceof TypeError) throw new FileError(file.name, "it is no text (UTF-8), so it holds no table of tracks");
     throw e;
   }
 }
