@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 use super::text::json;
 use super::trials;
 use crate::budget::Budget;
+use crate::discover::drawn::drawn;
 use crate::discover::{Config, diagnose};
 use crate::error::{Error, Result};
 use crate::job::{New, Outcome, Work};
@@ -27,8 +28,9 @@ pub fn operations() -> Vec<Operation> {
         post("start_diagnosis", "/v1/diagnoses", "workflow", ACT)
             .about(
                 "Diagnoses measured trials: what the simulation gets wrong, by name. A job; its result is an \
-                 `iplw.diagnosis/1`\ndocument with the `extended_scene`. Tracks of one ball need no scene: `ball` \
-                 makes it.",
+                 `iplw.diagnosis/1`\ndocument with the `extended_scene`, the `next_scene` (the next experiment as it \
+                 would be simulated, or null)\nand the `evidence`, tables to be drawn. Tracks of one ball need no scene: \
+                 `ball` makes it.",
             )
             .refuses(&[(404, "Unknown job"), (409, "A job without trials")])
             .queues(KIND, begin, work),
@@ -126,6 +128,10 @@ fn work(_: &Arc<Base>, plan: &Value) -> Result<Work> {
         let mut result = json(&found.diagnosis)?;
         if let Some(fields) = result.as_object_mut() {
             fields.insert("extended_scene".into(), parse(&found.extended.to_json())?);
+            let next = found.diagnosis.next_experiment.as_ref().and_then(|n| n.scene.as_ref());
+            let next: Option<Value> = next.map(|scene| parse(&scene.to_json())).transpose()?;
+            fields.insert("next_scene".into(), next.into());
+            fields.insert("evidence".into(), json(&drawn(&found.evidence))?);
         }
         Ok(Outcome::Done(result))
     }))

@@ -114,7 +114,7 @@ function row(job: Job, changed: () => void, context: Context): HTMLElement {
 /** How far it is, or why it failed. */
 function progress(job: Job): HTMLElement[] {
   if (job.state === "failed") return [h("p", { class: "why" }, job.error?.detail ?? "It failed without a word.")];
-  if (ended(job)) return job.state === "succeeded" ? [h("a", { href: link("jobs", [job.id]) }, "Result")] : [];
+  if (ended(job)) return job.state === "succeeded" ? [h("a", { href: seenAt(job) ?? link("jobs", [job.id]) }, "Result")] : [];
   const { done, total, stage, eta_s: left } = job.progress;
   const bar = total > 0 ? h("progress", { max: total, value: done, "aria-label": `Progress of ${job.id}` }) : null;
   const words = [stage || job.state, total > 0 ? `${done} of ${total}` : "", typeof left === "number" ? `${duration(left)} left` : ""];
@@ -158,7 +158,7 @@ function whole(job: Job, context: Context): HTMLElement[] {
     h("h2", {}, job.id),
     h("dl", { class: "facts" }, ...facts.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)])),
     h("div", { class: "progress" }, ...(job.state === "succeeded" ? [] : progress(job))),
-    h("div", { class: "row" }, button(job, leave, context)),
+    h("div", { class: "row" }, seenAt(job) ? h("a", { href: seenAt(job) }, "See it in its view") : null, button(job, leave, context)),
   );
   return [head, ...(job.result ? [result(job)] : []), document_("Asked for", job.config)];
 }
@@ -200,6 +200,15 @@ function text(label: string, value: unknown): HTMLElement {
   const whole = JSON.stringify(value, null, 2);
   const cut = whole.length > SHOWN ? `${whole.slice(0, SHOWN)}\n… ${whole.length - SHOWN} more characters` : whole;
   return h("pre", { tabindex: 0, role: "region", "aria-label": label }, cut);
+}
+
+/** The views that show jobs of a kind as what they are, beside the list of everything. */
+const VIEWS: Record<string, string> = { diagnose: "diagnose" };
+
+/** Where a job is seen as what it is; `null` where only here. */
+function seenAt(job: Job): string | null {
+  const view = VIEWS[job.kind];
+  return view ? link(view, [job.id]) : null;
 }
 
 const KINDS: Record<string, string> = {

@@ -4,7 +4,7 @@ import { api, ok, type Schema } from "../../api/client";
 import { FileError } from "../../api/problem";
 import { fresh, h, put, set } from "../../dom";
 import { picture } from "../../scene/draw";
-import type { Scene } from "../../scene/types";
+import type { Box, Scene } from "../../scene/types";
 import type { Context } from "../../view";
 
 /** What is played with. */
@@ -14,6 +14,8 @@ export interface Task {
   /** Absent for a scene file. */
   family: string | null;
   scene: Scene;
+  /** What is to be in sight; absent where the scene tells. */
+  box?: Box;
 }
 
 /** The choice of a task; `chosen` is called with every task that is picked. */
