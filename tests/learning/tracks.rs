@@ -259,7 +259,7 @@ fn reading_ends_with_its_budget() {
         y_down: Some(false),
         ..Reading::default()
     };
-    for (file, least) in [(trials, 60), (own, 40)] {
+    for (file, least) in [(trials, 60), (own, 39)] {
         let read = |looks| {
             gather(std::slice::from_ref(&file), Of::Ball(&BALL), &said, &Looks(AtomicUsize::new(looks)))
         };
