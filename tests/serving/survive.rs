@@ -326,8 +326,14 @@ fn asking_and_telling_finds_what_measuring_here_finds_and_survives_kills() {
     assert_eq!(server.get(&format!("/v1/jobs/{job}"))["progress"]["done"], 2);
     let open = server.get(&format!("{path}/rounds"));
     let round = &open["rounds"][0];
-    assert_eq!((&open["interactions"], &round["fitted"], &round["latents"]), (&json!(2), &json!(false), &json!([])));
-    assert_eq!((&round["proposals"][1]["measured"], &round["proposals"][2]["measured"]), (&json!(true), &Value::Null));
+    assert_eq!(
+        (&open["interactions"], &round["fitted"], &round["latents"]),
+        (&json!(2), &json!(false), &json!([]))
+    );
+    assert_eq!(
+        (&round["proposals"][1]["measured"], &round["proposals"][2]["measured"]),
+        (&json!(true), &Value::Null)
+    );
     let server = again(server, directory.path());
     let after = server.get(&format!("{path}/proposals"));
     for (i, p) in after["proposals"].as_array().unwrap().iter().enumerate() {
@@ -411,12 +417,18 @@ fn asking_and_telling_finds_what_measuring_here_finds_and_survives_kills() {
 fn rounds_tell_the_course(server: &Process, job: &str, report: &Value) {
     let path = format!("/v1/iplw/{job}/rounds");
     let whole = server.get(&path);
-    assert_eq!((&whole["state"], &whole["interactions"]), (&json!("succeeded"), &report["real_interactions"]));
+    assert_eq!(
+        (&whole["state"], &whole["interactions"]),
+        (&json!("succeeded"), &report["real_interactions"])
+    );
     let rounds = whole["rounds"].as_array().unwrap();
     assert_eq!(rounds.len(), report["residuals"].as_array().unwrap().len());
     for (i, round) in rounds.iter().enumerate() {
         assert_eq!((&round["number"], &round["fitted"]), (&json!(i), &json!(true)));
-        assert_eq!((&round["residual"], &round["interactions"]), (&report["residuals"][i], &json!(4 * (i + 1))));
+        assert_eq!(
+            (&round["residual"], &round["interactions"]),
+            (&report["residuals"][i], &json!(4 * (i + 1)))
+        );
         assert_eq!(round["choice"]["collisions"], report["choices"][i]["collisions"]);
         assert!(round["proposals"].as_array().unwrap().iter().all(|p| p["measured"] == true));
         let names: Vec<&Value> =

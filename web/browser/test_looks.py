@@ -30,10 +30,35 @@ def shown(page: Page, server: Any) -> None:
     page.locator(".result").wait_for()
 
 
+def started(page: Page, server: Any) -> None:
+    page.locator("summary", has_text="More").click()
+
+
+def calibrated(page: Page, server: Any) -> None:
+    """A run laid over another one, and its worst trial half way through its film."""
+    other = server.ask("POST", "/v1/iplw", {**SHORT, "seed": 9})["id"]
+    server.ended(other)
+    page.reload()
+    page.get_by_label("Compare with").select_option(other)
+    page.locator("circle.second").first.wait_for()
+    page.locator(".gap").wait_for()
+    page.get_by_label("Time").fill("1.6")
+
+
+def asked(page: Page, server: Any) -> None:
+    """A rig's proposals, one of them being filled in."""
+    job = server.ask("POST", "/v1/iplw", {**SHORT, "task": "basketball", "real": "ask_tell"})["id"]
+    page.evaluate(f"location.hash = '#/calibrate/{job}'")
+    page.locator("[data-proposal] summary").first.click()
+
+
 #: A picture's name, the address, and what is done before it is taken.
 VIEWS: dict[str, tuple[str, Callable[[Page, Any], None]]] = {
     "play": ("#/play/bowling:002", played),
     "play-basketball": ("#/play/basketball:003", played),
+    "calibrate": ("#/calibrate", started),
+    "calibrate-run": ("#/calibrate/job-1", calibrated),
+    "calibrate-rig": ("#/calibrate", asked),
     "jobs": ("#/jobs", listed),
     "job": ("#/jobs/job-1", shown),
 }

@@ -65,6 +65,19 @@ pub struct ChoiceOut {
     pub candidate_rolling_steps: f64,
     /// How many were chosen for what, where the strategy deals them out.
     pub groups: Option<GroupsOut>,
+    /// What they were chosen to tell, where the strategy reckons with it; else empty.
+    pub expected: Vec<ExpectedOut>,
+}
+
+/// How far something is known before a round and, if the simulation is right, after it.
+#[derive(Serialize, ToSchema)]
+pub struct ExpectedOut {
+    /// Name of the latent, or `effect.parameter`.
+    pub name: String,
+    /// Standard deviation, in its unit.
+    pub before: f64,
+    /// Standard deviation, in its unit.
+    pub after: f64,
 }
 
 /// How many actions were chosen for what.
@@ -102,6 +115,8 @@ impl From<Choice> for ChoiceOut {
             collisions: g.collisions as u64,
             rolling: g.rolling as u64,
         };
+        let expected =
+            |e: crate::explore::Expected| ExpectedOut { name: e.name, before: e.before, after: e.after };
         ChoiceOut {
             actions: choice.actions as u64,
             tasks: choice.tasks as u64,
@@ -110,6 +125,7 @@ impl From<Choice> for ChoiceOut {
             candidate_collisions: choice.candidate_collisions,
             candidate_rolling_steps: choice.candidate_rolling_steps,
             groups: choice.groups.map(groups),
+            expected: choice.expected.into_iter().map(expected).collect(),
         }
     }
 }

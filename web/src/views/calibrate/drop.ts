@@ -12,7 +12,7 @@ export function dropped(id: string, now: () => Schema<"Proposals"> | null, came:
   const why = h("p", { id: wrong, class: "why", role: "alert", hidden: true });
   const replaced = fresh("replace");
   const replace = h("input", { id: replaced, type: "checkbox" });
-  const about = h("p", { id: hint, class: "soft" }, "Drop it here. A row an observation: ", h("code", {}, "trial,t,body,x,y"), "; ", h("code", {}, "trial"), " is the number of the proposal, s and m, from the moment things were let go.");
+  const about = h("p", { id: hint, class: "soft" }, "Drop it here. A row an observation: ", h("code", {}, "trial,t,body,x,y"), "; ", h("code", {}, "trial"), " is the number of the proposal, ", h("code", {}, "t"), " in s from the moment things were let go, ", h("code", {}, "x"), " and ", h("code", {}, "y"), " in m.");
   const element = h(
     "div",
     { class: "drop stack" },

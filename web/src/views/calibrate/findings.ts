@@ -3,7 +3,7 @@
 import { h, put } from "../../dom";
 import { type Bands, bands, type Reading, type Run } from "../../parts/bands";
 import { short } from "../../parts/slider";
-import { type Known, known, planned, type Round, type Standing } from "./course";
+import { asked, type Known, known, planned, type Round, type Standing } from "./course";
 
 /** Units of latents; parameters of effects have those of the library. */
 const UNITS: Record<string, string> = { density: "kg/m²" };
@@ -19,9 +19,10 @@ export function findings(units: ReadonlyMap<string, string>): Findings {
   const tiles = new Map<string, Tile>();
   const grid = h("div", { class: "findings" });
   const residual = bands({ about: "Residual of the best sample by round, m² per trajectory", y: "m² per trajectory", logarithmic: true });
-  const last = h("p", { class: "soft" });
+  const last = h("div", { class: "words" });
+  const unlike = h("p", { class: "soft", hidden: true }, "The two are of different kinds, which cannot be compared.");
   const none = h("p", { class: "soft" }, "Latents are shown after the first round.");
-  const misfit = h("figure", { class: "card finding", hidden: true }, h("figcaption", {}, h("h3", {}, "Residual"), last), residual.svg);
+  const misfit = h("figure", { class: "card finding", hidden: true }, h("figcaption", {}, h("h3", {}, "Residual"), last, unlike), residual.svg);
   put(grid, none, misfit);
   const show = (one: Standing, other: Standing | null): void => {
     const rounds = Math.max(planned(one.job), other ? planned(other.job) : 0);
@@ -40,9 +41,25 @@ export function findings(units: ReadonlyMap<string, string>): Findings {
     const fitted = misfits.some((r) => r.readings.length > 0);
     [none.hidden, misfit.hidden] = [fitted, !fitted];
     residual.draw(misfits, rounds);
-    put(last, misfits.flatMap((r) => (r.readings.length ? [`${r.name}: ${number(r.readings.at(-1)!.y)} m²`] : [])).join(", "));
+    put(last, ...[one, ...(other ? [other] : [])].flatMap((s, i) => standing(s, misfits.find((r) => r.name === s.job.id)?.readings.at(-1)?.y, other ? i : null)));
+    unlike.hidden = !other || kind(one) === kind(other);
   };
   return { element: h("section", { class: "stack", "aria-label": "Found so far" }, grid), show };
+}
+
+/** A run's last residual. */
+function standing(of: Standing, residual: number | undefined, compared: number | null): HTMLElement[] {
+  if (residual === undefined) return [];
+  return [h("p", {}, key(of, compared), h("strong", {}, `${number(residual)} m²`), h("span", { class: "soft" }, ` ${kind(of)}`))];
+}
+
+function kind(of: Standing): string {
+  return asked(of.job).residual ?? "trajectory";
+}
+
+/** Which run it is, where there are two. */
+function key(of: Standing, compared: number | null): HTMLElement | null {
+  return compared === null ? null : h("span", { class: `key ${compared ? "second" : "first"}` }, of.job.id);
 }
 
 interface Tile {
@@ -62,7 +79,7 @@ function tile(name: string, unit: string): Tile {
     };
     picture.draw(runs(one, other, reading), rounds);
     const both = [one, ...(other ? [other] : [])];
-    put(words, ...both.map((s, i) => sentence(known(s).find((l) => l.name === name), unit, other ? s.job.id : null, i)));
+    put(words, ...both.map((s, i) => sentence(known(s).find((l) => l.name === name), unit, key(s, other ? i : null))));
   };
   return { element, show };
 }
@@ -73,14 +90,13 @@ function runs(one: Standing, other: Standing | null, reading: (r: Round) => Read
 }
 
 /** What is known of a latent in words. */
-function sentence(found: Known | undefined, unit: string, job: string | null, i: number): HTMLElement {
-  const key = job === null ? null : h("span", { class: `key ${i ? "second" : "first"}` }, job);
-  if (!found) return h("p", {}, key, " not estimated");
+function sentence(found: Known | undefined, unit: string, key: HTMLElement | null): HTMLElement {
+  if (!found) return h("p", {}, key, "not estimated");
   const [low, high] = found.ci95;
   const interval = typeof low === "number" && typeof high === "number" ? `, 95 %: ${short(low)} to ${short(high)}` : "";
   const tag = h("span", { class: `tag ${found.identifiable ? "good" : "warn"}` }, found.identifiable ? "identifiable" : "not identifiable");
   const title = found.identifiable ? null : "The trials do not tell it: the value is merely where the search stands.";
-  return h("p", { title }, key, key ? " " : null, h("strong", { class: found.identifiable ? "" : "soft" }, short(found.value, unit)), h("span", { class: "soft" }, interval), " ", tag);
+  return h("p", { title }, key, h("strong", { class: found.identifiable ? "" : "soft" }, short(found.value, unit)), h("span", { class: "soft" }, interval), " ", tag);
 }
 
 /** A number of any size in three digits. */

@@ -1,6 +1,6 @@
 // What every round proposed and why: chosen actions against all candidates, and pictures of them.
 
-import { fresh, h, put } from "../../dom";
+import { type Child, fresh, h, put } from "../../dom";
 import { short } from "../../parts/slider";
 import { picture } from "../../scene/draw";
 import { placed, unit, value } from "../../scene/place";
@@ -12,6 +12,8 @@ import { number } from "./findings";
 
 /** Pictures of a round that are drawn; more would say no more. */
 const PICTURES = 12;
+
+const HEADS = ["Round", "Actions", "Collisions", "Rolling steps", "Residual, m²", "Real interactions"];
 
 /** What a strategy looks for, in words. */
 export const STRATEGIES: Record<string, string> = {
@@ -31,12 +33,11 @@ export interface Proposed {
 export function proposed(context: Context): Proposed {
   const why = h("p", { class: "soft" });
   const body = h("tbody");
-  const heads = ["Round", "Actions", "Collisions", "Rolling steps", "Residual, m²", "Real interactions"];
   const table = h(
     "table",
     { class: "rounds" },
     h("caption", { class: "unseen" }, "Rounds: what was chosen, against all candidates, and what came of it"),
-    h("thead", {}, h("tr", {}, ...heads.map((t) => h("th", { scope: "col" }, t)))),
+    h("thead", {}, h("tr", {}, ...HEADS.map((t) => h("th", { scope: "col" }, t)))),
     body,
   );
   const id = fresh("round");
@@ -68,23 +69,30 @@ export function proposed(context: Context): Proposed {
     drawn.hidden = rounds.length === 0;
     draw();
   };
-  return { element: h("section", { class: "card stack wide", "aria-label": "Rounds" }, h("h2", {}, "Actions proposed, and why"), why, table, drawn), show };
+  return { element: h("section", { class: "card stack", "aria-label": "Rounds" }, h("h2", {}, "Actions proposed, and why"), why, table, drawn), show };
 }
 
 function row(round: Round): HTMLElement {
   const c = round.choice;
   const dealt = c.groups ? ` (${c.groups.collisions} for collisions, ${c.groups.rolling} for rolling)` : "";
-  const against = (chosen: number, all: number): HTMLElement => h("td", {}, number(chosen), h("span", { class: "soft" }, ` (${number(all)})`));
+  // On a phone there are no heads: every cell says what it is.
+  const cell = (column: number, ...children: Child[]): HTMLElement => h("td", { "data-head": HEADS[column] }, ...children);
+  const against = (column: number, chosen: number, all: number): HTMLElement => cell(column, number(chosen), h("span", { class: "soft" }, ` (${number(all)})`));
   return h(
     "tr",
     { "data-round": round.number },
     h("th", { scope: "row" }, round.number + 1),
-    h("td", {}, `${c.actions} on ${c.tasks === 1 ? "1 task" : `${c.tasks} tasks`}${dealt}`),
-    against(c.collisions, c.candidate_collisions),
-    against(c.rolling_steps, c.candidate_rolling_steps),
-    h("td", {}, typeof round.residual === "number" ? number(round.residual) : round.fitted ? "nothing measured" : "…"),
-    h("td", {}, round.interactions),
+    cell(1, `${c.actions} on ${c.tasks === 1 ? "1 task" : `${c.tasks} tasks`}${dealt}`, ...c.expected.map(hope)),
+    against(2, c.collisions, c.candidate_collisions),
+    against(3, c.rolling_steps, c.candidate_rolling_steps),
+    cell(4, typeof round.residual === "number" ? number(round.residual) : round.fitted ? "nothing measured" : "…"),
+    cell(5, round.interactions),
   );
+}
+
+/** What actions were chosen to tell of a latent. */
+function hope(e: Round["choice"]["expected"][number]): HTMLElement {
+  return h("span", { class: "soft hope" }, `${e.name.replaceAll("_", " ")}: ±${number(e.before)} to ±${number(e.after)} expected`);
 }
 
 function tile(proposal: Round["proposals"][number], context: Context): HTMLElement {
