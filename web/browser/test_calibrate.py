@@ -16,7 +16,7 @@ RIG = {"task": "basketball", "real": "ask_tell", "rounds": 2, "actions": 2, "sam
 
 
 def short(seed: int) -> dict[str, Any]:
-    return {"task": "bowling", "rounds": 2, "actions": 2, "samples": 8, "seed": seed}
+    return {"task": "basketball", "rounds": 2, "actions": 2, "samples": 8, "seed": seed}
 
 
 def fill(page: Page, **fields: str) -> None:
@@ -30,7 +30,7 @@ def test_an_estimation_is_followed_to_its_end_across_a_reload(serve: Callable[..
     page = see(server).open("#/calibrate")
     fill(page, Rounds="2", Actions_a_round="2")
     page.locator("summary", has_text="More").click()
-    fill(page, Samples="3", Seed="5")
+    fill(page, Samples="3", Seed="1")
     page.get_by_label("Restitution").fill("0.4")
     page.get_by_role("button", name="Start").click()
     # Too few samples: told where they were typed, in the server's words.

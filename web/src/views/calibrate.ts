@@ -32,7 +32,7 @@ async function start(place: HTMLElement, context: Context): Promise<void> {
   const form = begin(of, before, (job) => (location.hash = link("calibrate", [job.id])), context);
   const rows = runs.slice(0, LISTED).map((job) => h("li", {}, h("a", { href: link("calibrate", [job.id]) }, job.id), h("span", {}, titled(job)), h("span", { class: `state ${job.state}` }, job.state)));
   const list = rows.length ? h("ul", { class: "runs" }, ...rows) : h("p", { class: "soft" }, "There are none yet.");
-  put(place, h("div", { class: "calibrate-start" }, form, h("section", { class: "card stack", "aria-label": "Estimations" }, h("h2", {}, "Estimations"), list)));
+  put(place, h("div", { class: "calibrate-start" }, form, h("section", { class: "card stack", "aria-label": "Estimations" }, h("h2", {}, "Estimations"), list, runs.length > LISTED ? h("p", { class: "soft" }, "Older ones are under ", h("a", { href: link("jobs") }, "Jobs"), ".") : null)));
 }
 
 /** Estimations, newest first. */

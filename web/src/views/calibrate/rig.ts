@@ -2,6 +2,7 @@
 
 import { api, ok, type Schema } from "../../api/client";
 import { h, put } from "../../dom";
+import { latest } from "../../parts/latest";
 import { picture } from "../../scene/draw";
 import type { Scene } from "../../scene/types";
 import type { Context } from "../../view";
@@ -14,6 +15,10 @@ type Proposals = Schema<"Proposals">;
 type Proposal = Schema<"ProposalOut">;
 type Tell = Schema<"TellIn">;
 
+const ENDED = ["succeeded", "failed", "cancelled"];
+/** Proposals that are shown; a robot's hundreds are read by a program. */
+const CARDS = 60;
+
 export interface Rig {
   element: HTMLElement;
   show: (now: Standing) => void;
@@ -24,37 +29,45 @@ export function rig(id: string, context: Context): Rig {
   const { signal } = context;
   const words = h("p", { class: "soft", role: "status" });
   const list = h("ul", { class: "asked" });
+  const rest = h("p", { class: "soft", hidden: true });
   const file = dropped(id, () => proposals, (now) => came(now), context);
   const close = h("button", { type: "button" }, "End the round with what there is");
   const saved = h("button", { type: "button" }, "Save the proposals (JSON)");
   const blank = h("button", { type: "button" }, "Save a CSV to fill in");
   const tools = h("div", { class: "row" }, saved, blank, close);
-  const element = h("section", { class: "card stack", hidden: true, "aria-label": "Proposals" }, h("h2", {}, "To be carried out on your rig"), words, tools, file.element, list);
+  const element = h("section", { class: "card stack", hidden: true, "aria-label": "Proposals" }, h("h2", {}, "To be carried out on your rig"), words, tools, file.element, list, rest);
   let [proposals, shown]: [Proposals | null, string] = [null, ""];
   const came = (now: Schema<"Told">): void => {
-    const text = `Round ${now.round + 1}: ${now.answered} measured, ${now.failed} not possible, ${now.open} open.`;
-    put(words, text);
-    refresh().catch(context.fail);
+    context.say(`Round ${now.round + 1}: ${now.answered} measured, ${now.failed} not possible, ${now.open} open.`);
+    refresh(null);
   };
   const tell = async (body: Tell): Promise<void> => {
     const round = proposals ? { round: proposals.round } : {};
     came(await ok(api.POST("/v1/iplw/{id}/trials", { params: { path }, body: { ...round, ...body }, signal })));
   };
-  const refresh = async (): Promise<void> => {
-    const now = await ok(api.GET("/v1/iplw/{id}/proposals", { params: { path }, signal }));
+  const refresh = latest<null>(async () => {
+    try {
+      shows(await ok(api.GET("/v1/iplw/{id}/proposals", { params: { path }, signal })));
+    } catch (e) {
+      context.fail(e);
+    }
+  });
+  const shows = (now: Proposals): void => {
     proposals = now;
     const waits = now.state === "waiting";
     [tools.hidden, file.element.hidden, list.hidden] = [!waits, !waits, !waits];
     const key = JSON.stringify([now.round, now.state]);
-    if (key !== shown) put(list, ...now.proposals.map((p) => card(p, tell, context)));
+    if (key !== shown) put(list, ...now.proposals.slice(0, CARDS).map((p) => card(p, tell, context)));
     shown = key;
+    rest.hidden = !waits || now.proposals.length <= CARDS;
+    put(rest, `The first ${CARDS} of ${now.proposals.length} are shown; the files have all of them.`);
     for (const p of now.proposals) list.querySelector(`[data-proposal="${p.number}"]`)?.classList.toggle("answered", p.answered);
     for (const p of now.proposals) mark(list.querySelector(`[data-proposal="${p.number}"] .tag`), p.answered);
     if (waits) {
       const open = now.proposals.filter((p) => !p.answered).length;
       put(words, `Round ${now.round + 1}: ${open} of ${now.proposals.length} proposals are open. Carry them out, and send what was measured; then the round is fitted and the next one comes.`);
     } else {
-      put(words, ended_(now.state) ? "Nothing more is asked for." : "The round is being fitted, or the next one chosen.");
+      put(words, ENDED.includes(now.state) ? "Nothing more is asked for." : "The round is being fitted, or the next one chosen.");
     }
   };
   close.addEventListener("click", () => {
@@ -67,13 +80,9 @@ export function rig(id: string, context: Context): Rig {
     element,
     show: (now) => {
       element.hidden = ended(now.job);
-      if (!element.hidden) refresh().catch(context.fail);
+      if (!element.hidden) refresh(null);
     },
   };
-}
-
-function ended_(state: string): boolean {
-  return ["succeeded", "failed", "cancelled"].includes(state);
 }
 
 function mark(tag: Element | null, answered: boolean): void {
@@ -89,7 +98,7 @@ function card(p: Proposal, tell: (body: Tell) => Promise<void>, context: Context
   const form = sheet(p.number, scene.bodies.map((b) => b.name));
   const send = h("button", { type: "button", class: "main" }, "Send");
   const failed = h("button", { type: "button", "aria-label": `Proposal ${p.number} could not be carried out` }, "Could not be carried out");
-  const hand = h("details", {}, h("summary", {}, `Fill in what was measured of ${p.number}`), form.element, h("div", { class: "row" }, send));
+  const hand = h("details", {}, h("summary", {}, `Fill in what was measured of ${p.number}`), form.element, h("div", { class: "row" }, send, form.more));
   const doing = (button: HTMLButtonElement, what: () => Promise<void>, wrong: (e: unknown) => void): void => {
     button.disabled = true;
     context.fail(null);

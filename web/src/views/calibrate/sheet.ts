@@ -9,6 +9,8 @@ type Trial = Schema<"TrialIn">;
 
 export interface Sheet {
   element: HTMLElement;
+  /** Adds a row. */
+  more: HTMLElement;
   /** What was filled in; throws what is no number, told at its cell. */
   read: () => Trial;
   /** An error of the server's about `trials[0]`; `null` takes it away. */
@@ -29,7 +31,7 @@ export function sheet(proposal: number, bodies: readonly string[]): Sheet {
     const number = body.rows.length + 1;
     const inputs = columns.map(([of, what]) => {
       const label = what === "t" ? `t, row ${number}` : `${of} ${what}, row ${number}`;
-      return h("td", {}, h("input", { type: "text", inputmode: "decimal", size: 7, "aria-label": label, "aria-describedby": wrong }));
+      return h("td", {}, h("input", { type: "text", inputmode: "decimal", "aria-label": label, "aria-describedby": wrong }));
     });
     body.append(h("tr", {}, ...inputs));
   };
@@ -88,7 +90,7 @@ export function sheet(proposal: number, bodies: readonly string[]): Sheet {
     blame(cellOf(field, filled(), bodies), detail);
   };
   const table = h("table", { class: "sheet" }, h("caption", { class: "unseen" }, `Measured of proposal ${proposal}`), h("thead", {}, h("tr", {}, ...heads)), body);
-  return { element: h("div", { class: "stack" }, h("div", { class: "wide" }, table), why, h("div", { class: "row" }, more)), read, refuse };
+  return { element: h("div", { class: "stack" }, h("div", { class: "wide" }, table), why), more, read, refuse };
 }
 
 /** What the sheet has told already. */
