@@ -14,6 +14,18 @@ TRUTH = {"density": 1.0, "friction": 0.7, "restitution": 0.35}
 LONG = {"task": "bowling", "rounds": 200, "actions": 20, "samples": 2000, "seed": 1}
 RIG = {"task": "basketball", "real": "ask_tell", "rounds": 2, "actions": 2, "samples": 8, "seed": 3}
 
+#: What a hand does that drops a file, or pastes a block of a spreadsheet.
+DROP = """(at, text) => {
+  const data = new DataTransfer();
+  data.items.add(new File([text], "measured.csv"));
+  at.dispatchEvent(new DragEvent("drop", { dataTransfer: data, bubbles: true, cancelable: true }));
+}"""
+PASTE = """(at, text) => {
+  const data = new DataTransfer();
+  data.setData("text", text);
+  at.dispatchEvent(new ClipboardEvent("paste", { clipboardData: data, bubbles: true, cancelable: true }));
+}"""
+
 
 def short(seed: int) -> dict[str, Any]:
     return {"task": "basketball", "rounds": 2, "actions": 2, "samples": 8, "seed": seed}
@@ -126,7 +138,7 @@ def test_a_rig_is_asked_and_told(serve: Callable[..., Any], see: Callable[..., A
     expect(hand.get_by_role("alert")).to_contain_text("from 0 to 0.1 s")
     first, second = server.ask("GET", f"/v1/iplw/{job}/proposals")["proposals"]
     cell.focus()
-    page.evaluate("text => { const data = new DataTransfer(); data.setData('text', text); document.activeElement.dispatchEvent(new ClipboardEvent('paste', { clipboardData: data, bubbles: true, cancelable: true })) }", block(server, first))
+    cell.evaluate(PASTE, block(server, first))
     hand.get_by_role("button", name="Send").click()
     expect(hand.locator(".tag")).to_have_text("answered")
     expect(page.locator(".calibrate-head .count")).to_have_text("1")
@@ -135,8 +147,8 @@ def test_a_rig_is_asked_and_told(serve: Callable[..., Any], see: Callable[..., A
     # The next round comes.
     expect(page.locator("[data-proposal='2']")).to_be_visible()
     expect(page.locator("[data-latent=restitution] circle")).to_have_count(1)
-    file.write_text(csv(server, server.ask("GET", f"/v1/iplw/{job}/proposals")["proposals"]))
-    chooser.set_input_files(file)
+    rest = csv(server, server.ask("GET", f"/v1/iplw/{job}/proposals")["proposals"])
+    page.locator(".drop").evaluate(DROP, rest)
     expect(page.locator(".calibrate-head .state")).to_have_text("succeeded")
     expect(page.locator(".calibrate-head .count")).to_have_text("4")
     expect(page.locator(".worst button")).to_have_count(4)
