@@ -82,7 +82,7 @@ function row(round: Round): HTMLElement {
     "tr",
     { "data-round": round.number },
     h("th", { scope: "row" }, round.number + 1),
-    cell(1, `${c.actions} on ${c.tasks === 1 ? "1 task" : `${c.tasks} tasks`}${dealt}`, ...(c.expected ?? []).map(hope)),
+    cell(1, `${c.actions} on ${c.tasks === 1 ? "1 task" : `${c.tasks} tasks`}${dealt}`, ...c.expected.map(hope)),
     against(2, c.collisions, c.candidate_collisions),
     against(3, c.rolling_steps, c.candidate_rolling_steps),
     cell(4, typeof round.residual === "number" ? number(round.residual) : round.fitted ? "nothing measured" : "…"),
