@@ -37,8 +37,13 @@ def started(page: Page, server: Any) -> None:
 def calibrated(page: Page, server: Any) -> None:
     """A run laid over another one, and its worst trial half way through its film."""
     jobs = server.ask("GET", "/v1/jobs")["jobs"]
-    for seed in (1, 4)[len(jobs) - 1 :]:
-        jobs.append(server.ended(server.ask("POST", "/v1/iplw", {"task": "bowling", "rounds": 3, "actions": 3, "samples": 12, "seed": seed})["id"]))
+    # A picture is of an estimation that is worth looking at; accessibility does not take that long.
+    worth = {"rounds": 4, "actions": 3, "samples": 20, "residual": "shooting", "real": {"noise": 0.05}, "seed": 3}
+    brief = {"rounds": 2, "actions": 2, "samples": 8, "seed": 1}
+    fits: tuple[dict[str, Any], ...] = ({"strategy": "informative", "fit": ["linear_drag.c"]}, {"strategy": "mixed"})
+    for fit in fits[len(jobs) - 1 :]:
+        body = {"task": "bowling", **fit, **worth} if os.environ.get("PICTURES") else {"task": "basketball", **brief}
+        jobs.append(server.ended(server.ask("POST", "/v1/iplw", body)["id"]))
     one, other = (job["id"] for job in jobs[1:3])
     page.evaluate(f"location.hash = '#/calibrate/{one}?with={other}'")
     page.locator("circle.second").first.wait_for()

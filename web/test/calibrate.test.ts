@@ -3,6 +3,7 @@ import { test } from "node:test";
 import { span } from "../src/parts/bands";
 import type { Film } from "../src/scene/film";
 import { physics } from "../src/views/calibrate/course";
+import { seen } from "../src/views/calibrate/findings";
 import { toFill } from "../src/views/calibrate/rig";
 import { pasted } from "../src/views/calibrate/sheet";
 import { apart, film, places } from "../src/views/calibrate/tracks";
@@ -48,6 +49,10 @@ test("an axis holds all values and finite ends, on round numbers", () => {
   }
   assert.deepEqual(span([{ x: 1, y: 2166 }, { x: 2, y: 30 }, { x: 3, y: 0 }], true), { low: 10, high: 10_000, ticks: [10, 100, 1000, 10_000] });
   assert.deepEqual(span([], false).ticks, [0, 1]);
+});
+
+test("the ends of an interval are told apart", () => {
+  assert.deepEqual([4, 0.3, 0.04, 0.0004, 0, 1e-20].map(seen), [3, 3, 3, 5, 3, 9]);
 });
 
 test("blocks of spreadsheets and files are cells", () => {

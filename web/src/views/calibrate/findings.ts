@@ -93,10 +93,19 @@ function runs(one: Standing, other: Standing | null, reading: (r: Round) => Read
 function sentence(found: Known | undefined, unit: string, key: HTMLElement | null): HTMLElement {
   if (!found) return h("p", {}, key, "not estimated");
   const [low, high] = found.ci95;
-  const interval = typeof low === "number" && typeof high === "number" ? `, 95 %: ${short(low)} to ${short(high)}` : "";
+  const finite = typeof low === "number" && typeof high === "number";
+  const digits = finite ? seen(high - low) : null;
+  const say = (v: number, of = ""): string => (digits === null ? short(v, of) : `${v.toFixed(digits)}${of ? ` ${of}` : ""}`);
+  const interval = finite ? `, 95 %: ${say(low)} to ${say(high)}` : "";
   const tag = h("span", { class: `tag ${found.identifiable ? "good" : "warn"}` }, found.identifiable ? "identifiable" : "not identifiable");
   const title = found.identifiable ? null : "The trials do not tell it: the value is merely where the search stands.";
-  return h("p", { title }, key, h("strong", { class: found.identifiable ? "" : "soft" }, short(found.value, unit)), h("span", { class: "soft" }, interval), " ", tag);
+  return h("p", { title }, key, h("strong", { class: found.identifiable ? "" : "soft" }, say(found.value, unit)), h("span", { class: "soft" }, interval), " ", tag);
+}
+
+/** Digits after the point with which the ends of an interval of a width are told apart: two that count, three at least. */
+export function seen(width: number): number {
+  const needed = width > 0 ? 1 - Math.floor(Math.log10(width)) : 0;
+  return Math.min(9, Math.max(3, needed));
 }
 
 /** A number of any size in three digits. */
