@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::estimation;
 use crate::error::{Error, Result};
 use crate::estimate::LatentEstimate;
-use crate::experiment::Round;
+use crate::experiment::{Asked, Round};
 use crate::json::parse;
 use crate::serve::app::App;
 use crate::serve::operation::{Id, Operation, Page, READ, get};
@@ -33,6 +33,9 @@ pub struct Closed {
     /// What was known after it; empty if nothing was measured, and in rounds of programs that did not keep it.
     #[serde(default)]
     pub known: Vec<LatentEstimate>,
+    /// Numbers of the proposals that were measured; absent in rounds of programs that did not keep it.
+    #[serde(default)]
+    pub answered: Option<Vec<u64>>,
 }
 
 fn rounds(app: &App, (Id(id), page): (Id, Page)) -> Result<Course> {
@@ -42,36 +45,60 @@ fn rounds(app: &App, (Id(id), page): (Id, Page)) -> Result<Course> {
     }
     let list = format!("rounds of {id}");
     let after: Option<u64> = page.after(&list)?;
-    let (stored, measured) = (app.store().rounds(row.number)?, app.store().measured(row.number, 0)?);
+    let stored: Vec<Stored> =
+        app.store().rounds(row.number)?.iter().map(Stored::read).collect::<Result<_>>()?;
+    // Measurements are large, and finished rounds know which there are.
+    let unsaid = stored.iter().find(|r| r.answered().is_none()).and_then(|r| r.asked.proposals.first());
+    let measured = match unsaid {
+        Some(first) => app.store().measured(row.number, first.number)?,
+        None => Measured::new(),
+    };
     let (mut out, mut interactions) = (Vec::new(), 0);
-    for stored in &stored {
-        let round = read(stored, &measured, &mut interactions)?;
+    for round in stored {
+        let round = round.out(&measured, &mut interactions);
         if after.is_none_or(|n| round.number > n) && out.len() < page.fetch() {
             out.push(round);
         }
     }
     let next = page.cut(&list, &mut out, |r| r.number);
-    Ok(Course { state: row.state.name(), interactions: count(&measured), rounds: out, next })
+    Ok(Course { state: row.state.name(), interactions, rounds: out, next })
 }
 
-/// A round; `interactions` counts on over those before it.
-fn read(row: &RoundRow, measured: &Measured, interactions: &mut u64) -> Result<RoundOut> {
-    let asked = estimation::asked(&row.asked)?;
-    let closed: Option<Closed> = row.done.as_deref().map(parse).transpose()?;
-    let outcome = |number| measured.get(&number).map(Option::is_some);
-    *interactions += asked.proposals.iter().filter(|p| outcome(p.number) == Some(true)).count() as u64;
-    let (residual, known) = closed.map_or((None, Vec::new()), |c| (c.round.residual, c.known));
-    Ok(RoundOut {
-        number: row.number,
-        fitted: row.done.is_some(),
-        proposals: asked.proposals.into_iter().map(|p| (outcome(p.number), p).into()).collect(),
-        choice: asked.choice.into(),
-        interactions: *interactions,
-        residual,
-        latents: known.into_iter().map(Into::into).collect(),
-    })
+/// A round of the store.
+struct Stored {
+    number: u64,
+    asked: Asked,
+    closed: Option<Closed>,
 }
 
-fn count(measured: &Measured) -> u64 {
-    measured.values().filter(|outcome| outcome.is_some()).count() as u64
+impl Stored {
+    fn read(row: &RoundRow) -> Result<Stored> {
+        let closed = row.done.as_deref().map(parse).transpose()?;
+        Ok(Stored { number: row.number, asked: estimation::asked(&row.asked)?, closed })
+    }
+
+    fn answered(&self) -> Option<&Vec<u64>> {
+        self.closed.as_ref().and_then(|closed| closed.answered.as_ref())
+    }
+
+    /// As it is told; `interactions` counts on over those before it.
+    fn out(self, measured: &Measured, interactions: &mut u64) -> RoundOut {
+        let outcome = |number: u64| match self.answered() {
+            Some(answered) => Some(answered.contains(&number)),
+            None => measured.get(&number).map(Option::is_some),
+        };
+        let outcomes: Vec<Option<bool>> = self.asked.proposals.iter().map(|p| outcome(p.number)).collect();
+        *interactions += outcomes.iter().filter(|o| **o == Some(true)).count() as u64;
+        let fitted = self.closed.is_some();
+        let (residual, known) = self.closed.map_or((None, Vec::new()), |c| (c.round.residual, c.known));
+        RoundOut {
+            number: self.number,
+            fitted,
+            proposals: outcomes.into_iter().zip(self.asked.proposals).map(Into::into).collect(),
+            choice: self.asked.choice.into(),
+            interactions: *interactions,
+            residual,
+            latents: known.into_iter().map(Into::into).collect(),
+        }
+    }
 }

@@ -217,9 +217,10 @@ fn run(base: &Base, context: &Context, plan: &Plan, shared: Option<&World>) -> R
         let round = workflow.tell(&answers(&asked.proposals, &measured)?, context)?;
         // The measurements have a table of their own.
         let bare = Round { answers: Vec::new(), ..round.clone() };
+        let answered = Some(round.answers.iter().map(|a| a.number).collect());
         let (known, rollouts) = workflow.known(context)?;
         base.metrics.simulated(rollouts);
-        store.close_round(job, number, &text(&Closed { round: bare, known })?)?;
+        store.close_round(job, number, &text(&Closed { round: bare, known, answered })?)?;
     }
     if workflow.trials().is_empty() {
         return Err(nothing_measured(plan, world));
