@@ -5,7 +5,7 @@ import { api, ok } from "../api/client";
 import { h, put } from "../dom";
 import { type Context, link, type View } from "../view";
 import { begin, choices } from "./calibrate/begin";
-import { type Asked, asked, followed, isRig, type Job, type Standing } from "./calibrate/course";
+import { type Asked, asked, estimation, followed, isRig, type Job, type Standing } from "./calibrate/course";
 import { findings } from "./calibrate/findings";
 import { head, titled } from "./calibrate/head";
 import { proposed } from "./calibrate/proposed";
@@ -42,12 +42,12 @@ async function estimations(signal: AbortSignal): Promise<Job[]> {
 }
 
 async function request(id: string, signal: AbortSignal): Promise<Asked> {
-  return asked(await ok(api.GET("/v1/jobs/{id}", { params: { path: { id } }, signal })));
+  return asked(await estimation(id, signal));
 }
 
 async function one(place: HTMLElement, id: string, context: Context): Promise<void> {
   const { signal } = context;
-  const job = await ok(api.GET("/v1/jobs/{id}", { params: { path: { id } }, signal }));
+  const job = await estimation(id, signal);
   const [runs, units] = await Promise.all([estimations(signal), unitsOf(job, signal)]);
   const [found, rounds, trials, asks] = [findings(units), proposed(context), worst(context), isRig(job) ? rig(id, context) : null];
   let [now, other]: [Standing | null, Standing | null] = [null, null];

@@ -24,9 +24,7 @@ export interface Standing {
 
 /** Follows an estimation to its end: `moved` with every event, `stands` when rounds may have changed. */
 export async function followed(id: string, moved: (job: Job) => void, stands: (now: Standing) => void, signal: AbortSignal, fail: (e: unknown) => void): Promise<void> {
-  const path = { id };
-  const first = await ok(api.GET("/v1/jobs/{id}", { params: { path }, signal }));
-  if (first.kind !== "iplw") throw new Error(`${id} is no estimation: jobs of the kind “${first.kind}” have no rounds.`);
+  const first = await estimation(id, signal);
   const ask = rounds(id, signal);
   const look = latest<Job>(async (job) => {
     for (;;) {
@@ -49,6 +47,13 @@ export async function followed(id: string, moved: (job: Job) => void, stands: (n
   };
   take(first);
   await follow(`/v1/jobs/${encodeURIComponent(id)}/events`, (event) => take(JSON.parse(event.data) as Job), signal);
+}
+
+/** A job, which must be an estimation. */
+export async function estimation(id: string, signal: AbortSignal): Promise<Job> {
+  const job = await ok(api.GET("/v1/jobs/{id}", { params: { path: { id } }, signal }));
+  if (job.kind !== "iplw") throw new Error(`${id} is no estimation: jobs of the kind “${job.kind}” have no rounds.`);
+  return job;
 }
 
 /** A function that asks for the rounds; those of whole pages are asked for once. */

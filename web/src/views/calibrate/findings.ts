@@ -68,10 +68,9 @@ interface Tile {
 }
 
 function tile(name: string, unit: string): Tile {
-  const title = name.replaceAll("_", " ");
-  const picture: Bands = bands({ about: `${title} by round, with its 95 % interval`, y: unit || "coefficient" });
+  const picture: Bands = bands({ about: `${name} by round, with its 95 % interval`, y: unit || "coefficient" });
   const words = h("div", { class: "words" });
-  const element = h("figure", { class: "card finding", "data-latent": name }, h("figcaption", {}, h("h3", {}, title), words), picture.svg);
+  const element = h("figure", { class: "card finding", "data-latent": name }, h("figcaption", {}, h("h3", {}, name), words), picture.svg);
   const show = (one: Standing, other: Standing | null, rounds: number): void => {
     const reading = (r: Round): Reading | null => {
       const found = r.latents.find((l) => l.name === name);

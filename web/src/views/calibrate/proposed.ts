@@ -92,7 +92,7 @@ function row(round: Round): HTMLElement {
 
 /** What actions were chosen to tell of a latent. */
 function hope(e: Round["choice"]["expected"][number]): HTMLElement {
-  return h("span", { class: "soft hope" }, `${e.name.replaceAll("_", " ")}: ±${number(e.before)} to ±${number(e.after)} expected`);
+  return h("span", { class: "soft hope" }, `${e.name}: ±${number(e.before)} to ±${number(e.after)} expected`);
 }
 
 function tile(proposal: Round["proposals"][number], context: Context): HTMLElement {
