@@ -1,6 +1,7 @@
 """Calibrate: an estimation from its form to what was found, across a reload; cancelled; two over each other; and a rig that
 proposes, takes what was measured, and refuses what is none."""
 
+import math
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -78,8 +79,10 @@ def test_an_estimation_is_followed_to_its_end_across_a_reload(serve: Callable[..
 
 
 def shown(latent: dict[str, Any]) -> str:
-    """A latent's value as far as both ways of writing it go: with an interval it has more digits."""
-    return f"{latent['value']:.9f}"[:4]
+    """A latent's value as the page writes it: with an interval, so that its ends are told apart."""
+    low, high = latent["ci95"]
+    digits = (2 if abs(latent["value"]) >= 1 else 3) if low is None else max(3, 1 - math.floor(math.log10(high - low)))
+    return f"{latent['value']:.{digits}f}"
 
 
 def test_one_is_cancelled_and_two_are_compared(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
