@@ -21,7 +21,7 @@ export const calibrate: View = {
 };
 
 /** Newest jobs among which estimations are looked for. */
-const JOBS = 200;
+const JOBS = 100;
 /** Estimations that are listed. */
 const LISTED = 12;
 
