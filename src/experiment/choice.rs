@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::explore::{Candidate, Chosen, Groups};
+use crate::explore::{Candidate, Chosen, Expected, Groups};
 
 /// What a strategy chose in a round, and from what.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -21,6 +21,9 @@ pub struct Choice {
     /// How many were chosen from which group, where the strategy deals them out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub groups: Option<Groups>,
+    /// What they were chosen to tell of each coordinate, where the strategy reckons with it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub expected: Vec<Expected>,
     /// Rollouts simulated to choose, beyond one for each candidate; restarted segments count as the part they are.
     #[serde(default)]
     pub rollouts: u64,
@@ -45,6 +48,7 @@ impl Choice {
             candidate_collisions: mean(&mut candidates.iter().map(|c| c.collisions)),
             candidate_rolling_steps: mean(&mut candidates.iter().map(|c| c.rolling_steps)),
             groups: made.groups,
+            expected: made.expected.clone(),
             rollouts: made.rollouts,
         }
     }

@@ -17,8 +17,8 @@ use super::report::{EstimateReport, Stopped};
 use super::sense;
 use super::stages::Staged;
 use crate::error::{Error, Result};
-use crate::estimate::Cem;
 use crate::estimate::cem::State;
+use crate::estimate::{Cem, LatentEstimate};
 use crate::explore::{self, Importance, Situation};
 use crate::progress::Progress;
 use crate::reality::Trial;
@@ -205,6 +205,18 @@ impl Workflow {
             self.found(),
             progress,
         )
+    }
+
+    /// What is known after the last round, as a report has it, and the rollouts it took to know; nothing as long as
+    /// nothing was measured.
+    pub fn known(&self, progress: &dyn Progress) -> Result<(Vec<LatentEstimate>, u64)> {
+        let round = self.rounds.len().saturating_sub(1);
+        if self.trials.is_empty() {
+            return Ok((Vec::new(), 0));
+        }
+        let report = self.report(&Staged { inner: progress, round, rounds: self.config.rounds })?;
+        let before: u64 = self.rounds.iter().map(|r| r.rollouts).sum();
+        Ok((report.latents.into_iter().chain(report.effects).collect(), report.rollouts - before))
     }
 
     /// The current estimate.

@@ -51,7 +51,7 @@ impl Strategy for Gradient {
         for group in turns([groups.collisions, groups.rolling]) {
             indices.extend(orders[group].find(|i| !std::mem::replace(&mut taken[*i], true)));
         }
-        Ok(Chosen { indices, rollouts: 0, groups: Some(groups) })
+        Ok(Chosen { indices, groups: Some(groups), ..Chosen::default() })
     }
 }
 

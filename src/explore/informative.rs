@@ -26,7 +26,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::gradient::magnitudes;
-use super::{Chosen, Situation, Strategy, World};
+use super::{Chosen, Expected, Situation, Strategy, World};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::task::scene::EffectTerm;
@@ -69,10 +69,12 @@ impl Strategy for Informative {
         let weight = |g: [f64; 3], i: usize| g.get(i).map_or(0.0, |g| g * known.scale[i]);
         let weights = weights.map(|g| DVector::from_fn(known.scale.len(), |i, _| weight(g, i)));
         let indices = match weights.filter(|w| w.norm() > 0.0) {
-            Some(w) => greedy(before, candidates, n, |m| -weighted_variance(m, &w)),
-            None => greedy(before, candidates, n, log_det),
+            Some(w) => greedy(before.clone(), candidates, n, |m| -weighted_variance(m, &w)),
+            None => greedy(before.clone(), candidates, n, log_det),
         };
-        Ok(Chosen { indices, rollouts, groups: None })
+        let after = indices.iter().fold(before.clone(), |sum, i| sum + &candidates[*i]);
+        let expected = known.expected(situation.prior, before, after);
+        Ok(Chosen { indices, rollouts, groups: None, expected })
     }
 }
 
@@ -161,6 +163,18 @@ impl<'a> Probe<'a> {
 
     fn nothing(&self) -> DMatrix<f64> {
         DMatrix::zeros(self.scale.len(), self.scale.len())
+    }
+
+    /// How far each coordinate that is searched is known with the information `before` and `after` a batch.
+    fn expected(&self, prior: &[f64], before: DMatrix<f64>, after: DMatrix<f64>) -> Vec<Expected> {
+        let deviations = |m: DMatrix<f64>| m.cholesky().map(|c| c.inverse().diagonal().map(f64::sqrt));
+        let (Some(before), Some(after)) = (deviations(before), deviations(after)) else { return Vec::new() };
+        let of = |i: usize| Expected {
+            name: self.coordinates.name(i),
+            before: before[i] * self.scale[i],
+            after: after[i] * self.scale[i],
+        };
+        (0..prior.len()).filter(|i| prior[*i] > 0.0).map(of).collect()
     }
 
     /// Fisher information of observing each scene, and the full rollouts' worth of simulation it took.
@@ -319,6 +333,21 @@ mod tests {
     ) -> Vec<usize> {
         let situation = Situation { tasks, ..seen(candidates, &WORLD, importance) };
         strategy(name).unwrap().choose(&situation, 10).unwrap().indices
+    }
+
+    /// Density cancels in bowling, which the batch is expected to leave as it is; the other two become better known.
+    #[test]
+    fn what_a_batch_is_expected_to_tell_is_said() {
+        let (tasks, candidates) = drawn("bowling", 30, 3);
+        let situation = Situation { tasks: &tasks, ..seen(&candidates, &WORLD, None) };
+        let expected = strategy("informative").unwrap().choose(&situation, 5).unwrap().expected;
+        let names: Vec<&str> = expected.iter().map(|e| e.name.as_str()).collect();
+        assert_eq!(names, ["density", "friction", "restitution"]);
+        for (e, prior) in expected.iter().zip(situation.prior) {
+            assert!((e.before - prior).abs() < 1e-12, "nothing is measured yet: {e:?}");
+        }
+        assert!(expected[0].after > 0.9 * expected[0].before, "{expected:?}");
+        assert!(expected[1..].iter().all(|e| e.after < 0.5 * e.before), "{expected:?}");
     }
 
     /// Information about (friction, restitution) of some candidates, computed another way: derivatives of the

@@ -16,7 +16,7 @@ use crate::error::{Error, Result};
 pub(crate) use candidate::draw;
 pub use candidate::{Candidate, World, candidates, collisions_of};
 use strategy::ranked;
-pub use strategy::{Chosen, Groups, Importance, Situation, Strategy};
+pub use strategy::{Chosen, Expected, Groups, Importance, Situation, Strategy};
 
 /// Every known strategy.
 pub static REGISTRY: &[&dyn Strategy] = &[

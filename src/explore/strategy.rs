@@ -56,6 +56,20 @@ pub struct Chosen {
     pub rollouts: u64,
     /// How many come from which group, where the strategy deals them out.
     pub groups: Option<Groups>,
+    /// What they are chosen to tell of each coordinate that is searched, where the strategy reckons with it.
+    pub expected: Vec<Expected>,
+}
+
+/// How far a coordinate is known before a batch and, if the simulation is right, after it: standard deviations that the
+/// trials' information leaves.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Expected {
+    /// Name of the factor, or `effect.parameter`.
+    pub name: String,
+    /// In the coordinate's unit.
+    pub before: f64,
+    /// In the coordinate's unit.
+    pub after: f64,
 }
 
 /// How many actions are chosen from each group.
@@ -78,7 +92,7 @@ impl Chosen {
     /// Chosen without simulating anything.
     pub fn free(mut indices: Vec<usize>, n: usize) -> Result<Chosen> {
         indices.truncate(n);
-        Ok(Chosen { indices, rollouts: 0, groups: None })
+        Ok(Chosen { indices, ..Chosen::default() })
     }
 }
 

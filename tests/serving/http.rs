@@ -690,6 +690,7 @@ fn bad_input_is_a_problem_that_names_it() {
         row("GET", "/v1/tasks?cursor=d29ybGRzOmE", "", 422, wrong, "cursor"),
         row("GET", "/v1/tasks/bowling?page=2", "", 422, wrong, "page"),
         row("GET", "/v1/jobs/job-99/trials", "", 404, missing, ""),
+        row("GET", "/v1/iplw/job-99/rounds", "", 404, missing, ""),
         row("GET", "/v1/iplw/job-99/proposals", "", 404, missing, ""),
         row("POST", "/v1/iplw/job-99/trials", "{}", 404, missing, ""),
         row(
@@ -1084,6 +1085,8 @@ fn measured_trials_are_diagnosed() {
     assert_eq!((&of_run["state"], &of_run["config"]["trials"]), (&json!("succeeded"), &json!(4)), "{of_run}");
     let untrialled = server.send(Method::POST, "/v1/diagnoses", json!({"job": of_run["id"]}).to_string());
     problem(untrialled, 409, "refused");
+    let roundless = format!("/v1/iplw/{}/rounds", of_run["id"].as_str().unwrap());
+    problem(server.send(Method::GET, &roundless, String::new()), 409, "refused");
 }
 
 /// Tracks of one ball need no scene, and an error stands under the field of the request that it speaks of.

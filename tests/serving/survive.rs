@@ -324,6 +324,16 @@ fn asking_and_telling_finds_what_measuring_here_finds_and_survives_kills() {
     let told = server.post(&format!("{path}/trials"), &json!({"trials": answers[..2]}), 200);
     assert_eq!(told, json!({"round": 0, "answered": 2, "failed": 0, "open": 2, "state": "waiting"}));
     assert_eq!(server.get(&format!("/v1/jobs/{job}"))["progress"]["done"], 2);
+    let open = server.get(&format!("{path}/rounds"));
+    let round = &open["rounds"][0];
+    assert_eq!(
+        (&open["interactions"], &round["fitted"], &round["latents"]),
+        (&json!(2), &json!(false), &json!([]))
+    );
+    assert_eq!(
+        (&round["proposals"][1]["measured"], &round["proposals"][2]["measured"]),
+        (&json!(true), &Value::Null)
+    );
     let server = again(server, directory.path());
     let after = server.get(&format!("{path}/proposals"));
     for (i, p) in after["proposals"].as_array().unwrap().iter().enumerate() {
@@ -358,6 +368,7 @@ fn asking_and_telling_finds_what_measuring_here_finds_and_survives_kills() {
         std::thread::sleep(Duration::from_millis(10));
     }
     let there = server.reach(&job, "succeeded");
+    rounds_tell_the_course(&server, &job, &there["result"]);
     let (mut here, mut there) = (timeless(&here), timeless(&there));
     // The same measurements make the same report.
     for report in [&mut here, &mut there] {
@@ -400,6 +411,35 @@ fn asking_and_telling_finds_what_measuring_here_finds_and_survives_kills() {
     assert_eq!(trials.len(), 12);
     assert_eq!(trials[7].observed.times.len(), seen[7]["t"].as_array().unwrap().len());
     assert_eq!(problem(server.client.get(format!("{}/v1/jobs/{job}/trials?format=xml", server.url))).0, 422);
+}
+
+/// Every round says what it proposed and why, and what was known then; the last one what the report says.
+fn rounds_tell_the_course(server: &Process, job: &str, report: &Value) {
+    let path = format!("/v1/iplw/{job}/rounds");
+    let whole = server.get(&path);
+    assert_eq!(
+        (&whole["state"], &whole["interactions"]),
+        (&json!("succeeded"), &report["real_interactions"])
+    );
+    let rounds = whole["rounds"].as_array().unwrap();
+    assert_eq!(rounds.len(), report["residuals"].as_array().unwrap().len());
+    for (i, round) in rounds.iter().enumerate() {
+        assert_eq!((&round["number"], &round["fitted"]), (&json!(i), &json!(true)));
+        assert_eq!(
+            (&round["residual"], &round["interactions"]),
+            (&report["residuals"][i], &json!(4 * (i + 1)))
+        );
+        assert_eq!(round["choice"]["collisions"], report["choices"][i]["collisions"]);
+        assert!(round["proposals"].as_array().unwrap().iter().all(|p| p["measured"] == true));
+        let names: Vec<&Value> =
+            round["latents"].as_array().unwrap().iter().map(|latent| &latent["name"]).collect();
+        assert_eq!(names, ["density", "friction", "restitution"]);
+    }
+    assert_eq!(rounds[rounds.len() - 1]["latents"], report["latents"]);
+    let first = server.get(&format!("{path}?limit=1"));
+    let rest = server.get(&format!("{path}?cursor={}", first["next"].as_str().unwrap()));
+    assert_eq!((&first["rounds"][0], &rest["rounds"][0]), (&rounds[0], &rounds[1]));
+    assert!(rest["next"].is_null());
 }
 
 #[test]

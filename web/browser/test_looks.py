@@ -59,6 +59,34 @@ def drafted(page: Page, server: Any) -> None:
     page.get_by_label("Time", exact=True).fill("1.6")
 
 
+def started(page: Page, server: Any) -> None:
+    page.locator("summary", has_text="More").click()
+
+
+def calibrated(page: Page, server: Any) -> None:
+    """A run laid over another one, and its worst trial half way through its film."""
+    jobs = server.ask("GET", "/v1/jobs")["jobs"]
+    # A picture is of an estimation that is worth looking at; accessibility does not take that long.
+    worth = {"rounds": 4, "actions": 3, "samples": 20, "residual": "shooting", "real": {"noise": 0.05}, "seed": 3}
+    brief = {"rounds": 2, "actions": 2, "samples": 8, "seed": 1}
+    fits: tuple[dict[str, Any], ...] = ({"strategy": "informative", "fit": ["linear_drag.c"]}, {"strategy": "mixed"})
+    for fit in fits[len(jobs) - 1 :]:
+        body = {"task": "bowling", **fit, **worth} if os.environ.get("PICTURES") else {"task": "basketball", **brief}
+        jobs.append(server.ended(server.ask("POST", "/v1/iplw", body)["id"]))
+    one, other = (job["id"] for job in jobs[1:3])
+    page.evaluate(f"location.hash = '#/calibrate/{one}?with={other}'")
+    page.locator("circle.second").first.wait_for()
+    page.locator(".gap").wait_for()
+    page.get_by_label("Time").fill("1.6")
+
+
+def asked(page: Page, server: Any) -> None:
+    """A rig's proposals, one of them being filled in."""
+    job = server.ask("POST", "/v1/iplw", {**SHORT, "task": "basketball", "real": "ask_tell"})["id"]
+    page.evaluate(f"location.hash = '#/calibrate/{job}'")
+    page.locator("[data-proposal] summary").first.click()
+
+
 #: A picture's name, the address, and what is done before it is taken.
 VIEWS: dict[str, tuple[str, Callable[[Page, Any], None]]] = {
     "play": ("#/play/bowling:002", played),
@@ -66,6 +94,9 @@ VIEWS: dict[str, tuple[str, Callable[[Page, Any], None]]] = {
     "make": ("#/make?task=bowling:002", drafted),
     "diagnose": ("#/diagnose", tracked),
     "diagnosis": ("#/diagnose", diagnosed),
+    "calibrate": ("#/calibrate", started),
+    "calibrate-run": ("#/calibrate", calibrated),
+    "calibrate-rig": ("#/calibrate", asked),
     "jobs": ("#/jobs", listed),
     "job": ("#/jobs/job-1", shown),
 }

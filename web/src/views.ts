@@ -1,9 +1,10 @@
 // The views, a row each, in the order of the navigation; the first is opened where the address names none.
 
+import { calibrate } from "./views/calibrate";
 import { diagnose } from "./views/diagnose";
 import { jobs } from "./views/jobs";
 import { make } from "./views/make";
 import { play } from "./views/play";
 import type { View } from "./view";
 
-export const VIEWS: readonly View[] = [play, make, diagnose, jobs];
+export const VIEWS: readonly View[] = [play, make, calibrate, diagnose, jobs];

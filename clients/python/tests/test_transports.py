@@ -85,6 +85,7 @@ def test_lists_jobs_and_files(over: iplw.Client, tmp_path: Path) -> None:
     job = over.iplw("bowling", real={"damping": 0.8}, rounds=1, actions=2, samples=20, seed=1)
     result = job.wait(timeout=120)
     assert result["real_interactions"] == len(job.trials()) > 0
+    assert [round["latents"] for round in job.rounds()] == [result["latents"]]
     job.save_trials(tmp_path)
     assert (tmp_path / "trials.csv").read_text().startswith("trial,")
     assert json.loads((tmp_path / "scene.json").read_text())["format"] == "iplw.scene/1"

@@ -13,6 +13,7 @@ use std::time::Instant;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use super::course::Closed;
 use super::surface;
 use super::text::{json, text};
 use crate::budget::Endless;
@@ -216,7 +217,10 @@ fn run(base: &Base, context: &Context, plan: &Plan, shared: Option<&World>) -> R
         let round = workflow.tell(&answers(&asked.proposals, &measured)?, context)?;
         // The measurements have a table of their own.
         let bare = Round { answers: Vec::new(), ..round.clone() };
-        store.close_round(job, number, &text(&bare)?)?;
+        let answered = Some(round.answers.iter().map(|a| a.number).collect());
+        let (known, rollouts) = workflow.known(context)?;
+        base.metrics.simulated(rollouts);
+        store.close_round(job, number, &text(&Closed { round: bare, known, answered })?)?;
     }
     if workflow.trials().is_empty() {
         return Err(nothing_measured(plan, world));
@@ -275,7 +279,7 @@ fn resumed(
     for row in store.rounds(job)? {
         match row.done {
             Some(done) => {
-                let bare: Round = parse(&done)?;
+                let Closed { round: bare, .. } = parse(&done)?;
                 rounds.push(Round { answers: answers(&bare.proposals, &measured)?, ..bare });
             }
             None => open = Some(asked(&row.asked)?),

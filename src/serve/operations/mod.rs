@@ -4,6 +4,7 @@
 pub mod asked;
 mod attempts;
 mod batch;
+mod course;
 mod diagnosis;
 mod effect;
 mod estimation;
@@ -34,9 +35,10 @@ use crate::error::Error;
 use crate::job::{Recipe, Recipes};
 
 /// A row a file.
-const FILES: [fn() -> Vec<Operation>; 18] = [
+const FILES: [fn() -> Vec<Operation>; 19] = [
     asked::operations,
     batch::operations,
+    course::operations,
     diagnosis::operations,
     effect::operations,
     estimation::operations,

@@ -199,6 +199,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/iplw/{id}/rounds": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * The rounds of an estimation so far, the open one too: what was proposed and why, the residual, and what was known
+         *     of each latent after it, with intervals.
+         */
+        get: operations["list_rounds"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/v1/iplw/{id}/trials": {
         parameters: {
             query?: never;
@@ -828,6 +848,33 @@ export interface components {
              */
             solving_share_undamped: number;
         };
+        /** @description Why these actions: how they differ, as simulated, from all candidates they were chosen from. */
+        ChoiceOut: {
+            /** @description Actions chosen. */
+            actions: number;
+            /**
+             * Format: double
+             * @description The same over all candidates.
+             */
+            candidate_collisions: number;
+            /** Format: double */
+            candidate_rolling_steps: number;
+            /**
+             * Format: double
+             * @description Mean begun contacts between movable bodies of a chosen action.
+             */
+            collisions: number;
+            /** @description What they were chosen to tell, where the strategy reckons with it; else empty. */
+            expected: components["schemas"]["ExpectedOut"][];
+            groups?: components["schemas"]["GroupsOut"] | null;
+            /**
+             * Format: double
+             * @description Mean time steps that bodies of a chosen action spend on a surface, summed over bodies.
+             */
+            rolling_steps: number;
+            /** @description Different tasks among them. */
+            tasks: number;
+        };
         /** @description What one number of an action sets: `low` at 0, `high` at 1, SI. */
         ComponentOut: {
             /** Format: double */
@@ -865,6 +912,17 @@ export interface components {
              * @description Time steps that bodies spent on a surface, summed.
              */
             rolling_steps: number;
+        };
+        /** @description The rounds of an estimation. */
+        Course: {
+            /** @description Real interactions so far, those of the open round too. */
+            interactions: number;
+            /** @description Cursor of the next page, if there is one. */
+            next?: string | null;
+            /** @description In order; the last one may be open. */
+            rounds: components["schemas"]["RoundOut"][];
+            /** @description The job's. */
+            state: string;
         };
         /** @description A world to make; one of `task` and `scene` is needed. */
         CreateWorld: {
@@ -1031,6 +1089,21 @@ export interface components {
             /** @description Id of a world of the policy's family; attempts are counted there. */
             world: string;
         };
+        /** @description How far something is known before a round and, if the simulation is right, after it. */
+        ExpectedOut: {
+            /**
+             * Format: double
+             * @description Standard deviation, in its unit.
+             */
+            after: number;
+            /**
+             * Format: double
+             * @description Standard deviation, in its unit.
+             */
+            before: number;
+            /** @description Name of the latent, or `effect.parameter`. */
+            name: string;
+        };
         /** @description All families. */
         Families: {
             families: components["schemas"]["FamilyOut"][];
@@ -1057,6 +1130,13 @@ export interface components {
             next?: string | null;
             observation_space: components["schemas"]["ObservationSpaceOut"];
             tasks: components["schemas"]["TaskRow"][];
+        };
+        /** @description How many actions were chosen for what. */
+        GroupsOut: {
+            /** @description For their collisions, which tell restitution. */
+            collisions: number;
+            /** @description For their rolling, which tells friction. */
+            rolling: number;
         };
         /** @description Whether the server answers. */
         Health: {
@@ -1087,6 +1167,20 @@ export interface components {
             jobs: components["schemas"]["JobOut"][];
             /** @description Cursor of the next page, if there is one. */
             next?: string | null;
+        };
+        /** @description What is known of a latent, or of an effect's parameter fitted along. */
+        KnownOut: {
+            /** @description 95 % interval; `[null, null]` stands for an infinite one. */
+            ci95: (number | null)[];
+            /** @description Whether the trials tell it. */
+            identifiable: boolean;
+            /** @description Name of the latent, or `effect.parameter`. */
+            name: string;
+            /**
+             * Format: double
+             * @description The estimate; of one that cannot be identified, merely where the search stands.
+             */
+            value: number;
         };
         /** @description Latent factors; any of them. */
         LatentsIn: {
@@ -1331,6 +1425,16 @@ export interface components {
             /** @description The job's: with `waiting`, proposals stand; with `queued` and `running`, ask again; else nothing more comes. */
             state: string;
         };
+        /** @description An action that was proposed. */
+        ProposedOut: {
+            /** @description Each number from 0 to 1. */
+            action: number[];
+            /** @description Whether it was measured; `false` for one that could not be carried out, `null` while nothing is known. */
+            measured?: boolean | null;
+            /** @description Counts from 0 over the whole job. */
+            number: number;
+            task: string;
+        };
         /** @description A task's actions in the order in which they are to be tried. */
         RankingIn: {
             /** @description Action vectors, best first; more than 100 are of use where some cannot be placed. */
@@ -1436,6 +1540,24 @@ export interface components {
             task?: string | null;
             /** @description Whether results carry the observed trajectory; default false. */
             trajectories?: boolean | null;
+        };
+        /** @description One round. */
+        RoundOut: {
+            choice: components["schemas"]["ChoiceOut"];
+            /** @description Whether it is finished; else its residual and latents are not known yet. */
+            fitted: boolean;
+            /** @description Real interactions up to here. */
+            interactions: number;
+            /** @description What was known after it of latents, and of parameters fitted along. */
+            latents: components["schemas"]["KnownOut"][];
+            /** @description From 0. */
+            number: number;
+            proposals: components["schemas"]["ProposedOut"][];
+            /**
+             * Format: double
+             * @description Of the best sample, m^2 per trajectory; `null` if nothing was measured.
+             */
+            residual?: number | null;
         };
         /** @description A discrete action and its score. */
         Scored: {
@@ -2968,6 +3090,96 @@ export interface operations {
             };
             /** @description The server is not called so */
             421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request's deadline has passed, or storage fails or is damaged */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    list_rounds: {
+        parameters: {
+            query?: {
+                /** @description Most items, 1 to 1000; default 100 */
+                limit?: number;
+                /** @description `next` of the page before */
+                cursor?: string;
+            };
+            header?: never;
+            path: {
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description OK */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Course"];
+                };
+            };
+            /** @description No token, or none that is good */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Not from this page */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The job is no estimation */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The server is not called so */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
                 headers: {
                     [name: string]: unknown;
                 };

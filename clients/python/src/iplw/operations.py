@@ -94,6 +94,14 @@ OPERATIONS: dict[str, Operation] = {
         names=("id",),
         gives=("application/json",),
     ),
+    "list_rounds": Operation(
+        method="GET",
+        path="/v1/iplw/{id}/rounds",
+        status=200,
+        names=("id", "limit", "cursor"),
+        gives=("application/json",),
+        items="rounds",
+    ),
     "tell_trials": Operation(
         method="POST",
         path="/v1/iplw/{id}/trials",

@@ -119,6 +119,10 @@ class AsyncJob(AsyncHandle):
         """What an estimation has measured: `trial`, `proposal`, `task`, `action`, `t`, `bodies`, ..."""
         return await self._line.items("list_trials", id=self.id)
 
+    async def rounds(self) -> list[dict[str, Any]]:
+        """The course of an estimation: `proposals`, `choice`, `residual`, `latents` with intervals, ... of each round."""
+        return await self._line.items("list_rounds", id=self.id)
+
     async def save_trials(self, directory: str | Path) -> None:
         """Writes `trials.csv` and the `scene.json` that goes with it, as `iplw measure` does."""
         folder = Path(directory)

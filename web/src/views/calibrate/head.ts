@@ -1,0 +1,91 @@
+// The head of an estimation: what it is, how far it is, what it spent, and what can be done with it.
+
+import { api, ok } from "../../api/client";
+import { fresh, h, put } from "../../dom";
+import { short } from "../../parts/slider";
+import { type Context, link } from "../../view";
+import { duration } from "../jobs";
+import { asked, ended, isRig, type Job, planned, type Standing } from "./course";
+
+export interface Head {
+  element: HTMLElement;
+  moved: (job: Job) => void;
+  stands: (now: Standing) => void;
+}
+
+/** `compare` is told which job is wanted over this one, `null` for none. */
+export function head(id: string, others: readonly Job[], other: string | null, compare: (id: string | null) => void, context: Context): Head {
+  const [state, words] = [h("span", { class: "state" }), h("p", { class: "soft" })];
+  const bar = h("progress", { max: 1, value: 0, "aria-label": `Progress of ${id}` });
+  const spent = h("strong", { class: "count" }, "0");
+  const most = h("span", { class: "soft" });
+  const what = h("p", { class: "soft" });
+  const why = h("p", { class: "why", hidden: true });
+  const cancel = h("button", { type: "button" }, "Cancel");
+  cancel.addEventListener("click", () => {
+    cancel.disabled = true;
+    context.fail(null);
+    ok(api.DELETE("/v1/jobs/{id}", { params: { path: { id } } }) as Promise<{ data?: unknown; response: Response }>).catch((e: unknown) => ((cancel.disabled = false), context.fail(e)));
+  });
+  const again = h("a", { class: "button", href: link("calibrate", [], { like: id }) }, "Begin again like this");
+  const job = h("a", { href: link("jobs", [id]) }, "Job and result");
+  const choice = fresh("compare");
+  const options = others.filter((j) => j.id !== id).map((j) => h("option", { value: j.id, selected: j.id === other }, `${j.id}: ${titled(j)}`));
+  const chosen = h("select", { id: choice }, h("option", { value: "" }, "nothing"), ...options);
+  chosen.addEventListener("change", () => compare(chosen.value || null));
+  const beside = h("span", { class: "row compare" }, h("label", { for: choice }, "Compare with"), chosen);
+  const title = h("h2", {}, id);
+  const element = h(
+    "section",
+    { class: "card stack calibrate-head", "aria-label": "Estimation" },
+    h("div", { class: "row between" }, h("div", { class: "row" }, title, state), h("p", { class: "tally", role: "status" }, "Real interactions spent: ", spent, " ", most)),
+    what,
+    bar,
+    words,
+    why,
+    h("div", { class: "row between" }, h("div", { class: "row" }, cancel, again, job), beside),
+  );
+  const moved = (now: Job): void => {
+    put(state, now.state);
+    state.className = `state ${now.state}`;
+    put(what, described(now));
+    const { done, total, stage, eta_s: left } = now.progress;
+    bar.hidden = ended(now) || total === 0;
+    [bar.max, bar.value] = [Math.max(1, total), done];
+    const parts = ended(now) ? [stopped(now)] : [stage || now.state, total > 0 ? `${done} of ${total}` : "", typeof left === "number" ? `${duration(left)} left` : ""];
+    put(words, parts.filter(Boolean).join(", "));
+    words.hidden = !words.textContent;
+    cancel.hidden = ended(now);
+    why.hidden = now.state !== "failed";
+    put(why, now.error?.detail ?? "");
+  };
+  const stands = (now: Standing): void => {
+    put(spent, now.interactions);
+    const { actions = 10, budget } = asked(now.job);
+    const bound = Math.min(planned(now.job) * (actions ?? 10), budget ?? Infinity);
+    put(most, ended(now.job) ? "" : `of at most ${bound}`);
+  };
+  return { element, moved, stands };
+}
+
+/** A run in a few words: what it is told from others by. */
+export function titled(job: Job): string {
+  const { task, strategy, seed, world } = asked(job);
+  return [task, world ?? (isRig(job) ? "rig" : null), strategy ?? "mixed", `seed ${seed ?? 0}`].filter(Boolean).join(", ");
+}
+
+function described(job: Job): string {
+  const { task, strategy, residual, fit, rounds, actions, world, seed } = asked(job);
+  const where = isRig(job) ? "a rig of yours" : world ? `the world ${world}` : "a real world of its own";
+  const along = fit?.length ? `, fitting ${fit.join(", ")} along` : "";
+  return `${task} in ${where}; strategy ${strategy ?? "mixed"}, residual ${residual ?? "trajectory"}${along}; up to ${rounds ?? 5} rounds of ${actions ?? 10} actions; seed ${seed ?? 0}.`;
+}
+
+/** Why it ended. */
+function stopped(job: Job): string {
+  if (job.state === "cancelled") return "It was cancelled; what was measured and found until then is kept.";
+  if (job.state !== "succeeded") return "";
+  const { stopped, seconds } = (job.result ?? {}) as { stopped?: string; seconds?: number };
+  const why = { rounds: "All rounds were run", settled: "The estimate no longer moved", budget: "The budget of real interactions is spent" }[stopped ?? ""] ?? "It has ended";
+  return `${why}${typeof seconds === "number" ? `, after ${short(seconds, "s")} of work` : ""}.`;
+}

@@ -1,0 +1,124 @@
+// What every round proposed and why: chosen actions against all candidates, and pictures of them.
+
+import { type Child, fresh, h, put } from "../../dom";
+import { short } from "../../parts/slider";
+import { picture } from "../../scene/draw";
+import { placed, unit, value } from "../../scene/place";
+import type { Scene } from "../../scene/types";
+import type { Context } from "../../view";
+import { load } from "../play/tasks";
+import { asked, type Round, type Standing } from "./course";
+import { number } from "./findings";
+
+/** Pictures of a round that are drawn; more would say no more. */
+const PICTURES = 12;
+
+const HEADS = ["Round", "Actions", "Collisions", "Rolling steps", "Residual, m²", "Real interactions"];
+
+/** What a strategy looks for, in words. */
+export const STRATEGIES: Record<string, string> = {
+  mixed: "collisions, which tell restitution, and rolling, which tells friction, in turn",
+  collisions: "the actions with most collisions, which tell restitution",
+  rolling: "the actions that roll most, which tell friction",
+  random: "actions by chance, to compare with",
+  gradient: "collisions and rolling as far as performance depends on what they tell",
+  informative: "the actions that leave the least uncertainty about the latents (D-optimal design)",
+};
+
+export interface Proposed {
+  element: HTMLElement;
+  show: (now: Standing) => void;
+}
+
+export function proposed(context: Context): Proposed {
+  const why = h("p", { class: "soft" });
+  const body = h("tbody");
+  const table = h(
+    "table",
+    { class: "rounds" },
+    h("caption", { class: "unseen" }, "Rounds: what was chosen, against all candidates, and what came of it"),
+    h("thead", {}, h("tr", {}, ...HEADS.map((t) => h("th", { scope: "col" }, t)))),
+    body,
+  );
+  const id = fresh("round");
+  const choice = h("select", { id });
+  const tiles = h("ul", { class: "tiles" });
+  const more = h("p", { class: "soft", hidden: true });
+  const drawn = h("div", { class: "stack", hidden: true }, h("div", { class: "row" }, h("label", { for: id }, "Proposals of round"), choice), tiles, more);
+  let [rounds, shown]: [readonly Round[], string] = [[], ""];
+  const draw = (): void => {
+    const round = rounds.find((r) => String(r.number) === choice.value);
+    if (!round) return;
+    const now = JSON.stringify([round.number, round.proposals.map((p) => p.measured)]);
+    if (now === shown) return;
+    shown = now;
+    put(tiles, ...round.proposals.slice(0, PICTURES).map((p) => tile(p, context)));
+    more.hidden = round.proposals.length <= PICTURES;
+    put(more, `The first ${PICTURES} of ${round.proposals.length}.`);
+  };
+  choice.addEventListener("change", draw);
+  const show = (now: Standing): void => {
+    const strategy = asked(now.job).strategy ?? "mixed";
+    put(why, `${strategy}: ${STRATEGIES[strategy] ?? ""}. Below, the mean of the chosen actions, in brackets that of all candidates, as simulated.`);
+    // Who chose an earlier round stays there.
+    const follow = !rounds.length || choice.value === String(rounds.at(-1)!.number);
+    const wanted = follow ? String(now.rounds.at(-1)?.number ?? "") : choice.value;
+    rounds = now.rounds;
+    put(body, ...rounds.map(row));
+    put(choice, ...rounds.map((r) => h("option", { value: r.number, selected: String(r.number) === wanted }, r.number + 1)));
+    drawn.hidden = rounds.length === 0;
+    draw();
+  };
+  return { element: h("section", { class: "card stack", "aria-label": "Rounds" }, h("h2", {}, "Actions proposed, and why"), why, table, drawn), show };
+}
+
+function row(round: Round): HTMLElement {
+  const c = round.choice;
+  const dealt = c.groups ? ` (${c.groups.collisions} for collisions, ${c.groups.rolling} for rolling)` : "";
+  // On a phone there are no heads: every cell says what it is.
+  const cell = (column: number, ...children: Child[]): HTMLElement => h("td", { "data-head": HEADS[column] }, ...children);
+  const against = (column: number, chosen: number, all: number): HTMLElement => cell(column, number(chosen), h("span", { class: "soft" }, ` (${number(all)})`));
+  return h(
+    "tr",
+    { "data-round": round.number },
+    h("th", { scope: "row" }, round.number + 1),
+    cell(1, `${c.actions} on ${c.tasks === 1 ? "1 task" : `${c.tasks} tasks`}${dealt}`, ...c.expected.map(hope)),
+    against(2, c.collisions, c.candidate_collisions),
+    against(3, c.rolling_steps, c.candidate_rolling_steps),
+    cell(4, typeof round.residual === "number" ? number(round.residual) : round.fitted ? "nothing measured" : "…"),
+    cell(5, round.interactions),
+  );
+}
+
+/** What actions were chosen to tell of a latent. */
+function hope(e: Round["choice"]["expected"][number]): HTMLElement {
+  return h("span", { class: "soft hope" }, `${e.name}: ±${number(e.before)} to ±${number(e.after)} expected`);
+}
+
+function tile(proposal: Round["proposals"][number], context: Context): HTMLElement {
+  const place = h("span", { class: "thumb" });
+  const mark = proposal.measured === true ? "measured" : proposal.measured === false ? "not possible" : "open";
+  scene(proposal.task, context.signal)
+    .then((s) => put(place, picture(placed(s, proposal.action), `${proposal.task}, proposal ${proposal.number}: ${placement(s, proposal.action)}`).svg))
+    .catch(context.fail);
+  return h("li", { class: "tile" }, place, h("span", {}, `${proposal.number}: ${proposal.task}`), h("span", { class: "soft" }, mark));
+}
+
+const scenes = new Map<string, Promise<Scene>>();
+
+/** The scene of a task, asked for once. */
+export function scene(task: string, signal: AbortSignal): Promise<Scene> {
+  const known = scenes.get(task);
+  if (known) return known;
+  const asked = load(task, signal).then((t) => t.scene);
+  scenes.set(task, asked);
+  // What failed, or was left, is asked for anew.
+  asked.catch(() => scenes.delete(task));
+  return asked;
+}
+
+/** What an action sets, in words. */
+export function placement(scene: Scene, action: readonly number[]): string {
+  const set = (scene.action?.components ?? []).map((c, i) => `${c.target} ${c.set} ${short(value(c, action[i] ?? 0), unit(c))}`);
+  return set.join(", ");
+}

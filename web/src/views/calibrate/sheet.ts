@@ -1,0 +1,114 @@
+// A sheet for what was measured of one proposal: a row a time, two columns a body. A block from a spreadsheet can be
+// pasted into any cell.
+
+import type { Schema } from "../../api/client";
+import { told } from "../../api/problem";
+import { fresh, h, put, set } from "../../dom";
+
+type Trial = Schema<"TrialIn">;
+
+export interface Sheet {
+  element: HTMLElement;
+  /** Adds a row. */
+  more: HTMLElement;
+  /** What was filled in; throws what is no number, told at its cell. */
+  read: () => Trial;
+  /** An error of the server's about `trials[0]`; `null` takes it away. */
+  refuse: (error: unknown) => void;
+}
+
+/** Rows that a sheet begins with. */
+const ROWS = 5;
+
+export function sheet(proposal: number, bodies: readonly string[]): Sheet {
+  const columns: [string, "t" | "x" | "y"][] = [["", "t"], ...bodies.flatMap((b): [string, "x" | "y"][] => [[b, "x"], [b, "y"]])];
+  const heads = columns.map(([body, what]) => h("th", { scope: "col" }, what === "t" ? "t, s" : `${body} ${what}, m`));
+  const wrong = fresh("wrong");
+  const why = h("p", { id: wrong, class: "why", role: "alert", hidden: true });
+  const body = h("tbody");
+  const cells = (): HTMLInputElement[][] => [...body.rows].map((r) => [...r.querySelectorAll("input")]);
+  const add = (): void => {
+    const number = body.rows.length + 1;
+    const inputs = columns.map(([of, what]) => {
+      const label = what === "t" ? `t, row ${number}` : `${of} ${what}, row ${number}`;
+      return h("td", {}, h("input", { type: "text", inputmode: "decimal", "aria-label": label, "aria-describedby": wrong }));
+    });
+    body.append(h("tr", {}, ...inputs));
+  };
+  for (let i = 0; i < ROWS; i++) add();
+  body.addEventListener("paste", (event) => {
+    const block = pasted(event.clipboardData?.getData("text") ?? "");
+    if (block.length < 2 && (block[0]?.length ?? 0) < 2) return;
+    event.preventDefault();
+    const all = cells();
+    const row = all.findIndex((r) => r.includes(event.target as HTMLInputElement));
+    const column = all[row]?.indexOf(event.target as HTMLInputElement) ?? 0;
+    while (body.rows.length < row + block.length) add();
+    const now = cells();
+    block.forEach((line, i) => line.forEach((text, j) => now[row + i]?.[column + j] && (now[row + i]![column + j]!.value = text)));
+  });
+  const more = h("button", { type: "button" }, "One row more");
+  more.addEventListener("click", add);
+  const clear = (): void => {
+    why.hidden = true;
+    for (const cell of cells().flat()) cell.removeAttribute("aria-invalid");
+  };
+  const blame = (cell: HTMLInputElement | undefined, text: string): void => {
+    why.hidden = false;
+    put(why, text);
+    if (cell) set(cell, { "aria-invalid": "true" }).focus();
+  };
+  /** Rows that hold something. */
+  const filled = (): HTMLInputElement[][] => cells().filter((r) => r.some((c) => c.value.trim()));
+  const number = (cell: HTMLInputElement): number | null => {
+    const text = cell.value.trim().replace(",", ".");
+    if (text === "") return null;
+    const value = Number(text);
+    if (Number.isFinite(value)) return value;
+    const problem = `“${cell.value}” is no number (${cell.getAttribute("aria-label")}).`;
+    blame(cell, problem);
+    throw new Refused(problem);
+  };
+  const read = (): Trial => {
+    clear();
+    const rows = filled();
+    const t = rows.map((r) => {
+      const time = number(r[0]!);
+      if (time !== null) return time;
+      const problem = `A time is missing (${r[0]!.getAttribute("aria-label")}).`;
+      blame(r[0], problem);
+      throw new Refused(problem);
+    });
+    const tracks = bodies.map((b, i) => [b, { x: rows.map((r) => number(r[1 + 2 * i]!)), y: rows.map((r) => number(r[2 + 2 * i]!)) }] as const);
+    const seen = tracks.filter(([, track]) => [...track.x, ...track.y].some((v) => v !== null));
+    return { proposal, t, bodies: Object.fromEntries(seen) };
+  };
+  const refuse = (error: unknown): void => {
+    clear();
+    if (error === null || error instanceof Refused) return;
+    const { detail, field } = told(error);
+    blame(cellOf(field, filled(), bodies), detail);
+  };
+  const table = h("table", { class: "sheet" }, h("caption", { class: "unseen" }, `Measured of proposal ${proposal}`), h("thead", {}, h("tr", {}, ...heads)), body);
+  return { element: h("div", { class: "stack" }, h("div", { class: "wide" }, table), why), more, read, refuse };
+}
+
+/** What the sheet has told already. */
+export class Refused extends Error {}
+
+/** The cell that the server's field means. */
+function cellOf(field: string | null, rows: HTMLInputElement[][], bodies: readonly string[]): HTMLInputElement | undefined {
+  const time = /\.t\[(\d+)\]$/.exec(field ?? "");
+  if (time) return rows[Number(time[1])]?.[0];
+  const place = /\.bodies\.(.+)\.([xy])\[(\d+)\]$/.exec(field ?? "");
+  if (!place) return undefined;
+  return rows[Number(place[3])]?.[1 + 2 * bodies.indexOf(place[1]!) + (place[2] === "y" ? 1 : 0)];
+}
+
+/** Rows and cells of a block that was copied from a spreadsheet or a file. */
+export function pasted(text: string): string[][] {
+  const lines = text.trim().split(/\r?\n/);
+  const tabs = lines.some((l) => l.includes("\t"));
+  const between = tabs ? "\t" : lines.some((l) => l.includes(";")) ? ";" : /\s*,\s*|\s+/;
+  return lines.map((l) => l.split(between).map((c) => c.trim()));
+}

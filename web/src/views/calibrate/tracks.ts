@@ -1,0 +1,47 @@
+// Tracks as measured: some bodies, or some of their places, may not have been seen.
+
+import type { Schema } from "../../api/client";
+import { at, end, type Film } from "../../scene/film";
+import type { Point } from "../../scene/types";
+
+type Trial = Schema<"TrialOut">;
+
+/** Where a body was seen. */
+export function places(trial: Trial, name: string): { t: number; at: Point }[] {
+  const track = trial.bodies[name];
+  if (!track) return [];
+  return trial.t.flatMap((t, k) => {
+    const [x, y] = [track.x[k], track.y[k]];
+    return typeof x === "number" && typeof y === "number" ? [{ t, at: [x, y] as Point }] : [];
+  });
+}
+
+/** Root mean square of the distance between simulated and seen places, as far as the simulation goes, m; `null` if there
+ * is nothing to compare. */
+export function apart(simulated: Film, trial: Trial): number | null {
+  let [sum, count] = [0, 0];
+  for (const name of Object.keys(trial.bodies)) {
+    if (!simulated.bodies[name]) continue;
+    for (const seen of places(trial, name)) {
+      if (seen.t > end(simulated) + 1e-9) continue;
+      const pose = at(simulated, seen.t).get(name)!;
+      sum += (pose.x - seen.at[0]) ** 2 + (pose.y - seen.at[1]) ** 2;
+      count += 1;
+    }
+  }
+  return count ? Math.sqrt(sum / count) : null;
+}
+
+/** A film of those bodies that were seen, at the times when all of them were; `null` if there are not two such times. */
+export function film(trial: Trial): Film | null {
+  const names = Object.keys(trial.bodies).filter((name) => places(trial, name).length > 0);
+  const all = (k: number): boolean => names.every((n) => typeof trial.bodies[n]!.x[k] === "number" && typeof trial.bodies[n]!.y[k] === "number");
+  const kept = trial.t.map((_, k) => k).filter(all);
+  if (!names.length || kept.length < 2) return null;
+  const of = (values: (number | null)[]): number[] => kept.map((k) => values[k] ?? 0);
+  const bodies = names.map((n) => {
+    const track = trial.bodies[n]!;
+    return [n, { x: of(track.x), y: of(track.y), angle: of(track.angle) }] as const;
+  });
+  return { t: kept.map((k) => trial.t[k]!), bodies: Object.fromEntries(bodies), contacts: [] };
+}

@@ -1,0 +1,69 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { span } from "../src/parts/bands";
+import type { Film } from "../src/scene/film";
+import { physics } from "../src/views/calibrate/course";
+import { seen } from "../src/views/calibrate/findings";
+import { toFill } from "../src/views/calibrate/rig";
+import { pasted } from "../src/views/calibrate/sheet";
+import { apart, film, places } from "../src/views/calibrate/tracks";
+
+const none = [null, null, null];
+const trial = {
+  trial: "a/0",
+  proposal: 0,
+  round: 0,
+  task: "a:000",
+  action: [],
+  t: [0, 1, 2],
+  bodies: {
+    ball: { x: [0, null, 2], y: [1, null, 1], angle: none, vx: none, vy: none, omega: none },
+    cup: { x: none, y: none, angle: none, vx: none, vy: none, omega: none },
+  },
+};
+
+test("what was not seen is neither compared nor shown", () => {
+  const simulated: Film = { t: [0, 1, 2], bodies: { ball: { x: [3, 9, 5], y: [1, 9, 1], angle: [0, 0, 0] } }, contacts: [] };
+  assert.deepEqual(places(trial, "ball").map((p) => p.t), [0, 2]);
+  assert.equal(places(trial, "moon").length, 0);
+  assert.equal(apart(simulated, trial), 3);
+  assert.equal(apart({ ...simulated, bodies: {} }, trial), null);
+  const seen = film(trial)!;
+  assert.deepEqual([seen.t, Object.keys(seen.bodies), seen.bodies.ball!.x], [[0, 2], ["ball"], [0, 2]]);
+  assert.equal(film({ ...trial, bodies: { cup: trial.bodies.cup } }), null);
+});
+
+test("an estimate is simulated with the effects that were fitted along", () => {
+  const of = (name: string, value: number) => ({ name, value, ci95: [null, null] as [null, null], identifiable: false });
+  assert.deepEqual(physics([of("friction", 0.4), of("wind.ax", 1), of("wind.ay", 2), of("linear_drag.c", 3)]), {
+    latents: { friction: 0.4 },
+    effects: [{ name: "wind", parameters: { ax: 1, ay: 2 } }, { name: "linear_drag", parameters: { c: 3 } }],
+  });
+});
+
+test("an axis holds all values and finite ends, on round numbers", () => {
+  for (const [low, high] of [[0.83, 0.8303], [0, 0], [-3, 12], [1e-5, 3e-5]] as const) {
+    const shown = span([{ x: 1, y: low, low: null, high: null }, { x: 2, y: high, low, high }], false);
+    assert.ok(shown.low <= low + 1e-12 && shown.high >= high - 1e-12 && shown.low < shown.high, JSON.stringify(shown));
+    assert.ok(shown.ticks.length <= 7, String(shown.ticks));
+  }
+  assert.deepEqual(span([{ x: 1, y: 2166 }, { x: 2, y: 30 }, { x: 3, y: 0 }], true), { low: 10, high: 10_000, ticks: [10, 100, 1000, 10_000] });
+  assert.deepEqual(span([], false).ticks, [0, 1]);
+});
+
+test("the ends of an interval are told apart", () => {
+  assert.deepEqual([4, 0.3, 0.04, 0.0004, 0, 1e-20].map(seen), [3, 3, 3, 5, 3, 9]);
+});
+
+test("blocks of spreadsheets and files are cells", () => {
+  const wanted = [["0", "1.5", ""], ["0.1", "1.6", "2"]];
+  assert.deepEqual(pasted("0\t1.5\t\n0.1\t1.6\t2\n"), wanted);
+  assert.deepEqual(pasted("0;1.5;\r\n0.1;1.6;2"), wanted);
+  assert.deepEqual(pasted("0, 1.5,\n0.1 , 1.6,2"), wanted);
+  assert.deepEqual(pasted("0,5\t1,5"), [["0,5", "1,5"]]);
+});
+
+test("a file to fill in has a row for each body and time", () => {
+  const scene = { bodies: [{ name: "a" }, { name: "b" }] };
+  assert.equal(toFill([{ number: 4, scene: scene as never, observe_at: [0, 0.25] }]), "trial,t,body,x,y\n4,0,a,,\n4,0,b,,\n4,0.25,a,,\n4,0.25,b,,\n");
+});
