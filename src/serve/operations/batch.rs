@@ -47,7 +47,7 @@ fn create(app: &App, Body(body): Body<CreateWorlds>, keep: Keep<WorldsMade>) -> 
     let ids: Vec<String> = seeds.iter().map(|_| app.worlds().fresh_id()).collect();
     let out = |made: &[Listed]| WorldsMade {
         worlds: ids.clone(),
-        world: WorldOut::new(&made[0].id, made[0].world.describe()),
+        world: WorldOut::of(&made[0], made[0].used),
     };
     let made = app.worlds().make_many(&ids, &config, &seeds, &|made| keep(&out(made)))?;
     Ok(out(&made))

@@ -1,10 +1,11 @@
 //! Jobs of all kinds.
 
 use crate::error::{Error, Result};
-use crate::job::Deleted;
+use crate::job::{Deleted, Watcher};
 use crate::serve::app::App;
 use crate::serve::operation::{
-    ACT, Asked, Content, Described, Id, Input, Operation, Output, Page, READ, Reply, delete, get,
+    ACT, Asked, Content, Described, Events, Id, Input, LastEvent, Next, Operation, Output, Page, READ, Reply, Told,
+    delete, get,
 };
 use crate::serve::problem::Answer;
 use crate::serve::wire::{JobOut, Jobs};
@@ -38,19 +39,6 @@ pub fn operations() -> Vec<Operation> {
             .only_http()
             .does(events),
     ]
-}
-
-/// The number of the last event seen, 0 if none was.
-struct LastEvent(u64);
-
-impl Input for LastEvent {
-    fn describe(to: &mut Described) {
-        to.header::<u64>("Last-Event-ID", "Number of the last event seen");
-    }
-
-    fn read(from: &mut Asked) -> Answer<LastEvent> {
-        from.last_event().map(LastEvent)
-    }
 }
 
 /// Which jobs, in which order, and which part of them.
@@ -105,4 +93,20 @@ fn remove(app: &App, Id(id): Id) -> Result<Reply> {
 fn events(app: &App, (Id(id), LastEvent(seen)): (Id, LastEvent)) -> Result<Reply> {
     let watcher = app.jobs().watch(&id, seen)?;
     Ok(if watcher.exhausted() { ().reply() } else { Reply::of(Content::Events(Box::new(watcher))) })
+}
+
+/// `done` for a job that has ended, else `progress`.
+impl Events for Watcher {
+    fn next(&mut self) -> Next<'_> {
+        Box::pin(async {
+            let (id, job) = Watcher::next(self).await?;
+            let name = if job.row.state.ended() { "done" } else { "progress" };
+            let data = serde_json::to_string(&JobOut::from(job)).ok()?;
+            Some(Told { id: Some(id), name, data })
+        })
+    }
+
+    fn has_last_word(&self) -> bool {
+        true
+    }
 }

@@ -24,6 +24,7 @@ mod strict;
 mod surface;
 mod task;
 mod token;
+mod watched;
 mod world;
 
 pub use array::{Array, Data, lists};
@@ -34,7 +35,7 @@ pub use diagnosis::DiagnosisIn;
 pub use episode::{ResetIn, ResetOut, SplitIn, StepIn, StepOut};
 pub use form::{Form, MSGPACK};
 pub use health::Health;
-pub use job::{Estimation, Event, JobOut, Jobs, RealChoice, RealIn};
+pub use job::{Estimation, JobOut, Jobs, RealChoice, RealIn};
 pub use physics::{LatentsIn, effects};
 pub use policy::{
     ActIn, Acted, EvaluateIn, LearnIn, Policies, PolicyOut, RankingIn, Scored, TrainIn, TrainingIn,
@@ -45,4 +46,5 @@ pub use strict::Object;
 pub use surface::{SensitivityOut, SurfaceIn, SurfaceOut, SurfaceWhole, Surfaces};
 pub use task::{Families, FamilyOut, FamilyTasks, TaskOut};
 pub use token::{TokenIn, TokenMade, TokenOut, Tokens};
+pub use watched::{HappenedOut, WatchOut, drawn};
 pub use world::{CreateWorld, WorldOut, Worlds};
