@@ -19,7 +19,7 @@ use crate::budget::Budget;
 use crate::error::{Error, Result};
 use crate::job::{Deleted, Job, New, Watcher};
 use crate::session::{Listed, Registry, World, WorldConfig, WorldList};
-use crate::store::{Answered, JobList, PolicyRow, Store};
+use crate::store::{Answered, JobList, LogRow, PolicyRow, Store};
 
 /// How long after its deadline a request is answered though its work has not ended.
 const LATE: Duration = Duration::from_millis(50);
@@ -263,6 +263,12 @@ impl Jobs<'_> {
     /// See [`crate::job::Runner::list`].
     pub fn list(&self, list: JobList, after: Option<i64>, limit: usize) -> Result<Vec<Job>> {
         self.0.shared.jobs.list(list, after, limit, self.0.who.sees())
+    }
+
+    /// See [`crate::job::Runner::log`].
+    pub fn log(&self, id: &str, after: u64, limit: usize) -> Result<Vec<LogRow>> {
+        self.get(id)?;
+        self.0.shared.jobs.log(id, after, limit)
     }
 
     /// See [`crate::job::Runner::submit`]; it is whose who asks.

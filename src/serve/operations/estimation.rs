@@ -18,7 +18,7 @@ use super::text::{json, text};
 use crate::budget::Endless;
 use crate::error::{Error, Result};
 use crate::estimate::Surface;
-use crate::experiment::{Answer, Asked, EstimateConfig, Proposal, ResidualKind, Round, Workflow};
+use crate::experiment::{Answer, Asked, EstimateConfig, Proposal, ResidualKind, Round, Stopped, Workflow};
 use crate::explore::{self, Importance};
 use crate::job::{Context, New, Outcome, Work};
 use crate::json::{from_value, parse};
@@ -190,6 +190,9 @@ fn run(base: &Base, context: &Context, plan: &Plan, shared: Option<&World>) -> R
                 plan.budget.map(|b| b.saturating_sub(spent().unwrap_or(b))),
             ];
             if workflow.propose(left.into_iter().flatten().min(), context)?.is_none() {
+                if workflow.ended() == Some(Stopped::Budget) {
+                    context.warn("the budget of real interactions is spent: no more rounds");
+                }
                 break;
             }
             if let Some(asked) = workflow.asked() {
@@ -212,6 +215,10 @@ fn run(base: &Base, context: &Context, plan: &Plan, shared: Option<&World>) -> R
             let stage = format!("round {} of {}: waiting for answers", number + 1, plan.setup.rounds);
             context.report(&stage, measured.len() as u64, total)?;
             return Ok(Outcome::Waiting);
+        }
+        let failed = measured.values().filter(|m| m.is_none()).count();
+        if failed > 0 {
+            context.warn(&format!("{failed} of {total} proposals could not be carried out"));
         }
         let round = workflow.tell(&answers(&asked.proposals, &measured)?, context)?;
         // The measurements have a table of their own.

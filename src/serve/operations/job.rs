@@ -8,7 +8,7 @@ use crate::serve::operation::{
     delete, get,
 };
 use crate::serve::problem::Answer;
-use crate::serve::wire::{JobOut, Jobs};
+use crate::serve::wire::{JobOut, Jobs, LineOut, Log};
 use crate::store::{JobList, JobState};
 
 /// What can be asked of jobs.
@@ -28,6 +28,13 @@ pub fn operations() -> Vec<Operation> {
             .answers_nothing(204, "Forgotten")
             .refuses(&[(404, "")])
             .does(remove),
+        get("get_job_log", "/v1/jobs/{id}/log", "jobs", READ)
+            .about(
+                "What happened to a job, line by line: stages, rounds, warnings, the server's restarts, its end.\n\nThe latest \
+                 1000 lines are kept for as long as the job. To follow it, ask again with `after`.",
+            )
+            .refuses(&[(404, "")])
+            .does(log),
         get("follow_job", "/v1/jobs/{id}/events", "jobs", READ)
             .about(
                 "Follows a job: server-sent events `progress`, and `done` at the end, each with the job as data. \
@@ -81,6 +88,40 @@ fn list(app: &App, Listed(list, page): Listed) -> Result<Jobs> {
     let mut all = app.jobs().list(list, page.after(name)?, page.fetch())?;
     let next = page.cut(name, &mut all, |j| j.row.number);
     Ok(Jobs { jobs: all.into_iter().map(JobOut::from).collect(), next })
+}
+
+/// Which part of a log.
+struct Lines {
+    /// Number of the last line seen.
+    after: u64,
+    page: Page,
+}
+
+impl Input for Lines {
+    fn describe(to: &mut Described) {
+        to.query::<u64>("after", "Only lines after this number");
+        Page::describe(to);
+    }
+
+    fn read(from: &mut Asked) -> Answer<Lines> {
+        let mut query = from.query()?;
+        let given = query.iter().position(|(name, _)| name == "after").map(|at| query.remove(at).1);
+        let number = |value: String| {
+            // SQLite counts to 2^63 - 1.
+            value.parse().ok().filter(|n| *n <= i64::MAX as u64).ok_or_else(|| {
+                Error::input("after", format!("{value:?}"), "the number of a line, or 0")
+            })
+        };
+        let after = given.map(number).transpose()?.unwrap_or(0);
+        Ok(Lines { after, page: Page::from_query(&query)? })
+    }
+}
+
+fn log(app: &App, (Id(id), Lines { after, page }): (Id, Lines)) -> Result<Log> {
+    let after = page.after("log")?.unwrap_or(0).max(after).min(i64::MAX as u64);
+    let mut lines = app.jobs().log(&id, after, page.fetch())?;
+    let next = page.cut("log", &mut lines, |l| l.number);
+    Ok(Log { lines: lines.into_iter().map(LineOut::from).collect(), next })
 }
 
 fn remove(app: &App, Id(id): Id) -> Result<Reply> {

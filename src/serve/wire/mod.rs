@@ -14,6 +14,7 @@ mod episode;
 mod form;
 mod health;
 mod job;
+mod log;
 pub mod pack;
 mod physics;
 mod policy;
@@ -36,6 +37,7 @@ pub use episode::{ResetIn, ResetOut, SplitIn, StepIn, StepOut};
 pub use form::{Form, MSGPACK};
 pub use health::Health;
 pub use job::{Estimation, JobOut, Jobs, RealChoice, RealIn};
+pub use log::{LineOut, Log};
 pub use physics::{LatentsIn, effects};
 pub use policy::{
     ActIn, Acted, EvaluateIn, LearnIn, Policies, PolicyOut, RankingIn, Scored, TrainIn, TrainingIn,
