@@ -371,7 +371,8 @@ mod tests {
         let all = told(&job.id, 0);
         let parts = [
             &["queued", "begun", "waiting", "the server stops; the next one goes on with it"][..],
-            &["the server was started: it is queued again", "begun", "waiting", "told to stop", "cancelled"][..],
+            &["the server was started: it is queued again", "begun", "waiting", "told to stop", "cancelled"]
+                [..],
         ];
         // To be told and to begin the stage may come in either order.
         let sorted = |mut lines: Vec<String>| {

@@ -244,7 +244,10 @@ impl Shared {
         }
         let go_on = live.again.then(|| self.make(&live.row.kind, &live.row.plan)).transpose();
         live.row.state = if live.again { JobState::Queued } else { JobState::Waiting };
-        self.line(number, if live.again { "all answers are there; queued again" } else { "waits for answers" });
+        self.line(
+            number,
+            if live.again { "all answers are there; queued again" } else { "waits for answers" },
+        );
         live.emit(None);
         if let Err(e) = self.store.update_job(&live.row) {
             // At the worst a restart finds it running, and has it wait again.

@@ -53,9 +53,13 @@ pub struct Listed {
 /// In which order worlds are listed, and after which one.
 #[derive(Clone, Debug)]
 pub enum WorldList {
-    ById { after: String },
+    ById {
+        after: String,
+    },
     /// Those used last first; `after`: when one was used, and its id.
-    ByUse { after: Option<(Duration, String)> },
+    ByUse {
+        after: Option<(Duration, String)>,
+    },
 }
 
 struct Entry {
@@ -217,8 +221,11 @@ impl Registry {
             WorldList::ByUse { after } => {
                 let rank = |(id, e): &(&String, &Entry)| (Reverse(e.used), (*id).clone());
                 let after = after.clone().map(|(used, id)| (Reverse(used), id));
-                let mut all: Vec<_> =
-                    worlds.iter().filter(seen).filter(|w| after.as_ref().is_none_or(|a| rank(w) > *a)).collect();
+                let mut all: Vec<_> = worlds
+                    .iter()
+                    .filter(seen)
+                    .filter(|w| after.as_ref().is_none_or(|a| rank(w) > *a))
+                    .collect();
                 all.sort_by_cached_key(rank);
                 Ok(all.into_iter().take(limit).map(listed).collect())
             }

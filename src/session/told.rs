@@ -78,13 +78,13 @@ mod tests {
             let events = seen(&mut watcher);
             assert!(matches!(&events[0].what, What::Reset { task, .. } if task == "bowling:000"));
             let last = events.last().unwrap();
-            let What::Step { action, brought: Brought::Done { film: Some(film), .. }, .. } = &last.what else {
+            let What::Step { action, brought: Brought::Done { film: Some(film), .. }, .. } = &last.what
+            else {
                 panic!("{last:?}")
             };
             assert_eq!((action.len(), last.interactions), (3, 1));
             assert!(film.t.len() > 10 && film.bodies.iter().all(|b| b.x.len() == film.t.len()));
-            let refused =
-                |e: &Happened| matches!(&e.what, What::Step { brought: Brought::Refused(_), .. });
+            let refused = |e: &Happened| matches!(&e.what, What::Step { brought: Brought::Refused(_), .. });
             assert_eq!(events.iter().filter(|e| refused(e)).count() + 2, events.len());
         }
     }

@@ -56,7 +56,12 @@ pub enum What {
 pub enum Brought {
     /// It could not be placed, and why.
     Refused(String),
-    Done { solved: bool, steps: u32, end: End, film: Option<Film> },
+    Done {
+        solved: bool,
+        steps: u32,
+        end: End,
+        film: Option<Film>,
+    },
 }
 
 /// What is drawn of a trajectory.
@@ -200,9 +205,8 @@ impl Happened {
     /// Sampled body states that it holds.
     pub fn states(&self) -> usize {
         match &self.what {
-            What::Step { brought: Brought::Done { film: Some(film), .. }, .. } | What::Attempts { film: Some((_, film)), .. } => {
-                film.t.len() * film.bodies.len()
-            }
+            What::Step { brought: Brought::Done { film: Some(film), .. }, .. }
+            | What::Attempts { film: Some((_, film)), .. } => film.t.len() * film.bodies.len(),
             _ => 0,
         }
     }
@@ -217,7 +221,8 @@ impl Film {
             let shown = values.iter().enumerate().filter(|(i, _)| i % every == 0 || i + 1 == n);
             shown.map(|(_, v)| *v as f32).collect()
         };
-        let way = |b: &Track| Way { name: b.name.clone(), x: thin(&b.x), y: thin(&b.y), angle: thin(&b.angle) };
+        let way =
+            |b: &Track| Way { name: b.name.clone(), x: thin(&b.x), y: thin(&b.y), angle: thin(&b.angle) };
         Film { t: thin(&trajectory.times), bodies: trajectory.bodies.iter().map(way).collect() }
     }
 }

@@ -91,8 +91,8 @@ fn write(t: &Transaction, line: &Noted) -> rusqlite::Result<()> {
 fn row(row: &Row) -> rusqlite::Result<LogRow> {
     seal::whole(row)?;
     let level: String = row.get(2)?;
-    let level = Level::named(&level)
-        .ok_or_else(|| seal::unreadable(row, &format!("there is no level {level:?}")))?;
+    let level =
+        Level::named(&level).ok_or_else(|| seal::unreadable(row, &format!("there is no level {level:?}")))?;
     Ok(LogRow {
         number: row.get::<_, i64>(0)? as u64,
         at: row.get::<_, i64>(1)? as u64,

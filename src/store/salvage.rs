@@ -47,7 +47,8 @@ pub fn salvage(directory: &Path) -> Result<Salvaged> {
         let fail = |e: rusqlite::Error| failed(&part.display().to_string(), &e);
         let mut new = Connection::open(&part).map_err(fail)?;
         let t = new.transaction().map_err(fail)?;
-        let dropped = taken_over(&old, version, &t, &Blobs::Directory(place.policies.clone())).map_err(fail)?;
+        let dropped =
+            taken_over(&old, version, &t, &Blobs::Directory(place.policies.clone())).map_err(fail)?;
         t.commit().map_err(fail)?;
         new.close().map_err(|(_, e)| fail(e))?;
         Ok(dropped)

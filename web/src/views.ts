@@ -1,7 +1,8 @@
 // The views, a row each, in the order of the navigation; the first is opened where the address names none.
 
 import { jobs } from "./views/jobs";
+import { live } from "./views/live";
 import { play } from "./views/play";
 import type { View } from "./view";
 
-export const VIEWS: readonly View[] = [play, jobs];
+export const VIEWS: readonly View[] = [play, jobs, live];

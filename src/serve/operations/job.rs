@@ -4,8 +4,8 @@ use crate::error::{Error, Result};
 use crate::job::{Deleted, Watcher};
 use crate::serve::app::App;
 use crate::serve::operation::{
-    ACT, Asked, Content, Described, Events, Id, Input, LastEvent, Next, Operation, Output, Page, READ, Reply, Told,
-    delete, get,
+    ACT, Asked, Content, Described, Events, Id, Input, LastEvent, Next, Operation, Output, Page, READ, Reply,
+    Told, delete, get,
 };
 use crate::serve::problem::Answer;
 use crate::serve::wire::{JobOut, Jobs, LineOut, Log};
@@ -108,9 +108,11 @@ impl Input for Lines {
         let given = query.iter().position(|(name, _)| name == "after").map(|at| query.remove(at).1);
         let number = |value: String| {
             // SQLite counts to 2^63 - 1.
-            value.parse().ok().filter(|n| *n <= i64::MAX as u64).ok_or_else(|| {
-                Error::input("after", format!("{value:?}"), "the number of a line, or 0")
-            })
+            value
+                .parse()
+                .ok()
+                .filter(|n| *n <= i64::MAX as u64)
+                .ok_or_else(|| Error::input("after", format!("{value:?}"), "the number of a line, or 0"))
         };
         let after = given.map(number).transpose()?.unwrap_or(0);
         Ok(Lines { after, page: Page::from_query(&query)? })

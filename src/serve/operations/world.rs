@@ -8,14 +8,14 @@ use super::attempts::or_as_a_job;
 use crate::error::{Error, Result};
 use crate::serve::app::App;
 use crate::serve::operation::{
-    ACT, Asked, Body, Content, Described, Events, Id, Input, Keep, LastEvent, Next, Operation, Page, READ, Raw, Reply,
-    Told, at, delete, get, post,
+    ACT, Asked, Body, Content, Described, Events, Id, Input, Keep, LastEvent, Next, Operation, Page, READ,
+    Raw, Reply, Told, at, delete, get, post,
 };
 use crate::serve::problem::Answer;
 use crate::serve::weight::Weight;
 use crate::serve::wire::{
-    BatchOut, CreateWorld, HappenedOut, LatentsIn, ResetIn, ResetOut, RolloutIn, StepIn, StepOut, WatchOut, WorldOut,
-    Worlds, drawn,
+    BatchOut, CreateWorld, HappenedOut, LatentsIn, ResetIn, ResetOut, RolloutIn, StepIn, StepOut, WatchOut,
+    WorldOut, Worlds, drawn,
 };
 use crate::session::{Batch, World, WorldList, WorldWatcher};
 
@@ -151,11 +151,14 @@ fn watch(app: &App, (Id(id), LastEvent(seen)): (Id, LastEvent)) -> Result<Reply>
     let listed = app.worlds().look(&id)?;
     // From before the look, so that nothing is missed.
     let watcher = listed.world.watch(seen);
+    let tasks = &listed.world.tasks().tasks;
     let first = WatchOut {
+        task: listed.world.describe().current.unwrap_or_else(|| tasks[0].id.clone()),
         scene: drawn(&listed.world.scene(None, None)?),
         world: WorldOut::of(&listed, app.now()),
     };
-    let data = serde_json::to_string(&first).map_err(|e| Error::Failed(format!("a world cannot be told: {e}")))?;
+    let data =
+        serde_json::to_string(&first).map_err(|e| Error::Failed(format!("a world cannot be told: {e}")))?;
     let first = Some(Told { id: None, name: "world", data });
     Ok(Reply::of(Content::Events(Box::new(Watch { first, watcher }))))
 }

@@ -17,7 +17,9 @@ use crate::task::Scene;
 #[derive(Serialize, ToSchema)]
 pub struct WatchOut {
     pub world: WorldOut,
-    /// The scene of its current task, or else of its first, as far as it is drawn: names, shapes, places, the goal and what an
+    /// Its current task, or else its first.
+    pub task: String,
+    /// The scene of that task, as far as it is drawn: names, shapes, places, the goal and what an
     /// action sets.
     #[schema(value_type = Object)]
     pub scene: Value,
@@ -127,12 +129,9 @@ impl From<Arc<Happened>> for HappenedOut {
         let Happened { number, interactions, what } = &*event;
         let bare = HappenedOut { number: *number, interactions: *interactions, ..HappenedOut::default() };
         match what {
-            What::Reset { task, split } => HappenedOut {
-                what: "reset",
-                task: Some(task.clone()),
-                split: Some((*split).into()),
-                ..bare
-            },
+            What::Reset { task, split } => {
+                HappenedOut { what: "reset", task: Some(task.clone()), split: Some((*split).into()), ..bare }
+            }
             What::Step { task, action, brought } => {
                 let bare = HappenedOut {
                     what: "step",
@@ -173,10 +172,7 @@ impl From<Arc<Happened>> for HappenedOut {
 impl From<&Film> for FilmOut {
     fn from(film: &Film) -> FilmOut {
         let way = |b: &Way| WayOut { x: b.x.clone(), y: b.y.clone(), angle: b.angle.clone() };
-        FilmOut {
-            t: film.t.clone(),
-            bodies: film.bodies.iter().map(|b| (b.name.clone(), way(b))).collect(),
-        }
+        FilmOut { t: film.t.clone(), bodies: film.bodies.iter().map(|b| (b.name.clone(), way(b))).collect() }
     }
 }
 
@@ -197,7 +193,8 @@ mod tests {
         .unwrap();
         let text = drawn(&scene).to_string();
         assert!(text.contains("\"radius\":0.1") && text.contains("\"floor\""), "{text}");
-        for hidden in ["density", "friction", "restitution", "gravity", "damping", "wind", "velocity", "7.5"] {
+        for hidden in ["density", "friction", "restitution", "gravity", "damping", "wind", "velocity", "7.5"]
+        {
             assert!(!text.contains(hidden), "{hidden}: {text}");
         }
     }
