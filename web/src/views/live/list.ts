@@ -1,12 +1,11 @@
 // The list of worlds, in pages: those used last first, or by id.
 
-import { api, ok, type Schema } from "../../api/client";
+import { api, ok } from "../../api/client";
 import { again } from "../../parts/again";
 import { ago } from "../../parts/time";
 import { fresh, h, put } from "../../dom";
 import { type Context, link } from "../../view";
-
-export type World = Schema<"WorldOut">;
+import type { World } from "./words";
 
 /** Rows of a page. */
 const ROWS = 25;

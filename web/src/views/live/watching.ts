@@ -9,9 +9,7 @@ import type { Scene } from "../../scene/types";
 import { type Context, link } from "../../view";
 import { load } from "../play/tasks";
 import { screen, type Screen } from "./screen";
-
-type World = Schema<"WorldOut">;
-type Happened = Schema<"HappenedOut">;
+import { after, type Happened, said, verdict, waits, type World } from "./words";
 
 /** Events that stay in the list. */
 const LISTED = 50;
@@ -85,24 +83,11 @@ export async function watching(place: HTMLElement, id: string, context: Context)
   if (!signal.aborted) put(status, "The world is gone: it was deleted, or nobody had used it for a while.");
 }
 
-/** The world after an event, as far as the event tells. */
-export function after(world: World, event: Happened): World {
-  const state = { ...world.state };
-  if (event.what === "reset") [state.task, state.phase, state.episodes] = [event.task ?? null, "ready", state.episodes + 1];
-  if (event.what === "step" && event.valid) state.phase = "done";
-  const remaining = world.budget == null ? world.remaining : Math.max(0, world.budget - event.interactions);
-  return { ...world, state, interactions: event.interactions, remaining, ...(event.latents ? { latents: event.latents } : {}) };
-}
-
 /** A task's scene: of a family from the list of tasks, else what the watch began with. */
 function sceneOf(seen: Seen, task: string, signal: AbortSignal): Promise<Scene> {
   const known = seen.scenes.get(task) ?? load(task, signal).then((t) => t.scene);
   seen.scenes.set(task, known);
   return known;
-}
-
-function waits(world: World): string {
-  return { new: "No episode has begun.", ready: "An action is waited for.", done: "The episode has ended." }[world.state.phase] ?? "";
 }
 
 function told(world: World): HTMLElement[] {
@@ -118,32 +103,6 @@ function told(world: World): HTMLElement[] {
     ["Latents", latents],
   ];
   return [h("dl", { class: "facts" }, ...facts.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)]))];
-}
-
-function verdict(event: Happened): string {
-  if (event.what === "attempts") return "";
-  if (!event.valid) return `not placed: ${event.reason ?? ""}`;
-  if (event.end === "diverged") return "diverged";
-  return event.solved ? "solved" : "not solved";
-}
-
-/** An event in a line. */
-export function said(event: Happened): string {
-  const at = event.action ? ` at ${event.action.map((v) => v.toFixed(3)).join(", ")}` : "";
-  switch (event.what) {
-    case "reset":
-      return `Reset to ${event.task}`;
-    case "step":
-      return `Step${at}: ${verdict(event)}`;
-    case "attempts": {
-      const { tried, valid, solved } = event.attempts ?? { tried: 0, valid: 0, solved: 0 };
-      return `${tried} ${tried === 1 ? "attempt" : "attempts"} on ${event.task}: ${valid} placed, ${solved} solved`;
-    }
-    case "latents":
-      return `Latents set: ${Object.entries(event.latents ?? {}).map(([name, v]) => `${name} ${short(v as number)}`).join(", ")}`;
-    default:
-      return "The world is gone";
-  }
 }
 
 function row(event: Happened, pick: () => void): HTMLElement {
