@@ -345,11 +345,10 @@ impl Stage for Running<'_> {
     }
 
     fn round(&self, done: u64, total: u64) {
-        if done > 0 {
+        if let Some(live) = self.shared.state().live.get_mut(&self.number)
+            && live.pace.round(self.shared.now(), done, total)
+        {
             self.shared.line(self.number, &format!("{done} of {total} rounds are finished"));
-        }
-        if let Some(live) = self.shared.state().live.get_mut(&self.number) {
-            live.pace.round(self.shared.now(), done, total);
         }
     }
 }

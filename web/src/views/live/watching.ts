@@ -9,7 +9,7 @@ import type { Scene } from "../../scene/types";
 import { type Context, link } from "../../view";
 import { load } from "../play/tasks";
 import { screen, type Screen } from "./screen";
-import { after, type Happened, said, verdict, waits, type World } from "./words";
+import { after, type Happened, said, spent, verdict, waits, type World } from "./words";
 
 /** Events that stay in the list. */
 const LISTED = 50;
@@ -106,7 +106,7 @@ function told(world: World): HTMLElement[] {
 }
 
 function row(event: Happened, pick: () => void): HTMLElement {
-  const item = h("li", { value: event.number, "data-what": event.what }, said(event), " ", h("span", { class: "soft" }, `(${event.interactions})`));
+  const item = h("li", { value: event.number, "data-what": event.what }, said(event), spent(event) ? h("span", { class: "soft" }, `, interactions ${event.interactions}`) : null);
   if (!event.film) return item;
   const button = h("button", { type: "button", class: "quiet", "aria-label": `Show the film of event ${event.number}` }, "▶");
   button.addEventListener("click", pick);

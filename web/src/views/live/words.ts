@@ -46,3 +46,8 @@ export function said(event: Happened): string {
       return "The world is gone";
   }
 }
+
+/** Whether something was attempted: the counter stands behind it. */
+export function spent(event: Happened): boolean {
+  return event.what === "attempts" || (event.what === "step" && event.valid === true);
+}
