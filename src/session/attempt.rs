@@ -118,8 +118,8 @@ impl World {
     /// Tells of actions that were tried outside the episode, with the film of the last one whose samples were asked for.
     pub(super) fn tell_attempts(&self, trial: &Trial, results: &[Tried], interactions: u64) {
         self.lookout.tell(interactions, || {
-            let done = trial.actions.iter().zip(results).filter_map(|(a, r)| Some((a, r.as_ref().ok()?)));
-            let last = done.filter(|(_, t)| !t.times.is_empty()).last();
+            let mut done = trial.actions.iter().zip(results).filter_map(|(a, r)| Some((a, r.as_ref().ok()?)));
+            let last = done.rfind(|(_, t)| !t.times.is_empty());
             attempts(trial.task, results, last.map(|(a, t)| (a.values().to_vec(), Film::of(t))))
         });
     }
