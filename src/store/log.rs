@@ -7,6 +7,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use rusqlite::{Row, Transaction, params};
 
+use super::noted::{Level, Noted};
 use super::{Store, seal, sql};
 use crate::error::Result;
 
@@ -24,22 +25,6 @@ pub struct LogRow {
     pub at: u64,
     pub level: Level,
     pub text: String,
-}
-
-/// How much a line matters.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Level {
-    Info,
-    Warning,
-    Error,
-}
-
-/// A line that is not written yet.
-pub struct Noted {
-    job: i64,
-    at: u64,
-    level: Level,
-    text: String,
 }
 
 impl Store {
@@ -107,23 +92,6 @@ fn shown(text: &str) -> String {
     match line.char_indices().map(|(i, c)| i + c.len_utf8()).take_while(|end| *end <= MOST_TEXT).last() {
         Some(end) if end < line.len() => format!("{} ...", &line[..end]),
         _ => line,
-    }
-}
-
-impl Level {
-    const ALL: [Level; 3] = [Level::Info, Level::Warning, Level::Error];
-
-    /// The name used in the store and on the wire.
-    pub fn name(self) -> &'static str {
-        match self {
-            Level::Info => "info",
-            Level::Warning => "warning",
-            Level::Error => "error",
-        }
-    }
-
-    fn named(name: &str) -> Option<Level> {
-        Level::ALL.into_iter().find(|l| l.name() == name)
     }
 }
 
