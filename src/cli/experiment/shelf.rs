@@ -145,3 +145,69 @@ fn value(of: &impl Serialize) -> Result<Value> {
 fn text(of: &impl Serialize) -> Result<String> {
     serde_json::to_string(of).map_err(|e| Error::Failed(format!("a result cannot be written: {e}")))
 }
+
+#[cfg(test)]
+mod tests {
+    use iplw::experiment::quickstart::{QuickstartConfig, quickstart};
+    use iplw::policy::{EvaluateConfig, LabelConfig, TrainConfig};
+    use iplw::progress::Silent;
+    use iplw::reality::standard;
+    use iplw::serve::{ServeConfig, Server};
+    use iplw::task::{Labels, family};
+
+    use super::*;
+
+    /// A story as short as can be.
+    fn story() -> (QuickstartReport, Keepsakes) {
+        let family = family("basketball").unwrap();
+        let mut estimate = EstimateConfig::fast(family.prior);
+        (estimate.rounds, estimate.actions, estimate.candidates) = (1, 2, 20);
+        (estimate.cem.samples, estimate.cem.elites) = (8, 2);
+        let labels = Labels { per_task: 4, ..family.learning.study_labels };
+        let config = QuickstartConfig {
+            family: "basketball".into(),
+            seeds: vec![3],
+            estimate,
+            label: LabelConfig::preset(&labels, 0),
+            train: TrainConfig { batches: 1, batch_size: 4, ..TrainConfig::preset(&family.learning) },
+            evaluate: EvaluateConfig { candidates: 4, ..EvaluateConfig::phyre(0) },
+        };
+        let tasks: Vec<_> = (family.tasks)();
+        quickstart(&tasks, &standard(family), &config, &|| 0.0, &Silent).unwrap()
+    }
+
+    #[test]
+    fn a_server_shows_what_a_run_left() {
+        let place = tempfile::tempdir().unwrap();
+        let (report, keepsakes) = story();
+        put(&Store::open(place.path()).unwrap(), &report, &keepsakes).unwrap();
+        let http = "127.0.0.1:0".parse().unwrap();
+        let config = ServeConfig { http, data_dir: Some(place.path().into()), ..ServeConfig::default() };
+        let runtime = tokio::runtime::Runtime::new().unwrap();
+        let server = runtime.block_on(Server::bind(config)).unwrap();
+        let url = format!("http://{}/v1", server.address());
+        let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
+        let running = runtime.spawn(server.run(async move { drop(stopped.await) }));
+        let get = |path: &str| -> Value {
+            let answer = reqwest::blocking::get(format!("{url}{path}")).unwrap();
+            assert_eq!(answer.status(), 200, "{path}");
+            answer.json().unwrap()
+        };
+        let jobs = get("/jobs?state=succeeded");
+        let kinds: Vec<&str> =
+            jobs["jobs"].as_array().unwrap().iter().map(|j| j["kind"].as_str().unwrap()).collect();
+        let of = |kind: &str| kinds.iter().filter(|k| **k == kind).count();
+        assert_eq!((of("iplw"), of("diagnose"), of("train"), of("evaluate")), (1, 1, 6, 7), "{kinds:?}");
+        assert_eq!(get("/jobs")["jobs"].as_array().unwrap().len(), kinds.len(), "nothing is left to do");
+        let trials = get("/jobs/job-1/trials");
+        assert_eq!(trials["trials"].as_array().unwrap().len(), keepsakes.trials.len());
+        assert_eq!(get("/jobs/job-1")["result"]["seed"], 3);
+        assert!(get("/jobs/job-2")["result"]["extended_scene"]["bodies"].is_array());
+        assert!(get("/jobs/job-1/log")["lines"][0]["text"].as_str().unwrap().contains("iplw run"));
+        let policies = get("/policies");
+        let ours = policies["policies"].as_array().unwrap().iter().find(|p| p["id"] == "iplw").unwrap();
+        assert_eq!(ours["task"], "basketball");
+        drop(stop);
+        runtime.block_on(running).unwrap().unwrap();
+    }
+}
