@@ -183,11 +183,16 @@ mod tests {
         put(&Store::open(place.path()).unwrap(), &report, &keepsakes).unwrap();
         let http = "127.0.0.1:0".parse().unwrap();
         let config = ServeConfig { http, data_dir: Some(place.path().into()), ..ServeConfig::default() };
-        let runtime = tokio::runtime::Runtime::new().unwrap();
-        let server = runtime.block_on(Server::bind(config)).unwrap();
-        let url = format!("http://{}/v1", server.address());
+        let (told, address) = std::sync::mpsc::channel();
         let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
-        let running = runtime.spawn(server.run(async move { drop(stopped.await) }));
+        let serving = std::thread::spawn(move || {
+            tokio::runtime::Runtime::new().unwrap().block_on(async {
+                let server = Server::bind(config).await.unwrap();
+                told.send(server.address()).unwrap();
+                server.run(async move { drop(stopped.await) }).await.unwrap();
+            });
+        });
+        let url = format!("http://{}/v1", address.recv().unwrap());
         let get = |path: &str| -> Value {
             let answer = reqwest::blocking::get(format!("{url}{path}")).unwrap();
             assert_eq!(answer.status(), 200, "{path}");
@@ -208,6 +213,6 @@ mod tests {
         let ours = policies["policies"].as_array().unwrap().iter().find(|p| p["id"] == "iplw").unwrap();
         assert_eq!(ours["task"], "basketball");
         drop(stop);
-        runtime.block_on(running).unwrap().unwrap();
+        serving.join().unwrap();
     }
 }
