@@ -110,7 +110,7 @@ function row(event: Happened, pick: () => void): HTMLElement {
   if (!event.film) return item;
   const button = h("button", { type: "button", class: "quiet", "aria-label": `Show the film of event ${event.number}` }, "▶");
   button.addEventListener("click", pick);
-  item.append(" ", button);
+  item.prepend(button);
   return item;
 }
 
