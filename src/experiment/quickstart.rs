@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use super::extension::{self, Extension, diagnosed};
 use super::stages::Named;
 use super::tryout::try_out;
-use super::{EstimateConfig, EstimateReport, estimate, refit};
+use super::{EstimateConfig, EstimateReport, Round, Workflow, refit, run};
 use crate::discover::Finding;
 use crate::error::{Result, within};
 use crate::policy::{
@@ -103,8 +103,39 @@ pub struct Keepsakes {
     pub trials: Vec<Trial>,
     /// The scene that goes with all of them, and what their diagnosis found.
     pub diagnosed: (Scene, Finding),
-    /// The policy trained in the grounded simulation.
+    /// The rounds of the estimation.
+    pub rounds: Vec<Round>,
+    /// Every way of getting a policy, in the order of [`QuickstartReport::rows`].
+    pub schooled: Vec<Schooled>,
+}
+
+/// A policy, how it came about and how it did.
+pub struct Schooled {
+    pub method: Method,
     pub policy: Box<dyn Policy>,
+    /// What it learned; `None` for one that ranks at random.
+    pub lesson: Option<Lesson>,
+    pub evaluation: Evaluation,
+}
+
+/// What a policy learned, and from what.
+pub struct Lesson {
+    pub training: Training,
+    pub labels: LabelConfig,
+    pub setup: TrainConfig,
+    /// Labelled actions, and how many of them solve their task.
+    pub examples: usize,
+    pub solving: usize,
+    /// (batches,) binary cross-entropy, nats.
+    pub loss: Vec<f32>,
+}
+
+impl Keepsakes {
+    /// The policy trained in the grounded simulation.
+    pub fn policy(&self) -> &dyn Policy {
+        let ours = self.schooled.iter().find(|s| s.method == Method::Iplw);
+        ours.expect("one of the methods is ours").policy.as_ref()
+    }
 }
 
 impl Method {
@@ -203,9 +234,15 @@ impl Story<'_> {
     fn told(&mut self, seed: u64, progress: &dyn Progress) -> Result<Told> {
         let mut world = HiddenWorld::new(HiddenConfig { seed, ..self.hidden.clone() })?;
         let setup = EstimateConfig { seed, ..self.config.estimate.clone() };
-        let (report, trials) = self
-            .stopwatch
-            .time("explore, measure, estimate", || estimate(&self.training, &mut world, &setup, progress))?;
+        let mut rounds = Vec::new();
+        let (report, trials) = self.stopwatch.time("explore, measure, estimate", || {
+            let mut workflow = Workflow::new(&self.training, &setup, None)?;
+            run(&mut workflow, &mut world, progress, &mut |round| {
+                rounds.push(round.clone());
+                Ok(())
+            })?;
+            Ok((workflow.report(progress)?, workflow.trials().to_vec()))
+        })?;
         let spent = world.interactions();
         let with_drag = extend(&trials, &setup, &mut self.stopwatch, progress)?;
         let found = Latents::of(report.values());
@@ -214,7 +251,7 @@ impl Story<'_> {
         let extension = self.stopwatch.time("fit in the extended simulation", || {
             extension::extended(&finding, &trials, &setup, found, &named)
         })?;
-        let (mut tried, mut ours): (Vec<_>, Option<Box<dyn Policy>>) = (Vec::new(), None);
+        let (mut tried, mut all) = (Vec::new(), Vec::new());
         for (method, schooling) in [
             (Method::Random, None),
             (Method::DomainRandomisation, Some(Training::paper_randomised())),
@@ -225,35 +262,34 @@ impl Story<'_> {
             (Method::TruePhysics, Some(fixed(self.truth.latents, &self.truth.effects))),
         ] {
             let named = Named { inner: progress, name: method.title().into() };
-            let policy = self.schooled(schooling.as_ref(), seed, &named)?;
+            let (policy, lesson) = self.schooled(schooling, seed, &named)?;
             let evaluation = self.stopwatch.time("transfer and evaluate", || {
                 try_out(policy.as_ref(), &self.test, self.hidden, &self.config.evaluate, &named)
             })?;
             let from_trials = [Method::Iplw, Method::IplwWithDrag, Method::IplwDiagnosed].contains(&method);
-            tried.push((method, evaluation, if from_trials { spent } else { 0 }));
-            if method == Method::Iplw {
-                ours = Some(policy);
-            }
+            tried.push((method, evaluation.clone(), if from_trials { spent } else { 0 }));
+            all.push(Schooled { method, policy, lesson, evaluation });
         }
-        let policy = ours.expect("one of the methods is ours");
-        let keepsakes = Keepsakes { trials, diagnosed: (scene, finding), policy };
+        let keepsakes = Keepsakes { trials, diagnosed: (scene, finding), rounds, schooled: all };
         Ok(Told { estimate: report, with_drag, extension, tried, keepsakes })
     }
 
     /// A policy trained in a simulation, or one that ranks at random.
     fn schooled(
         &mut self,
-        schooling: Option<&Training>,
+        schooling: Option<Training>,
         seed: u64,
         progress: &dyn Progress,
-    ) -> Result<Box<dyn Policy>> {
-        let Some(schooling) = schooling else { return Ok(Box::new(Random { seed })) };
+    ) -> Result<(Box<dyn Policy>, Option<Lesson>)> {
+        let Some(training) = schooling else { return Ok((Box::new(Random { seed }), None)) };
         let labels = LabelConfig { seed: rng::derive(seed, "label", 0), ..self.config.label.clone() };
         let data =
-            self.stopwatch.time("label actions", || label(&self.training, schooling, &labels, progress))?;
+            self.stopwatch.time("label actions", || label(&self.training, &training, &labels, progress))?;
         let setup = TrainConfig { seed, ..self.config.train.clone() };
-        let (dqn, _) = self.stopwatch.time("train policies", || train(&data, &setup, progress))?;
-        Ok(Box::new(dqn))
+        let (dqn, log) = self.stopwatch.time("train policies", || train(&data, &setup, progress))?;
+        let (examples, solving) = (data.rows.len(), data.solving());
+        let lesson = Lesson { training, labels, setup, examples, solving, loss: log.loss };
+        Ok((Box::new(dqn), Some(lesson)))
     }
 }
 

@@ -25,10 +25,12 @@ impl Pace {
         self.stage = Some((now, done));
     }
 
-    /// `done` of `total` rounds are finished.
-    pub fn round(&mut self, now: Duration, done: u64, total: u64) {
+    /// `done` of `total` rounds are finished; whether that is news.
+    pub fn round(&mut self, now: Duration, done: u64, total: u64) -> bool {
+        let news = self.rounds.as_ref().map_or(0, |r| r.last.1) < done;
         let first = self.rounds.as_ref().map_or((now, done), |r| r.first);
         self.rounds = Some(Rounds { first, last: (now, done), total });
+        news
     }
 
     /// Seconds left at `done` of `total` units of the stage: of all rounds for a job that goes in rounds, known

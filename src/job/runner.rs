@@ -13,7 +13,7 @@ use super::shared::{RunnerConfig, Shared, Told};
 use super::watch::Watcher;
 use super::work::Recipes;
 use crate::error::{Error, Result};
-use crate::store::{Answered, JobList, JobRow, JobState, Store};
+use crate::store::{Answered, JobList, JobRow, JobState, LogRow, Store};
 
 /// A job to run.
 pub struct New<'a> {
@@ -86,6 +86,7 @@ impl Runner {
         }
         let of = |row: &JobRow| answered(Job::of(row.clone()));
         let row = self.shared.store.add_job(new.kind, new.config, new.plan, new.seed, owner, &of)?;
+        self.shared.line(row.number, "queued");
         state.queue.push_back(row.number);
         state.live.insert(row.number, Live::new(row.clone(), place, Some(work)));
         drop(state);
@@ -126,6 +127,11 @@ impl Runner {
         Ok(rows.into_iter().map(live).collect())
     }
 
+    /// At most `limit` lines of the log of the job called `id`, those after number `after`.
+    pub fn log(&self, id: &str, after: u64, limit: usize) -> Result<Vec<LogRow>> {
+        self.shared.store.log(number(id)?, after, limit)
+    }
+
     /// Tells a job that waits for `asked` answers that it has `answered` of them; with all of them it goes on.
     pub fn answered(&self, id: &str, answered: u64, asked: u64) -> Result<Job> {
         let number = number(id)?;
@@ -137,6 +143,7 @@ impl Runner {
                 live.work = Some(self.shared.make(&live.row.kind, &live.row.plan)?);
                 (live.row.state, live.row.done) = (JobState::Queued, answered);
                 live.emit(None);
+                self.shared.line(number, "all answers are there; queued again");
                 self.shared.store.update_job(&live.row)?;
                 let job = live.job(now);
                 state.queue.push_back(number);
@@ -145,6 +152,7 @@ impl Runner {
             }
             JobState::Waiting => {
                 (live.row.done, live.row.total) = (answered, asked);
+                self.shared.line(number, &format!("{answered} of {asked} answers are there"));
                 live.emit(None);
                 Ok(live.job(now))
             }
@@ -165,7 +173,9 @@ impl Runner {
         {
             self.shared.store.cancel_job(number)?;
             live.cancel.store(true, Ordering::SeqCst);
-            if live.row.state != JobState::Running {
+            if live.row.state == JobState::Running {
+                self.shared.line(number, "told to stop");
+            } else {
                 self.shared.end(&mut state, number, Err(Error::Cancelled));
             }
             let row = state.live.get(&number).map(|l| l.row.clone());
@@ -339,6 +349,44 @@ mod tests {
         assert_eq!(events(&runner, &job.id, 1000), all, "a number of before a restart");
         assert!(runner.watch(&job.id, all.len() as u64).unwrap().exhausted());
         assert_eq!(runner.get(&job.id).unwrap(), all.last().unwrap().1);
+    }
+
+    #[test]
+    fn what_happened_is_read_line_by_line_over_a_restart() {
+        let store = Arc::new(Store::in_memory().unwrap());
+        let (first, begun) = on(&store, 4);
+        let job = submit(&first, "endless").unwrap();
+        begun.recv().unwrap();
+        while first.log(&job.id, 0, 9).unwrap().len() < 3 {
+            std::thread::yield_now();
+        }
+        first.stop(Duration::from_secs(60));
+        let (second, begun) = on(&store, 4);
+        begun.recv().unwrap();
+        second.delete(&job.id).unwrap();
+        assert_eq!(events(&second, &job.id, 0).last().unwrap().1.row.state, JobState::Cancelled);
+        let told = |id: &str, after| -> Vec<String> {
+            second.log(id, after, 99).unwrap().into_iter().map(|l| l.text).collect()
+        };
+        let all = told(&job.id, 0);
+        let parts = [
+            &["queued", "begun", "waiting", "the server stops; the next one goes on with it"][..],
+            &["the server was started: it is queued again", "begun", "waiting", "told to stop", "cancelled"]
+                [..],
+        ];
+        // To be told and to begin the stage may come in either order.
+        let sorted = |mut lines: Vec<String>| {
+            lines.sort();
+            lines
+        };
+        assert_eq!(sorted(all.clone()), sorted(parts.concat().into_iter().map(String::from).collect()));
+        assert_eq!(all[..3], parts[0][..3]);
+        assert_eq!(told(&job.id, 3), all[3..]);
+        let failed = submit(&second, "fails").unwrap();
+        events(&second, &failed.id, 0);
+        assert_eq!(told(&failed.id, 0).last().unwrap(), "failed: no");
+        second.delete(&failed.id).unwrap();
+        assert!(told(&failed.id, 0).is_empty());
     }
 
     #[test]

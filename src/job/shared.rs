@@ -13,7 +13,7 @@ use super::pace::Pace;
 use super::record::id;
 use super::work::{Context, Outcome, Recipes, Stage, Work};
 use crate::error::{Error, Result};
-use crate::store::{JobRow, JobState, Store};
+use crate::store::{JobRow, JobState, Level, Store};
 
 /// Limits of a runner, and how it words failures.
 #[derive(Clone, Copy)]
@@ -124,6 +124,11 @@ impl Shared {
         self.origin.elapsed()
     }
 
+    /// A line of a job's log.
+    pub fn line(&self, number: i64, text: &str) {
+        self.store.note_line(number, Level::Info, text);
+    }
+
     /// A job's work.
     pub fn make(&self, kind: &str, plan: &Value) -> Result<Work> {
         match self.recipes.get(kind) {
@@ -155,6 +160,13 @@ impl Shared {
         }
         row.events += 1;
         self.store.update_job(&row)?;
+        let times = match row.starts {
+            0 => String::new(),
+            1 => "; it was begun once before without getting anywhere since".into(),
+            n => format!("; it was begun {n} times before without getting anywhere since"),
+        };
+        let goes = if waiting { "it waits for answers again" } else { "it is queued again" };
+        self.line(number, &format!("the server was started: {goes}{times}"));
         state.live.insert(number, Live::new(row, "", None));
         match work {
             Err(e) => self.end(&mut state, number, Err(e)),
@@ -183,6 +195,7 @@ impl Shared {
                     if self.stopping.load(Ordering::SeqCst) && !cancel.load(Ordering::SeqCst) =>
                 {
                     // The store has it queued; its watchers learn that it will go on.
+                    self.line(number, "the server stops; the next one goes on with it");
                     if let Some(live) = state.live.get_mut(&number) {
                         live.row.state = JobState::Queued;
                         live.emit(None);
@@ -207,6 +220,7 @@ impl Shared {
                     live.again = false;
                     live.pace = Pace::default();
                     live.emit(None);
+                    self.line(number, "begun");
                     if let Err(e) = self.store.begin_job(number) {
                         // The job still runs; only a start that ends the server would not be counted.
                         tracing::error!("the start of job {number} could not be stored: {e}");
@@ -230,6 +244,10 @@ impl Shared {
         }
         let go_on = live.again.then(|| self.make(&live.row.kind, &live.row.plan)).transpose();
         live.row.state = if live.again { JobState::Queued } else { JobState::Waiting };
+        self.line(
+            number,
+            if live.again { "all answers are there; queued again" } else { "waits for answers" },
+        );
         live.emit(None);
         if let Err(e) = self.store.update_job(&live.row) {
             // At the worst a restart finds it running, and has it wait again.
@@ -255,6 +273,10 @@ impl Shared {
             Ok(value) => (live.row.state, live.row.result) = (JobState::Succeeded, Some(value)),
             Err(Error::Cancelled) => live.row.state = JobState::Cancelled,
             Err(e) => (live.row.state, live.row.error) = (JobState::Failed, Some((self.config.explain)(&e))),
+        }
+        match live.row.error.as_ref().map(|e| e["detail"].as_str().unwrap_or("no reason is known")) {
+            Some(why) => self.store.note_line(number, Level::Error, &format!("failed: {why}")),
+            None => self.line(number, live.row.state.name()),
         }
         live.row.events += 1;
         let stored = self.store.update_job(&live.row);
@@ -309,6 +331,7 @@ impl Stage for Running<'_> {
             (row.done, row.total) = (done, total);
             if row.stage != stage {
                 row.stage = stage.to_string();
+                self.shared.line(self.number, stage);
             }
             if news {
                 live.emit(live.pace.left(now, done, total));
@@ -317,9 +340,15 @@ impl Stage for Running<'_> {
         Ok(())
     }
 
+    fn warn(&self, text: &str) {
+        self.shared.store.note_line(self.number, Level::Warning, text);
+    }
+
     fn round(&self, done: u64, total: u64) {
-        if let Some(live) = self.shared.state().live.get_mut(&self.number) {
-            live.pace.round(self.shared.now(), done, total);
+        if let Some(live) = self.shared.state().live.get_mut(&self.number)
+            && live.pace.round(self.shared.now(), done, total)
+        {
+            self.shared.line(self.number, &format!("{done} of {total} rounds are finished"));
         }
     }
 }

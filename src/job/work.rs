@@ -42,6 +42,8 @@ pub(super) trait Stage: Sync {
     fn look(&self) -> Result<()>;
     /// How far it is; an error once it is to stop.
     fn report(&self, stage: &str, done: u64, total: u64) -> Result<()>;
+    /// Something that its owner should know.
+    fn warn(&self, text: &str);
     /// How many of its rounds are finished.
     fn round(&self, done: u64, total: u64);
 }
@@ -59,6 +61,11 @@ impl Budget for Context<'_> {
 }
 
 impl Context<'_> {
+    /// Something that the job's owner should know though it goes on: a line of its log.
+    pub fn warn(&self, text: &str) {
+        self.stage.warn(text);
+    }
+
     /// For work that goes in rounds of about the same cost: `done` of `total` are finished.
     pub fn round(&self, done: u64, total: u64) {
         self.stage.round(done, total);

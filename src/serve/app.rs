@@ -18,8 +18,8 @@ use crate::access::{Scope, Who};
 use crate::budget::Budget;
 use crate::error::{Error, Result};
 use crate::job::{Deleted, Job, New, Watcher};
-use crate::session::{Listed, Registry, World, WorldConfig};
-use crate::store::{Answered, JobList, PolicyRow, Store};
+use crate::session::{Listed, Registry, World, WorldConfig, WorldList};
+use crate::store::{Answered, JobList, LogRow, PolicyRow, Store};
 
 /// How long after its deadline a request is answered though its work has not ended.
 const LATE: Duration = Duration::from_millis(50);
@@ -52,6 +52,11 @@ impl App {
     /// The same, for what does the work.
     pub fn budget(&self) -> &dyn Budget {
         &*self.leave
+    }
+
+    /// Whose what is made becomes.
+    pub fn owner(&self) -> Option<&str> {
+        self.who.owner()
     }
 
     /// Errors unless whoever asks may do what `scope` allows.
@@ -187,13 +192,18 @@ impl Worlds<'_> {
     }
 
     /// See [`Registry::list`].
-    pub fn list(&self, after: &str, limit: usize) -> Result<Vec<Listed>> {
-        self.all().list(after, limit, self.0.who.sees(), self.0.now())
+    pub fn list(&self, list: &WorldList, limit: usize) -> Result<Vec<Listed>> {
+        self.all().list(list, limit, self.0.who.sees(), self.0.now())
+    }
+
+    /// See [`Registry::look`].
+    pub fn look(&self, id: &str) -> Result<Listed> {
+        self.all().look(id, self.0.who.sees(), self.0.now())
     }
 
     /// Every world, to be counted.
     pub fn everybodys(&self) -> Result<Vec<Listed>> {
-        self.all().list("", usize::MAX, None, self.0.now())
+        self.all().list(&WorldList::ById { after: String::new() }, usize::MAX, None, self.0.now())
     }
 
     /// An id that no other world has.
@@ -253,6 +263,12 @@ impl Jobs<'_> {
     /// See [`crate::job::Runner::list`].
     pub fn list(&self, list: JobList, after: Option<i64>, limit: usize) -> Result<Vec<Job>> {
         self.0.shared.jobs.list(list, after, limit, self.0.who.sees())
+    }
+
+    /// See [`crate::job::Runner::log`].
+    pub fn log(&self, id: &str, after: u64, limit: usize) -> Result<Vec<LogRow>> {
+        self.get(id)?;
+        self.0.shared.jobs.log(id, after, limit)
     }
 
     /// See [`crate::job::Runner::submit`]; it is whose who asks.

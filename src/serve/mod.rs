@@ -274,6 +274,9 @@ fn flush(shared: &Shared) {
     if let Err(e) = shared.base.store.flush_worlds() {
         tracing::error!("counters of worlds could not be stored: {e}");
     }
+    if let Err(e) = shared.base.store.flush_log() {
+        tracing::error!("logs of jobs could not be stored: {e}");
+    }
 }
 
 /// Reads the certificate again whenever SIGHUP says that it was renewed.

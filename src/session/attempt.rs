@@ -5,6 +5,7 @@ use std::sync::Mutex;
 use super::action::Action;
 use super::config::Kind;
 use super::state::lock;
+use super::watch::{Film, What};
 use super::world::World;
 use crate::budget::Budget;
 use crate::error::{Error, Result};
@@ -88,6 +89,7 @@ impl World {
         };
         let trial = Trial { task, actions: &actions, latents, stop: batch.stop };
         let (results, interactions) = self.attempt(&trial, keep, None, budget)?;
+        self.tell_attempts(&trial, &results, interactions);
         Ok(Rolled {
             engine: self.engine_for(task, &actions),
             task: task.id.clone(),
@@ -107,7 +109,19 @@ impl World {
         budget: &dyn Budget,
     ) -> Result<Vec<Tried>> {
         let latents = lock(&self.state).latents;
-        Ok(self.attempt(&Trial { task, actions, latents, stop: true }, |t| t, store, budget)?.0)
+        let trial = Trial { task, actions, latents, stop: true };
+        let (results, interactions) = self.attempt(&trial, |t| t, store, budget)?;
+        self.lookout.tell(interactions, || attempts(task, &results, None));
+        Ok(results)
+    }
+
+    /// Tells of actions that were tried outside the episode, with the film of the last one whose samples were asked for.
+    pub(super) fn tell_attempts(&self, trial: &Trial, results: &[Tried], interactions: u64) {
+        self.lookout.tell(interactions, || {
+            let mut done = trial.actions.iter().zip(results).filter_map(|(a, r)| Some((a, r.as_ref().ok()?)));
+            let last = done.rfind(|(_, t)| !t.times.is_empty());
+            attempts(trial.task, results, last.map(|(a, t)| (a.values().to_vec(), Film::of(t))))
+        });
     }
 
     /// Results in the order of the actions, and the count of valid attempts after them.
@@ -210,5 +224,17 @@ impl World {
             chosen(self.engine, &rollout).ok()
         });
         engine.unwrap_or(self.engine).name()
+    }
+}
+
+/// What is told of attempts: a job's belong to its owner, and their films too.
+fn attempts(task: &Task, results: &[Tried], film: Option<(Vec<f64>, Film)>) -> What {
+    let valid = || results.iter().flatten();
+    What::Attempts {
+        task: task.id.clone(),
+        tried: results.len() as u64,
+        valid: valid().count() as u64,
+        solved: valid().filter(|t| t.solved()).count() as u64,
+        film,
     }
 }

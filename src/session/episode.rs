@@ -9,11 +9,12 @@ use super::attempt::Trial;
 use super::catalogue::Posed;
 use super::observation::Layout;
 use super::state::{Phase, lock, refused};
+use super::watch::{Brought, Film, What};
 use super::world::World;
 use crate::budget::Budget;
 use crate::error::{Error, Result};
 use crate::rng;
-use crate::task::Split;
+use crate::task::{Split, ValidAction};
 use crate::trajectory::{End, Trajectory};
 use crate::world::Latents;
 
@@ -74,10 +75,12 @@ pub(super) struct Seen {
     collisions: u32,
     rolling_steps: u32,
     end: End,
+    /// For those who watch, if anybody does.
+    film: Option<Film>,
 }
 
 impl Seen {
-    pub(super) fn of(layout: &Layout, trajectory: &Trajectory) -> Seen {
+    pub(super) fn of(layout: &Layout, trajectory: &Trajectory, watched: bool) -> Seen {
         Seen {
             observation: layout.observe(Some(trajectory)),
             solved: trajectory.solved(),
@@ -85,6 +88,7 @@ impl Seen {
             collisions: trajectory.collisions,
             rolling_steps: trajectory.rolling_steps,
             end: trajectory.outcome.end,
+            film: watched.then(|| Film::of(trajectory)),
         }
     }
 }
@@ -126,7 +130,11 @@ impl World {
         state.split = reset.split;
         state.phase = Phase::Ready;
         state.episodes += 1;
+        let interactions = state.interactions;
+        drop(state);
         let Posed { task, layout } = self.tasks.posed(index);
+        let reset = || What::Reset { task: task.id.clone(), split: task.split };
+        self.lookout.tell(interactions, reset);
         Start { observation: layout.observe(None), task: task.id.clone(), split: task.split }
     }
 
@@ -136,10 +144,12 @@ impl World {
         let (posed, latents) = self.ready()?;
         let task = posed.task;
         let action = action.resolve(task.actions(), "action")?;
-        let trial = Trial { task, actions: &[action], latents, stop: true };
+        let trial = Trial { task, actions: std::slice::from_ref(&action), latents, stop: true };
         let (mut results, interactions) = self.attempt(&trial, |t| t, None, budget)?;
         let result = results.pop().ok_or_else(|| Error::Failed("an attempt without a result".into()))?;
-        Ok(self.stepped(posed, result.map(|t| Seen::of(posed.layout, &t)), interactions))
+        let watched = self.lookout.is_on();
+        let seen = result.map(|t| Seen::of(posed.layout, &t, watched));
+        Ok(self.stepped(posed, &action, seen, interactions))
     }
 
     /// The task of the episode that waits for an action, and the latents it is attempted with.
@@ -156,10 +166,15 @@ impl World {
     pub(super) fn stepped(
         &self,
         posed: Posed,
-        seen: std::result::Result<Seen, String>,
+        action: &ValidAction,
+        mut seen: std::result::Result<Seen, String>,
         interactions: u64,
     ) -> Step {
         let task_id = posed.task.id.clone();
+        self.lookout.tell(interactions, || {
+            let (task, action) = (task_id.clone(), action.values().to_vec());
+            What::Step { task, action, brought: brought(&mut seen) }
+        });
         match seen {
             Err(reason) => Step {
                 observation: posed.layout.observe(None),
@@ -210,6 +225,17 @@ impl World {
                 )
             }),
             None => Ok(of(Split::Train).unwrap_or_else(|| self.tasks.pool(None)).clone()),
+        }
+    }
+}
+
+/// What those who watch are told of it.
+fn brought(seen: &mut std::result::Result<Seen, String>) -> Brought {
+    match seen {
+        Err(reason) => Brought::Refused(reason.clone()),
+        Ok(seen) => {
+            let Seen { solved, steps, end, .. } = *seen;
+            Brought::Done { solved, steps, end, film: seen.film.take() }
         }
     }
 }

@@ -35,7 +35,8 @@ impl World {
         let scene = self.scene(Some(&task.id), Some(action))?;
         let resolved = action.resolve(task.actions(), "action")?;
         let trial = Trial { task, actions: &[resolved], latents, stop: true };
-        let (mut results, _) = self.attempt(&trial, |t| t, None, budget)?;
+        let (mut results, interactions) = self.attempt(&trial, |t| t, None, budget)?;
+        self.tell_attempts(&trial, &results, interactions);
         match results.pop() {
             Some(Ok(trajectory)) => Ok((scene, trajectory)),
             Some(Err(reason)) => Err(unplaceable(action, &reason)),

@@ -18,6 +18,7 @@ use crate::budget::Budget;
 use crate::error::{Error, Result};
 use crate::reality::{HiddenWorld, measure_each};
 use crate::task::{Placement, Scene, Split, ValidAction};
+use crate::trajectory::Trajectory;
 use crate::world::{Engine, Latents, Rollout, simulate_mixed};
 
 /// When a world whose episode has ended begins the next one by itself (Gymnasium's `AutoresetMode`).
@@ -77,14 +78,15 @@ pub fn step_many(
             (Plan::Begin(drawn), _) => {
                 Turned { step: None, start: Some(world.begin(drawn, &again(world, split))) }
             }
-            (Plan::Act { posed, .. }, Some(Placement::Invalid(reason))) => {
+            (Plan::Act { posed, action, .. }, Some(Placement::Invalid(reason))) => {
                 let interactions = world.interactions();
-                Turned { step: Some(world.stepped(posed, Err(reason), interactions)), start: None }
+                let step = world.stepped(posed, &action, Err(reason), interactions);
+                Turned { step: Some(step), start: None }
             }
-            (Plan::Act { posed, then, .. }, _) => {
+            (Plan::Act { posed, action, then, .. }, _) => {
                 let (seen, interactions) =
                     brought.next().ok_or_else(|| Error::Failed("a rollout was lost".into()))?;
-                let step = world.stepped(posed, Ok(seen), interactions);
+                let step = world.stepped(posed, &action, Ok(seen), interactions);
                 Turned { step: Some(step), start: then.map(|drawn| world.begin(drawn, &again(world, split))) }
             }
         });
@@ -193,7 +195,10 @@ fn attempt(
             (world.engine, rollout)
         })
         .collect();
-    let seen = simulate_mixed(budget, &rollouts, |k, trajectory| Seen::of(simulated[k].layout, &trajectory))?;
+    let watched = |v: &Valid| worlds[v.i].lookout.is_on();
+    let seen = |v: &Valid, trajectory: &Trajectory| Seen::of(v.layout, trajectory, watched(v));
+    let simulate = |k: usize, trajectory: Trajectory| seen(&simulated[k], &trajectory);
+    let seen = simulate_mixed(budget, &rollouts, simulate)?;
     // A spent budget refuses here, when nothing has been counted yet.
     measure(worlds, &measured, &mut brought, budget)?;
     for (v, seen) in simulated.iter().zip(seen) {
@@ -255,7 +260,9 @@ fn measure(
     });
     for ((k, _), trajectory) in guards.iter().zip(observed.iter().flatten()) {
         let v = &valid[*k];
-        brought[v.slot] = Some((Seen::of(v.layout, trajectory), worlds[v.i].interactions()));
+        let world = &worlds[v.i];
+        let seen = Seen::of(v.layout, trajectory, world.lookout.is_on());
+        brought[v.slot] = Some((seen, world.interactions()));
     }
     drop(guards);
     // Written together, before a result is given out.

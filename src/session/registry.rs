@@ -3,6 +3,7 @@
 //!
 //! Time is an argument: any clock that counts up from anywhere, so that tests need not wait.
 
+use std::cmp::Reverse;
 use std::collections::{BTreeMap, HashMap};
 use std::ops::Bound;
 use std::sync::{Arc, Mutex};
@@ -43,6 +44,22 @@ pub struct Registry {
 pub struct Listed {
     pub id: String,
     pub world: Arc<World>,
+    /// Name of the token it was made with.
+    pub owner: Option<String>,
+    /// When it was last used.
+    pub used: Duration,
+}
+
+/// In which order worlds are listed, and after which one.
+#[derive(Clone, Debug)]
+pub enum WorldList {
+    ById {
+        after: String,
+    },
+    /// Those used last first; `after`: when one was used, and its id.
+    ByUse {
+        after: Option<(Duration, String)>,
+    },
 }
 
 struct Entry {
@@ -132,7 +149,7 @@ impl Registry {
             let config = WorldConfig { seed: *seed, ..config.clone() };
             rows.push((id.as_str(), text(&SavedWorld::of(&config))?));
             let world = Arc::new(World::within(self.config.request, config)?.kept_in(self.store.clone(), id));
-            made.push(Listed { id: id.clone(), world });
+            made.push(Listed { id: id.clone(), world, owner: owner.map(String::from), used: now });
         }
         self.store.add_worlds(&rows, owner, answered(&made).as_ref())?;
         let mut worlds = lock(&self.worlds);
@@ -184,13 +201,42 @@ impl Registry {
         Ok(entry.world.clone())
     }
 
-    /// At most `limit` worlds in order of id, those after `after`; one owner's and those that everybody shares, or all.
-    pub fn list(&self, after: &str, limit: usize, owner: Option<&str>, now: Duration) -> Result<Vec<Listed>> {
+    /// At most `limit` worlds; one owner's and those that everybody shares, or all.
+    pub fn list(
+        &self,
+        list: &WorldList,
+        limit: usize,
+        owner: Option<&str>,
+        now: Duration,
+    ) -> Result<Vec<Listed>> {
         self.sweep(now)?;
         let worlds = lock(&self.worlds);
-        let from = (Bound::Excluded(after.to_string()), Bound::Unbounded);
-        let listed = |(id, e): (&String, &Entry)| Listed { id: id.clone(), world: e.world.clone() };
-        Ok(worlds.range(from).filter(|(_, e)| e.seen_by(owner)).take(limit).map(listed).collect())
+        let listed = |(id, e): (&String, &Entry)| e.listed(id);
+        let seen = |(_, e): &(&String, &Entry)| e.seen_by(owner);
+        match list {
+            WorldList::ById { after } => {
+                let from = (Bound::Excluded(after.clone()), Bound::Unbounded);
+                Ok(worlds.range(from).filter(seen).take(limit).map(listed).collect())
+            }
+            WorldList::ByUse { after } => {
+                let rank = |(id, e): &(&String, &Entry)| (Reverse(e.used), (*id).clone());
+                let after = after.clone().map(|(used, id)| (Reverse(used), id));
+                let mut all: Vec<_> = worlds
+                    .iter()
+                    .filter(seen)
+                    .filter(|w| after.as_ref().is_none_or(|a| rank(w) > *a))
+                    .collect();
+                all.sort_by_cached_key(rank);
+                Ok(all.into_iter().take(limit).map(listed).collect())
+            }
+        }
+    }
+
+    /// The world called `id` as it is listed; looking is no use.
+    pub fn look(&self, id: &str, owner: Option<&str>, now: Duration) -> Result<Listed> {
+        let worlds = lock(&self.worlds);
+        let entry = worlds.get(id).filter(|e| e.seen_by(owner) && !self.idled_out(e, now));
+        Ok(entry.ok_or_else(|| unknown(id))?.listed(id))
     }
 
     /// Forgets a world; work under way on it ends as it would have.
@@ -226,6 +272,7 @@ impl Registry {
             if Arc::strong_count(&entry.world) > 1 {
                 entry.used = now;
             }
+            entry.world.lookout.sweep(now);
             let gone_out = self.idled_out(entry, now);
             if gone_out {
                 gone.push(id.clone());
@@ -258,6 +305,10 @@ impl Registry {
 }
 
 impl Entry {
+    fn listed(&self, id: &str) -> Listed {
+        Listed { id: id.into(), world: self.world.clone(), owner: self.owner.clone(), used: self.used }
+    }
+
     /// Whether `owner` sees it; `None` sees everything.
     fn seen_by(&self, owner: Option<&str>) -> bool {
         owner.is_none_or(|owner| self.resident || self.owner.as_deref() == Some(owner))

@@ -7,6 +7,7 @@ use super::config::{Kind, WorldConfig};
 use super::limits::{LIGHT, RequestLimits};
 use super::observation;
 use super::state::{Phase, State, lock, refused};
+use super::watch::{Lookout, What};
 use crate::error::{Error, Result, within};
 use crate::reality::{HiddenConfig, HiddenWorld, standard};
 use crate::rng;
@@ -34,6 +35,8 @@ pub struct World {
     pub(super) limits: RequestLimits,
     /// Where the counter is kept, if anywhere.
     pub(super) account: Option<Account>,
+    /// Who is told what happens here.
+    pub(super) lookout: Lookout,
     /// Held through a whole reset or step, so that one action ends one episode.
     pub(super) turn: Mutex<()>,
     /// Held only for moments; the last lock taken.
@@ -133,6 +136,7 @@ impl World {
             hidden,
             limits,
             account: None,
+            lookout: Lookout::default(),
             turn: Mutex::new(()),
             state: Mutex::new(State {
                 latents,
@@ -162,6 +166,9 @@ impl World {
             let text = serde_json::to_string(&state.latents).ok();
             account.store.note_world(&account.id, state.interactions, text);
         }
+        let (latents, interactions) = (state.latents, state.interactions);
+        drop(state);
+        self.lookout.tell(interactions, || What::Latents(latents));
         Ok(())
     }
 

@@ -85,8 +85,8 @@ fn look(directory: &Path) -> Result<Checked> {
         found.damaged.extend(shape(&c, found.version)?);
         return Ok(found);
     }
-    found.damaged.extend(content(&c, &blobs, Weights::Digest)?);
-    for table in &seal::TABLES {
+    found.damaged.extend(content(&c, found.version, &blobs, Weights::Digest)?);
+    for table in seal::tables(found.version) {
         // A table that cannot be read is among the findings.
         let count =
             c.query_row(&format!("SELECT count(*) FROM main.{}", table.name), [], |r| r.get::<_, i64>(0));
@@ -115,11 +115,11 @@ pub fn structure(c: &Connection, name: &str) -> Result<Vec<Finding>> {
     }
 }
 
-/// What is not as it was written, in a database whose tables are those of now.
-pub fn content(c: &Connection, blobs: &Blobs, weights: Weights) -> Result<Vec<Finding>> {
-    let mut found = shape(c, schema::HERE)?;
+/// What is not as it was written, in a database whose tables are those of a version with checksums.
+pub fn content(c: &Connection, version: i64, blobs: &Blobs, weights: Weights) -> Result<Vec<Finding>> {
+    let mut found = shape(c, version)?;
     if found.is_empty() {
-        for table in &seal::TABLES {
+        for table in seal::tables(version) {
             found.extend(rows(c, table)?);
         }
         found.extend(references(c, blobs, weights)?);
@@ -182,7 +182,8 @@ fn orphans(c: &Connection) -> Vec<String> {
             format!("SELECT count(*) FROM main.{table} WHERE job NOT IN (SELECT number FROM main.job)");
         c.query_row(&select, [], |r| r.get::<_, i64>(0)).unwrap_or(0)
     };
-    let counted = [("round", of("round")), ("measured", of("measured")), ("artifact", of("artifact"))];
+    let parts = ["round", "measured", "artifact", "log"];
+    let counted = parts.map(|table| (table, of(table)));
     let told = counted.iter().filter(|(_, n)| *n > 0);
     told.map(|(table, n)| format!("{n} rows of table {table} belong to jobs that are gone; they do no harm"))
         .collect()

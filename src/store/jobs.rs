@@ -198,7 +198,7 @@ impl Store {
     /// Forgets a job and everything measured, found and left by it; whether there was one.
     pub fn remove_job(&self, number: i64) -> Result<bool> {
         self.atomically(|t| {
-            for table in ["round", "measured", "artifact"] {
+            for table in ["round", "measured", "artifact", "log"] {
                 t.execute(&format!("DELETE FROM {table} WHERE job = ?1"), [number])?;
             }
             t.execute("DELETE FROM job WHERE number = ?1", [number]).map(|n| n > 0)

@@ -9,13 +9,15 @@
 //! all is looked at when the store is opened (`check`). `backup` copies and restores, `salvage` saves what is whole.
 //!
 //! What a function here wrote is on the disk when it returns, in one transaction, but for [`Store::note_world`],
-//! which waits for the next [`Store::flush_worlds`].
+//! which waits for the next [`Store::flush_worlds`], and [`Store::note_line`], which does for [`Store::flush_log`].
 
 mod artifacts;
 mod backup;
 mod blobs;
 mod check;
 mod jobs;
+mod log;
+mod noted;
 mod pending;
 mod place;
 mod policies;
@@ -45,6 +47,9 @@ use blobs::Blobs;
 use check::Weights;
 pub use check::{Checked, Finding, check};
 pub use jobs::{JobList, JobRow, JobState};
+pub use log::{KEPT_LINES, LogRow};
+pub use noted::Level;
+use noted::Noted;
 use pending::Pending;
 use place::{Place, locked};
 pub use policies::PolicyRow;
@@ -65,6 +70,8 @@ pub struct Store {
     pending: Mutex<Pending>,
     /// Held by whoever writes them.
     writing: Mutex<()>,
+    /// Lines of jobs' logs that are not written yet.
+    lines: Mutex<Vec<Noted>>,
     blobs: Blobs,
     /// Held as long as the store is open.
     _lock: Option<File>,
@@ -101,7 +108,7 @@ impl Store {
         let blobs = Blobs::directory(&place.policies)?;
         schema::migrate(&mut connection, version, &blobs).map_err(fail)?;
         seal::guard(&connection).map_err(fail)?;
-        check::refuse(&check::content(&connection, &blobs, Weights::Size)?)?;
+        check::refuse(&check::content(&connection, schema::HERE, &blobs, Weights::Size)?)?;
         let store = Store::of(connection, blobs, Some(lock));
         store.sweep_blobs()?;
         Ok(store)
@@ -111,6 +118,7 @@ impl Store {
         Store {
             connection: Mutex::new(connection),
             pending: Mutex::default(),
+            lines: Mutex::default(),
             writing: Mutex::default(),
             blobs,
             _lock: lock,

@@ -35,7 +35,8 @@ pub fn salvage(directory: &Path) -> Result<Salvaged> {
     private::tighten(directory);
     let name = place.database.display().to_string();
     let old = place.connect()?;
-    if schema::version(&old, &name)? < schema::SEALED {
+    let version = schema::version(&old, &name)?;
+    if version < schema::SEALED {
         let reason = format!(
             "{name} is of a version without checksums: nobody can say which of its rows are whole; restore a backup"
         );
@@ -46,7 +47,8 @@ pub fn salvage(directory: &Path) -> Result<Salvaged> {
         let fail = |e: rusqlite::Error| failed(&part.display().to_string(), &e);
         let mut new = Connection::open(&part).map_err(fail)?;
         let t = new.transaction().map_err(fail)?;
-        let dropped = taken_over(&old, &t, &Blobs::Directory(place.policies.clone())).map_err(fail)?;
+        let dropped =
+            taken_over(&old, version, &t, &Blobs::Directory(place.policies.clone())).map_err(fail)?;
         t.commit().map_err(fail)?;
         new.close().map_err(|(_, e)| fail(e))?;
         Ok(dropped)
@@ -60,9 +62,14 @@ pub fn salvage(directory: &Path) -> Result<Salvaged> {
 }
 
 /// Copies what is whole; says what is not.
-fn taken_over(old: &Connection, new: &Transaction, blobs: &Blobs) -> rusqlite::Result<Vec<Finding>> {
+fn taken_over(
+    old: &Connection,
+    version: i64,
+    new: &Transaction,
+    blobs: &Blobs,
+) -> rusqlite::Result<Vec<Finding>> {
     let (mut dropped, mut incomplete) = (Vec::new(), BTreeSet::new());
-    for table in &seal::TABLES {
+    for table in seal::tables(version) {
         let mut seen = BTreeSet::new();
         // From both ends, as a page that cannot be read ends the way.
         for order in ["ASC", "DESC"] {
@@ -82,7 +89,7 @@ fn taken_over(old: &Connection, new: &Transaction, blobs: &Blobs) -> rusqlite::R
             dropped.push(Finding { record: format!("job job-{job}"), how });
         }
     }
-    for part in ["round", "measured", "artifact"] {
+    for part in ["round", "measured", "artifact", "log"] {
         new.execute(&format!("DELETE FROM {part} WHERE job NOT IN (SELECT number FROM job)"), [])?;
     }
     dropped.extend(without_weights(new, blobs)?);
@@ -102,7 +109,8 @@ fn rows(
 ) -> rusqlite::Result<()> {
     let (name, columns) = (table.name, table.columns.join(", "));
     let (seal, record) = (table.seal(""), table.record(""));
-    let part = table.columns[0] == "job";
+    // A job is whole without a line of its log.
+    let part = table.columns[0] == "job" && name != "log";
     let select = format!(
         "SELECT {columns}, seal, seal IS {seal} AS whole, {record} AS record FROM main.{name} NOT INDEXED \
          ORDER BY rowid {order}"

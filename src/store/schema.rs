@@ -8,7 +8,7 @@ use super::sqlite::failed;
 use crate::error::{Error, Result};
 
 /// What makes the tables, step by step; a file that has had the first n is of version n.
-pub const STEPS: [&str; 5] = [
+pub const STEPS: [&str; 6] = [
     "
     CREATE TABLE job (
         number INTEGER PRIMARY KEY AUTOINCREMENT,
@@ -104,6 +104,17 @@ pub const STEPS: [&str; 5] = [
     ALTER TABLE request ADD COLUMN seal INTEGER;
     ALTER TABLE surface ADD COLUMN seal INTEGER;
 ",
+    "
+    CREATE TABLE log (
+        job INTEGER NOT NULL,
+        number INTEGER NOT NULL,
+        at INTEGER NOT NULL,
+        level TEXT NOT NULL,
+        text TEXT NOT NULL,
+        seal INTEGER,
+        PRIMARY KEY (job, number)
+    ) STRICT;
+",
 ];
 
 /// Version of the tables as they are here.
@@ -189,7 +200,7 @@ mod tests {
     use crate::store::{JobState, RoundRow, Store, check};
 
     /// What versions of the tables hold, as the programs of their time wrote it.
-    const FILLED: [&str; 4] = [
+    const FILLED: [&str; 5] = [
         "INSERT INTO job (kind, state, config, result, seed, version, events)
              VALUES ('iplw', 'succeeded', '{\"a\":1}', '[1.5]', '18446744073709551615', '0', 3);
          INSERT INTO job (kind, state, config, seed, version) VALUES ('train', 'running', '{}', '1', '0');
@@ -203,14 +214,21 @@ mod tests {
          INSERT INTO request (key, fingerprint, status, location, body) VALUES ('k', 'f', 201, '/here', x'7b7d');",
         "INSERT INTO surface (task, config, body, job, version) VALUES ('bowling', 'c', 's', 'job-1', '0');",
         "UPDATE job SET owner = 'ann'; UPDATE policy SET owner = 'ann'; UPDATE world SET owner = 'ann';",
+        "UPDATE job SET ended = 5 WHERE number = 1;",
     ];
 
     /// A data directory of an earlier version.
     fn of_version(directory: &Path, version: usize) {
         let c = Connection::open(directory.join("iplw.sqlite")).unwrap();
+        seal::teach(&c).unwrap();
         for (steps, rows) in STEPS.iter().zip(FILLED).take(version) {
             c.execute_batch(steps).unwrap();
             c.execute_batch(rows).unwrap();
+        }
+        for table in seal::tables(version as i64).filter(|_| version as i64 >= SEALED) {
+            let digest = seal::sha256(&[1, 2, 3]);
+            c.execute("UPDATE policy SET digest = ?1", [digest]).unwrap();
+            c.execute(&format!("UPDATE {} SET seal = {}", table.name, table.seal("")), []).unwrap();
         }
         c.pragma_update(None, "user_version", version as i64).unwrap();
         fs::create_dir(directory.join("policies")).unwrap();

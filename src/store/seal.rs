@@ -19,10 +19,17 @@ pub struct Table {
     pub columns: &'static [&'static str],
     /// What a row is called, in SQL; columns have `{}` in front of them.
     pub record: &'static str,
+    /// First version of the tables that has it sealed.
+    pub since: i64,
+}
+
+/// Those that are sealed in a version of the tables.
+pub fn tables(version: i64) -> impl Iterator<Item = &'static Table> {
+    TABLES.iter().filter(move |t| t.since <= version)
 }
 
 /// Every table.
-pub const TABLES: [Table; 8] = [
+pub static TABLES: [Table; 9] = [
     Table {
         name: "job",
         columns: &[
@@ -30,6 +37,7 @@ pub const TABLES: [Table; 8] = [
             "total", "events", "plan", "starts", "owner", "ended",
         ],
         record: "'job job-' || {}number",
+        since: 5,
     },
     Table {
         name: "policy",
@@ -38,36 +46,49 @@ pub const TABLES: [Table; 8] = [
             "owner", "digest",
         ],
         record: "'policy ' || {}id",
+        since: 5,
     },
     Table {
         name: "round",
         columns: &["job", "number", "asked", "done"],
         record: "'round ' || {}number || ' of job-' || {}job",
+        since: 5,
     },
     Table {
         name: "measured",
         columns: &["job", "number", "outcome"],
         record: "'measurement ' || {}number || ' of job-' || {}job",
+        since: 5,
     },
     Table {
         name: "artifact",
         columns: &["job", "name", "body"],
         record: "'artifact ' || {}name || ' of job-' || {}job",
+        since: 5,
     },
     Table {
         name: "world",
         columns: &["number", "id", "config", "latents", "interactions", "owner"],
         record: "'world ' || {}id",
+        since: 5,
     },
     Table {
         name: "request",
         columns: &["number", "key", "fingerprint", "status", "location", "body"],
         record: "'answer to the request with key ' || {}key",
+        since: 5,
     },
     Table {
         name: "surface",
         columns: &["number", "task", "config", "body", "job", "version"],
         record: "'surface surface-' || {}number",
+        since: 5,
+    },
+    Table {
+        name: "log",
+        columns: &["job", "number", "at", "level", "text"],
+        record: "'line ' || {}number || ' of the log of job-' || {}job",
+        since: 6,
     },
 ];
 

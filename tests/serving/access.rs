@@ -40,7 +40,7 @@ fn operations() -> Vec<Operation> {
 }
 
 /// Not over ZeroMQ.
-const ONLY_HTTP: [&str; 2] = ["metrics", "follow_job"];
+const ONLY_HTTP: [&str; 3] = ["metrics", "follow_job", "watch_world"];
 
 fn kept(name: &str, scope: Scope, expires: Option<u64>) -> Kept {
     Kept { name: name.into(), scope, digest: digest(token(name).as_bytes()), made: 0, expires }
@@ -211,6 +211,8 @@ fn worlds_jobs_and_policies_belong_to_who_made_them() {
         (Method::GET, format!("/v1/iplw/{job}/proposals")),
         (Method::POST, format!("/v1/iplw/{job}/trials")),
         (Method::DELETE, format!("/v1/jobs/{job}")),
+        (Method::GET, format!("/v1/jobs/{job}/log")),
+        (Method::GET, format!("/v1/worlds/{world}/events")),
     ];
     for (method, path) in &theirs {
         assert_eq!(ask("bob", method.clone(), path), 404, "{method} {path}");
@@ -238,6 +240,10 @@ fn worlds_jobs_and_policies_belong_to_who_made_them() {
     }
     assert_eq!(ask("eve", Method::GET, &theirs[0].1), 200);
     assert_eq!(ask("eve", Method::POST, &theirs[2].1), 403);
+    // Whose it is, is said; who may see it, may watch it.
+    assert_eq!(server.get_of("eve", &theirs[0].1)["owner"], "ann");
+    assert_eq!(ask("eve", Method::GET, &theirs[11].1), 200);
+    assert_eq!(ask("eve", Method::GET, &theirs[10].1), 200);
     // What all share, anybody may act in, and only `admin` may take away.
     assert_eq!(ask("bob", Method::POST, "/v1/worlds/bowling-sim/reset"), 200);
     assert_eq!(ask("ann", Method::DELETE, "/v1/worlds/bowling-sim"), 403);

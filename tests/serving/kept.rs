@@ -139,7 +139,7 @@ fn jobs_are_kept_for_as_long_as_is_said() {
         std::thread::sleep(std::time::Duration::from_millis(20));
     }
     let c = Connection::open(place.path().join("iplw.sqlite")).unwrap();
-    for part in ["round", "measured", "artifact"] {
+    for part in ["round", "measured", "artifact", "log"] {
         let left: i64 = c.query_row(&format!("SELECT count(*) FROM {part}"), [], |r| r.get(0)).unwrap();
         assert_eq!(left, 0, "{part}");
     }

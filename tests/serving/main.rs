@@ -17,3 +17,4 @@ mod peer;
 mod survive;
 mod tls;
 mod transports;
+mod watch;

@@ -65,6 +65,7 @@ fn answers_that_tell_an_id_are_linked_to_what_takes_it() {
         "rollout_world",
         "set_latents",
         "step_world",
+        "watch_world",
     ];
     assert_eq!(links("post", "/v1/worlds", 201), of_a_world);
     assert!(links("post", "/v1/surfaces", 202).contains(&"delete_job".to_string()));

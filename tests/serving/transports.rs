@@ -546,7 +546,7 @@ fn every_operation_of_the_document_is_dispatched() {
             only_http.push(name.as_str());
         }
     }
-    assert_eq!(only_http, ["follow_job", "metrics"]);
+    assert_eq!(only_http, ["follow_job", "metrics", "watch_world"]);
     assert_eq!(client.get("openapi", json!({})), document);
     let healthy = client.get("healthz", json!({}));
     assert_eq!(healthy["status"], "ok");

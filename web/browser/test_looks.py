@@ -10,6 +10,7 @@ from playwright.sync_api import Page, expect
 from test_diagnose import drop
 from test_jobs import SHORT
 from thrown import LOW, csv, launches
+from test_live import act
 
 AXE = ROOT / "web/node_modules/axe-core/axe.min.js"
 PICTURES = ROOT / "docs/pictures"
@@ -87,6 +88,25 @@ def asked(page: Page, server: Any) -> None:
     page.locator("[data-proposal] summary").first.click()
 
 
+
+
+def peopled(page: Page, server: Any) -> None:
+    """Worlds that programs act in."""
+    for of in ({"task": "bowling"}, {"task": "basketball:004", "kind": "real", "budget": 20}, {"task": "bowling:017", "sealed": True}):
+        world = server.ask("POST", "/v1/worlds", of)["id"]
+        act(server, world, [5, 9], None)
+    page.locator("tbody tr").nth(6).wait_for()
+
+
+def acted(page: Page, server: Any) -> None:
+    """A world that a program acts in, half way through a film."""
+    page.get_by_text("Watching.").wait_for()
+    act(server, "bowling-real", [[0.5, 0.9, 0.2]], "bowling:001")
+    act(server, "bowling-real", [server.ask("GET", "/v1/tasks/bowling/0")["certificate"]["action"]])
+    page.locator(".stage .badge[data-verdict=solved]").wait_for()
+    page.get_by_label("Time").fill("1.6")
+
+
 #: A picture's name, the address, and what is done before it is taken.
 VIEWS: dict[str, tuple[str, Callable[[Page, Any], None]]] = {
     "play": ("#/play/bowling:002", played),
@@ -99,6 +119,8 @@ VIEWS: dict[str, tuple[str, Callable[[Page, Any], None]]] = {
     "calibrate-rig": ("#/calibrate", asked),
     "jobs": ("#/jobs", listed),
     "job": ("#/jobs/job-1", shown),
+    "live": ("#/live", peopled),
+    "live-world": ("#/live/bowling-real", acted),
 }
 
 

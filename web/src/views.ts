@@ -3,8 +3,11 @@
 import { calibrate } from "./views/calibrate";
 import { diagnose } from "./views/diagnose";
 import { jobs } from "./views/jobs";
+import { live } from "./views/live";
 import { make } from "./views/make";
 import { play } from "./views/play";
 import type { View } from "./view";
 
-export const VIEWS: readonly View[] = [play, make, calibrate, diagnose, jobs];
+import type { View } from "./view";
+
+export const VIEWS: readonly View[] = [play, make, calibrate, diagnose, live, jobs];

@@ -4,6 +4,7 @@ mod args;
 mod cells;
 mod quickstart;
 mod shared;
+mod shelf;
 mod strategies;
 mod study;
 

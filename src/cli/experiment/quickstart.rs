@@ -12,11 +12,13 @@ use iplw::picture::plot::{self, Series};
 use iplw::picture::{Block, Report, Section, Style, filmstrip_svg, trails_svg};
 use iplw::policy::{EvaluateConfig, LabelConfig, TrainConfig};
 use iplw::reality::{HiddenConfig, HiddenWorld, Reality, Trial, standard, trials_to_csv};
+use iplw::store::Store;
 use iplw::task::{Labels, Split, Task, family, split};
 use iplw::world::latent::FACTORS;
 use serde_json::json;
 
 use super::args::ExperimentArgs;
+use super::shelf;
 use crate::cli::diagnose::write_report;
 use crate::cli::output;
 
@@ -44,6 +46,8 @@ pub fn story(name: &str, seeds: Vec<u64>, quick: bool, out: &Path) -> Result<()>
         },
     };
     output::directory("--out", out)?;
+    // Opened before the work, so that one that is in use is told of then.
+    let shelf = (config.seeds.len() == 1).then(|| Store::open(out)).transpose()?;
     let bar = output::Bar::new();
     let started = Instant::now();
     let clock = || started.elapsed().as_secs_f64();
@@ -52,7 +56,14 @@ pub fn story(name: &str, seeds: Vec<u64>, quick: bool, out: &Path) -> Result<()>
     let table = text_table(&report, split(&tasks, Split::Test).len());
     write_all(out, &report, &keepsakes, &tasks, &hidden, &table)?;
     output::print(&table)?;
-    output::print(&format!("\nreport: {}\n", out.join("report.html").display()))
+    output::print(&format!("\nreport: {}\n", out.join("report.html").display()))?;
+    let Some(shelf) = shelf else { return Ok(()) };
+    shelf::put(&shelf, &report, &keepsakes)?;
+    let program = std::env::args().next().unwrap_or_else(|| "iplw".into());
+    output::print(&format!(
+        "look at it: {program} serve --data-dir {}, then http://127.0.0.1:8080/#/jobs in a browser\n",
+        out.display()
+    ))
 }
 
 /// AUCCESS by method, latents beside the truth, seconds by stage.
@@ -176,7 +187,7 @@ fn write_all(
     output::write_whole(&out.join("table.txt"), table.trim_start().as_bytes())?;
     let (scene, finding) = &keepsakes.diagnosed;
     write_report(&out.join("diagnosis"), scene, finding)?;
-    if let Some(weights) = keepsakes.policy.to_safetensors() {
+    if let Some(weights) = keepsakes.policy().to_safetensors() {
         output::write_whole(&out.join("policy.safetensors"), &weights)?;
     }
     output::write_whole(&out.join("report.html"), html.as_bytes())
@@ -343,7 +354,7 @@ fn films(keepsakes: &Keepsakes, tasks: &[Task], hidden: &HiddenConfig) -> Result
         let candidates = (0..task.actions().count().min(50_000))
             .map(|i| task.actions().at(i))
             .collect::<Result<Vec<_>>>()?;
-        let order = iplw::policy::rank(keepsakes.policy.as_ref(), task, &candidates, iplw::policy::CHUNK)?;
+        let order = iplw::policy::rank(keepsakes.policy(), task, &candidates, iplw::policy::CHUNK)?;
         for index in order {
             let attempt = world.measure(task, &[candidates[index].clone()])?.pop();
             let Some((Ok(scene), Some(film))) = attempt.map(|a| (a.placement, a.trajectory)) else {

@@ -15,9 +15,8 @@ use super::seat::Seat;
 use super::{accept, body, stream};
 use crate::access::Who;
 use crate::error::Error;
-use crate::job::Watcher;
 use crate::serve::app::App;
-use crate::serve::operation::{Asked, Content, Once, Operation, Reply, Sent};
+use crate::serve::operation::{Asked, Content, Events, Once, Operation, Reply, Sent};
 use crate::serve::problem::{Answer, Problem};
 use crate::serve::shared::Shared;
 use crate::serve::weight::Weight;
@@ -128,7 +127,7 @@ struct Written {
 enum WrittenBody {
     Nothing,
     Bytes { kind: &'static str, bytes: Vec<u8> },
-    Events(Box<Watcher>),
+    Events(Box<dyn Events>),
 }
 
 /// Writes an answer; off the async threads, unless it is light.
@@ -165,7 +164,7 @@ fn response(app: &App, written: Written) -> Response {
     let status = StatusCode::from_u16(written.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
     let mut response = match written.body {
         WrittenBody::Nothing => status.into_response(),
-        WrittenBody::Events(watcher) => return stream::events(app.shared(), *watcher),
+        WrittenBody::Events(watcher) => return stream::events(app.shared(), watcher),
         WrittenBody::Bytes { kind, bytes } => {
             (status, [(header::CONTENT_TYPE, HeaderValue::from_static(kind))], bytes).into_response()
         }

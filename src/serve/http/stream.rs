@@ -13,12 +13,10 @@ use tokio::runtime::Handle;
 use tokio::sync::{mpsc, oneshot};
 use tokio_stream::wrappers::ReceiverStream;
 
-use crate::job::Watcher;
 use crate::serve::app::App;
-use crate::serve::operation::Whole;
+use crate::serve::operation::{Events, Whole};
 use crate::serve::problem::{Answer, Problem};
 use crate::serve::shared::Shared;
-use crate::serve::wire::Event;
 
 /// Size of a piece, bytes.
 const PIECE: usize = 64 * 1024;
@@ -62,9 +60,9 @@ pub async fn answered(
     Ok((StatusCode::OK, [(header::CONTENT_TYPE, kind)], body).into_response())
 }
 
-/// Server-sent events of a job, until its last or until the client hangs up.
-pub fn events(shared: &Shared, mut watcher: Watcher) -> Response {
-    let (sender, receiver) = mpsc::channel::<Result<sse::Event, Infallible>>(16);
+/// Server-sent events, until the last or until the client hangs up.
+pub fn events(shared: &Shared, mut watcher: Box<dyn Events>) -> Response {
+    let (sender, receiver) = mpsc::channel::<Result<sse::Event, Infallible>>(AHEAD);
     let mut stopping = shared.stopping.subscribe();
     tokio::spawn(async move {
         loop {
@@ -73,16 +71,18 @@ pub fn events(shared: &Shared, mut watcher: Watcher) -> Response {
                 // A client that hung up must not be waited for until the next event.
                 () = sender.closed() => return,
                 () = async { let _ = stopping.wait_for(|s| *s).await; } => {
+                    if !watcher.has_last_word() {
+                        return;
+                    }
                     // The runner ends its jobs when the server stops; its last word is worth a moment.
                     tokio::time::timeout(LAST_WORD, watcher.next()).await.unwrap_or(None)
                 }
             };
-            let Some((id, job)) = next else { return };
-            let event = Event::new(id, job);
-            let Ok(message) =
-                sse::Event::default().id(event.id.to_string()).event(event.name).json_data(&event.data)
-            else {
-                return;
+            let Some(told) = next else { return };
+            let message = sse::Event::default().event(told.name).data(told.data);
+            let message = match told.id {
+                Some(id) => message.id(id.to_string()),
+                None => message,
             };
             if sender.send(Ok(message)).await.is_err() {
                 return;
@@ -92,6 +92,8 @@ pub fn events(shared: &Shared, mut watcher: Watcher) -> Response {
     Sse::new(ReceiverStream::new(receiver)).keep_alive(KeepAlive::default()).into_response()
 }
 
+/// Events written ahead of a client that reads slowly; it misses what its source no longer keeps.
+const AHEAD: usize = 2;
 /// How long an event is waited for once the server is told to stop.
 const LAST_WORD: Duration = Duration::from_secs(2);
 

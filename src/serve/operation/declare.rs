@@ -175,6 +175,12 @@ impl Declaration {
         self
     }
 
+    /// What an event of the answer has as data.
+    pub fn tells<T: ToSchema>(mut self) -> Declaration {
+        self.described.schema::<T>();
+        self
+    }
+
     /// An answer of this status tells an id, at a JSON pointer, with which to ask for what is at `path` and below it.
     pub fn leads_to(mut self, status: u16, path: &'static str, id: &'static str) -> Declaration {
         self.described.leads.push(Lead { status, path, id });

@@ -147,6 +147,11 @@ impl Described {
         self.response(status, about).content.insert("application/json".into(), content(schema));
     }
 
+    /// The document has this schema, whatever refers to it.
+    pub fn schema<T: ToSchema>(&mut self) {
+        self.reference::<T>();
+    }
+
     /// An answer of text or bytes.
     pub fn media(&mut self, status: u16, about: &str, kinds: &[&str]) {
         for kind in kinds {

@@ -29,6 +29,9 @@ pub struct Kept<T>(pub T, pub Value);
 /// The body, whatever it is: weights.
 pub struct Bytes(pub Vec<u8>);
 
+/// The number of the last event seen, 0 if none was.
+pub struct LastEvent(pub u64);
+
 /// Whether arrays are wanted apart from the rest.
 pub struct Raw(pub bool);
 
@@ -70,6 +73,16 @@ impl Input for Bytes {
 
     fn read(from: &mut Asked) -> Answer<Bytes> {
         from.bytes("the weights as safetensors").map(Bytes)
+    }
+}
+
+impl Input for LastEvent {
+    fn describe(to: &mut Described) {
+        to.header::<u64>("Last-Event-ID", "Number of the last event seen");
+    }
+
+    fn read(from: &mut Asked) -> Answer<LastEvent> {
+        from.last_event().map(LastEvent)
     }
 }
 

@@ -6,7 +6,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::describe::Described;
-use crate::job::Watcher;
+use super::events::Events;
 use crate::serve::wire::{Array, Bulk, pack};
 
 /// An answer, in no transport's form yet.
@@ -27,8 +27,8 @@ pub enum Content {
     /// A value that is JSON already.
     Json(Vec<u8>),
     Media(Media),
-    /// Events of a job, from some event on.
-    Events(Box<Watcher>),
+    /// From some event on.
+    Events(Box<dyn Events>),
 }
 
 /// Bytes or text with their media type.

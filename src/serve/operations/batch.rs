@@ -45,10 +45,8 @@ fn create(app: &App, Body(body): Body<CreateWorlds>, keep: Keep<WorldsMade>) -> 
     let (world, seeds) = body.parts()?;
     let config = world.config(&app.catalogue)?;
     let ids: Vec<String> = seeds.iter().map(|_| app.worlds().fresh_id()).collect();
-    let out = |made: &[Listed]| WorldsMade {
-        worlds: ids.clone(),
-        world: WorldOut::new(&made[0].id, made[0].world.describe()),
-    };
+    let out =
+        |made: &[Listed]| WorldsMade { worlds: ids.clone(), world: WorldOut::of(&made[0], made[0].used) };
     let made = app.worlds().make_many(&ids, &config, &seeds, &|made| keep(&out(made)))?;
     Ok(out(&made))
 }

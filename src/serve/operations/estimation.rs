@@ -19,7 +19,7 @@ use super::text::{json, text};
 use crate::budget::Endless;
 use crate::error::{Error, Result};
 use crate::estimate::Surface;
-use crate::experiment::{Answer, Asked, EstimateConfig, Proposal, ResidualKind, Round, Workflow};
+use crate::experiment::{Answer, Asked, EstimateConfig, Proposal, ResidualKind, Round, Stopped, Workflow};
 use crate::explore::{self, Importance};
 use crate::job::{Context, New, Outcome, Work};
 use crate::json::{from_value, parse};
@@ -191,6 +191,7 @@ fn run(base: &Base, context: &Context, plan: &Plan, shared: Option<&World>) -> R
                 plan.budget.map(|b| b.saturating_sub(spent().unwrap_or(b))),
             ];
             if workflow.propose(left.into_iter().flatten().min(), context)?.is_none() {
+                warn_of_budget(&workflow, context);
                 break;
             }
             if let Some(asked) = workflow.asked() {
@@ -214,6 +215,7 @@ fn run(base: &Base, context: &Context, plan: &Plan, shared: Option<&World>) -> R
             context.report(&stage, measured.len() as u64, total)?;
             return Ok(Outcome::Waiting);
         }
+        warn_of_failed(&measured, context);
         let round = workflow.tell(&answers(&asked.proposals, &measured)?, context)?;
         // The measurements have a table of their own.
         let bare = Round { answers: Vec::new(), ..round.clone() };
@@ -230,6 +232,21 @@ fn run(base: &Base, context: &Context, plan: &Plan, shared: Option<&World>) -> R
     report.seconds = Some(started.elapsed().as_secs_f64());
     base.metrics.simulated(report.rollouts);
     Ok(Outcome::Done(json(&report)?))
+}
+
+/// Tells the job's owner that nothing is left to measure with.
+fn warn_of_budget(workflow: &Workflow, context: &Context) {
+    if workflow.ended() == Some(Stopped::Budget) {
+        context.warn("the budget of real interactions is spent: no more rounds");
+    }
+}
+
+/// Tells the job's owner of proposals that could not be carried out.
+fn warn_of_failed(measured: &Measured, context: &Context) {
+    let failed = measured.values().filter(|m| m.is_none()).count();
+    if failed > 0 {
+        context.warn(&format!("{failed} of {} proposals could not be carried out", measured.len()));
+    }
 }
 
 /// What the strategy is told of what matters: nothing, unless it asks or a surface is named.

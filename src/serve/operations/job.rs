@@ -1,13 +1,14 @@
 //! Jobs of all kinds.
 
 use crate::error::{Error, Result};
-use crate::job::Deleted;
+use crate::job::{Deleted, Watcher};
 use crate::serve::app::App;
 use crate::serve::operation::{
-    ACT, Asked, Content, Described, Id, Input, Operation, Output, Page, READ, Reply, delete, get,
+    ACT, Asked, Content, Described, Events, Id, Input, LastEvent, Next, Operation, Output, Page, READ, Reply,
+    Told, delete, get,
 };
 use crate::serve::problem::Answer;
-use crate::serve::wire::{JobOut, Jobs};
+use crate::serve::wire::{JobOut, Jobs, LineOut, Log};
 use crate::store::{JobList, JobState};
 
 /// What can be asked of jobs.
@@ -27,6 +28,13 @@ pub fn operations() -> Vec<Operation> {
             .answers_nothing(204, "Forgotten")
             .refuses(&[(404, "")])
             .does(remove),
+        get("get_job_log", "/v1/jobs/{id}/log", "jobs", READ)
+            .about(
+                "What happened to a job, line by line: stages, rounds, warnings, the server's restarts, its end.\n\nThe latest \
+                 1000 lines are kept for as long as the job. To follow it, ask again with `after`.",
+            )
+            .refuses(&[(404, "")])
+            .does(log),
         get("follow_job", "/v1/jobs/{id}/events", "jobs", READ)
             .about(
                 "Follows a job: server-sent events `progress`, and `done` at the end, each with the job as data. \
@@ -38,19 +46,6 @@ pub fn operations() -> Vec<Operation> {
             .only_http()
             .does(events),
     ]
-}
-
-/// The number of the last event seen, 0 if none was.
-struct LastEvent(u64);
-
-impl Input for LastEvent {
-    fn describe(to: &mut Described) {
-        to.header::<u64>("Last-Event-ID", "Number of the last event seen");
-    }
-
-    fn read(from: &mut Asked) -> Answer<LastEvent> {
-        from.last_event().map(LastEvent)
-    }
 }
 
 /// Which jobs, in which order, and which part of them.
@@ -95,6 +90,42 @@ fn list(app: &App, Listed(list, page): Listed) -> Result<Jobs> {
     Ok(Jobs { jobs: all.into_iter().map(JobOut::from).collect(), next })
 }
 
+/// Which part of a log.
+struct Lines {
+    /// Number of the last line seen.
+    after: u64,
+    page: Page,
+}
+
+impl Input for Lines {
+    fn describe(to: &mut Described) {
+        to.query::<u64>("after", "Only lines after this number");
+        Page::describe(to);
+    }
+
+    fn read(from: &mut Asked) -> Answer<Lines> {
+        let mut query = from.query()?;
+        let given = query.iter().position(|(name, _)| name == "after").map(|at| query.remove(at).1);
+        let number = |value: String| {
+            // SQLite counts to 2^63 - 1.
+            value
+                .parse()
+                .ok()
+                .filter(|n| *n <= i64::MAX as u64)
+                .ok_or_else(|| Error::input("after", format!("{value:?}"), "the number of a line, or 0"))
+        };
+        let after = given.map(number).transpose()?.unwrap_or(0);
+        Ok(Lines { after, page: Page::from_query(&query)? })
+    }
+}
+
+fn log(app: &App, (Id(id), Lines { after, page }): (Id, Lines)) -> Result<Log> {
+    let after = page.after("log")?.unwrap_or(0).max(after).min(i64::MAX as u64);
+    let mut lines = app.jobs().log(&id, after, page.fetch())?;
+    let next = page.cut("log", &mut lines, |l| l.number);
+    Ok(Log { lines: lines.into_iter().map(LineOut::from).collect(), next })
+}
+
 fn remove(app: &App, Id(id): Id) -> Result<Reply> {
     Ok(match app.jobs().delete(&id)? {
         Deleted::Cancelled(job) => (202, JobOut::from(*job)).reply(),
@@ -105,4 +136,20 @@ fn remove(app: &App, Id(id): Id) -> Result<Reply> {
 fn events(app: &App, (Id(id), LastEvent(seen)): (Id, LastEvent)) -> Result<Reply> {
     let watcher = app.jobs().watch(&id, seen)?;
     Ok(if watcher.exhausted() { ().reply() } else { Reply::of(Content::Events(Box::new(watcher))) })
+}
+
+/// `done` for a job that has ended, else `progress`.
+impl Events for Watcher {
+    fn next(&mut self) -> Next<'_> {
+        Box::pin(async {
+            let (id, job) = Watcher::next(self).await?;
+            let name = if job.row.state.ended() { "done" } else { "progress" };
+            let data = serde_json::to_string(&JobOut::from(job)).ok()?;
+            Some(Told { id: Some(id), name, data })
+        })
+    }
+
+    fn has_last_word(&self) -> bool {
+        true
+    }
 }

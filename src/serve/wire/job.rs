@@ -126,13 +126,6 @@ pub struct Jobs {
     pub next: Option<String>,
 }
 
-/// One server-sent event: `done` for a job that has ended, else `progress`.
-pub struct Event {
-    pub id: u64,
-    pub name: &'static str,
-    pub data: JobOut,
-}
-
 impl<'de> Deserialize<'de> for RealChoice {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         // Not derived: an untagged enum's errors name neither the place nor what is allowed.
@@ -175,14 +168,6 @@ impl From<Job> for JobOut {
             seed: row.seed,
             version: row.version,
         }
-    }
-}
-
-impl Event {
-    /// Event `id` of a job.
-    pub fn new(id: u64, job: Job) -> Event {
-        let name = if job.row.state.ended() { "done" } else { "progress" };
-        Event { id, name, data: job.into() }
     }
 }
 

@@ -15,6 +15,7 @@ mod episode;
 mod form;
 mod health;
 mod job;
+mod log;
 pub mod pack;
 mod physics;
 mod policy;
@@ -25,6 +26,7 @@ mod strict;
 mod surface;
 mod task;
 mod token;
+mod watched;
 mod world;
 
 pub use array::{Array, Data, lists};
@@ -36,7 +38,8 @@ pub use diagnosis::DiagnosisIn;
 pub use episode::{ResetIn, ResetOut, SplitIn, StepIn, StepOut};
 pub use form::{Form, MSGPACK};
 pub use health::Health;
-pub use job::{Estimation, Event, JobOut, Jobs, RealChoice, RealIn};
+pub use job::{Estimation, JobOut, Jobs, RealChoice, RealIn};
+pub use log::{LineOut, Log};
 pub use physics::{LatentsIn, effects};
 pub use policy::{
     ActIn, Acted, EvaluateIn, LearnIn, Policies, PolicyOut, RankingIn, Scored, TrainIn, TrainingIn,
@@ -47,4 +50,5 @@ pub use strict::Object;
 pub use surface::{SensitivityOut, SurfaceIn, SurfaceOut, SurfaceWhole, Surfaces};
 pub use task::{Families, FamilyOut, FamilyTasks, TaskOut};
 pub use token::{TokenIn, TokenMade, TokenOut, Tokens};
+pub use watched::{HappenedOut, WatchOut, drawn};
 pub use world::{CreateWorld, WorldOut, Worlds};

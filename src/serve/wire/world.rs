@@ -1,5 +1,7 @@
 //! A world: what it is made from, and how it shows itself.
 
+use std::time::Duration;
+
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -8,7 +10,7 @@ use super::physics::{EffectIn, LatentsIn, LatentsOut, effects};
 use super::space::{ActionSpaceOut, ObservationSpaceOut};
 use super::strict::Object;
 use crate::error::{Error, Result};
-use crate::session::{Catalogue, Description, Kind, TaskSet, WorldConfig};
+use crate::session::{Catalogue, Description, Kind, Listed, TaskSet, WorldConfig};
 use crate::task::Scene;
 use crate::world::Engine;
 
@@ -56,6 +58,10 @@ pub enum WorldKind {
 #[derive(Serialize, ToSchema)]
 pub struct WorldOut {
     pub id: String,
+    /// Name of the token it was made with; `null` for those that are always there, and where there are no tokens.
+    pub owner: Option<String>,
+    /// For how long nobody has used it, whole s. To list worlds or to watch one is no use.
+    pub idle_s: u64,
     /// Family, task or custom scene.
     pub task: String,
     pub kind: WorldKind,
@@ -150,11 +156,19 @@ impl From<Kind> for WorldKind {
 }
 
 impl WorldOut {
-    /// A world as clients see it.
-    pub fn new(id: &str, d: Description) -> WorldOut {
+    /// One of a list, at a moment.
+    pub fn of(listed: &Listed, now: Duration) -> WorldOut {
+        let idle_s = now.saturating_sub(listed.used).as_secs();
+        WorldOut { idle_s, ..WorldOut::new(&listed.id, listed.owner.as_deref(), listed.world.describe()) }
+    }
+
+    /// One that is in use.
+    pub fn new(id: &str, owner: Option<&str>, d: Description) -> WorldOut {
         let features = d.features.len();
         WorldOut {
             id: id.into(),
+            owner: owner.map(String::from),
+            idle_s: 0,
             task: d.task,
             kind: d.kind.into(),
             engine: d.engine.name(),

@@ -1,11 +1,13 @@
 // Jobs: everything that runs, waits, has ended or failed. `#/jobs` is the list, `#/jobs/job-3` one job.
 
 import { api, ok, type Schema } from "../api/client";
-import { back, isLost } from "../api/connection";
 import { follow } from "../api/events";
 import { fresh, h, put } from "../dom";
+import { again } from "../parts/again";
 import { short } from "../parts/slider";
+import { duration } from "../parts/time";
 import { type Context, link, type View } from "../view";
+import { log } from "./jobs/log";
 import "./jobs.css";
 
 export const jobs: View = {
@@ -61,7 +63,6 @@ async function list(place: HTMLElement, context: Context): Promise<void> {
   state.addEventListener("change", turn(() => ((before.length = 0), (cursor = undefined))));
   await load();
   const look = async (): Promise<void> => {
-    if (document.hidden) return;
     const fresh = before.length === 0 ? (await ask({ limit: 1 })).jobs[0]?.id : page[0]?.id;
     if (fresh !== page[0]?.id) return load();
     // Only what moves is asked for again: results of what has ended may be large.
@@ -72,22 +73,7 @@ async function list(place: HTMLElement, context: Context): Promise<void> {
     page = page.map((job) => known.get(job.id) ?? job);
     refreshed(body, page, (job) => row(job, () => void load().catch(context.fail), context));
   };
-  void again(look, context);
-}
-
-/** Looks again and again; while the connection is lost it waits, and then it goes on. */
-async function again(look: () => Promise<void>, context: Context): Promise<void> {
-  while (!context.signal.aborted) {
-    await new Promise((resolve) => setTimeout(resolve, LOOK));
-    if (context.signal.aborted) return;
-    if (isLost()) {
-      await back();
-      context.say("The connection is back.");
-    }
-    await look().catch((e: unknown) => {
-      if (!isLost()) context.fail(e);
-    });
-  }
+  void again(look, LOOK, context);
 }
 
 /** Replaces the rows that changed, so that what has the focus keeps it. */
@@ -137,13 +123,19 @@ function button(job: Job, changed: () => void, context: Context): HTMLElement {
 
 async function one(place: HTMLElement, id: string, context: Context): Promise<void> {
   const { signal } = context;
-  const show = (job: Job): void => put(place, ...whole(job, context)) && undefined;
-  show(await ok(api.GET("/v1/jobs/{id}", { params: { path: { id } }, signal })));
+  const [above, lines] = [h("div", { class: "stack" }), log(id, context)];
+  const show = (job: Job): void => {
+    put(above, head(job, context), job.result ? result(job) : null);
+    lines.look();
+  };
+  const job = await ok(api.GET("/v1/jobs/{id}", { params: { path: { id } }, signal }));
+  put(place, h("div", { class: "stack" }, above, lines.element, document_("Asked for", job.config)));
+  show(job);
   await follow(`/v1/jobs/${encodeURIComponent(id)}/events`, (event) => show(JSON.parse(event.data) as Job), signal);
 }
 
-/** A job with what was asked for and what came of it. */
-function whole(job: Job, context: Context): HTMLElement[] {
+/** How a job stands. */
+function head(job: Job, context: Context): HTMLElement {
   const leave = (): void => void (location.hash = link("jobs"));
   const facts: [string, HTMLElement | string][] = [
     ["Kind", kind(job)],
@@ -151,7 +143,7 @@ function whole(job: Job, context: Context): HTMLElement[] {
     ["Seed", String(job.seed)],
     ["Program", job.version],
   ];
-  const head = h(
+  return h(
     "section",
     { class: "card stack", "data-job": job.id },
     h("p", {}, h("a", { href: link("jobs") }, "All jobs")),
@@ -160,7 +152,6 @@ function whole(job: Job, context: Context): HTMLElement[] {
     h("div", { class: "progress" }, ...(job.state === "succeeded" ? [] : progress(job))),
     h("div", { class: "row" }, seenAt(job) ? h("a", { href: seenAt(job) }, "See it in its view") : null, button(job, leave, context)),
   );
-  return [head, ...(job.result ? [result(job)] : []), document_("Asked for", job.config)];
 }
 
 function result(job: Job): HTMLElement {
@@ -245,9 +236,4 @@ function seen(job: Job): string {
   return JSON.stringify([job.state, job.progress]);
 }
 
-/** Seconds as people say them. */
-export function duration(seconds: number): string {
-  if (seconds < 90) return `${Math.max(1, Math.round(seconds))} s`;
-  if (seconds < 5400) return `${Math.round(seconds / 60)} min`;
-  return `${Math.round(seconds / 3600)} h`;
-}
+export { duration };

@@ -20,7 +20,7 @@ from gymnasium import spaces
 from gymnasium.core import RenderFrame
 from numpy.typing import NDArray
 
-from . import png
+from . import png, window
 from .sync import Client, World
 from .rollout import Action, Rollouts
 
@@ -41,12 +41,13 @@ class PlacementEnv(gymnasium.Env[Observation, Any]):
     - `observation`: `features`, float32 in [0, 1]; or `image`, uint8 (image_size, image_size, 3) of the scene
       before the action.
     - `action`: `box`, float32 in [0, 1]; or `discrete`, an index.
+    - `render_mode`: `rgb_array`; or `human`, which opens the server's page at this world when the first episode begins.
     - `split`: what `reset` draws tasks from; `reset(options={"split": ..., "task": ...})` overrides it.
     """
 
     # The environment never resets itself, which is what "disabled" means to a vector of them.
     metadata: dict[str, Any] = {
-        "render_modes": ["rgb_array"],
+        "render_modes": ["rgb_array", "human"],
         "render_fps": 1,
         "autoreset_mode": gymnasium.vector.AutoresetMode.DISABLED,
     }
@@ -74,6 +75,8 @@ class PlacementEnv(gymnasium.Env[Observation, Any]):
         #: The connection, shared with nobody.
         self.client = Client(url, timeout=timeout)
         try:
+            #: The page that is to be opened; None once it was, or if nobody wants to look on.
+            self._page = window.page(self.client) if render_mode == "human" else None
             #: This environment's own world.
             self.world: World = self.client.create_world(**settings)
             self.observation_space = observations(self.world, self._image_size)
@@ -99,6 +102,9 @@ class PlacementEnv(gymnasium.Env[Observation, Any]):
         # A seed starts the world's own sequence of tasks anew; without one it goes on.
         draw = int(self.np_random.integers(2**32)) if seed is not None or self._fresh else None
         self._fresh = False
+        if self._page is not None:
+            window.show(self._page, self.world.id)
+            self._page = None
         features, info = self.world.reset(seed=draw, task=task, split=split)
         self._acted = None
         return self._observe(features, info), _plain(info)
@@ -111,7 +117,9 @@ class PlacementEnv(gymnasium.Env[Observation, Any]):
         return self._observe(features, info), reward, terminated, truncated, _plain(info)
 
     def render(self) -> RenderFrame | list[RenderFrame] | None:
-        """(256, 256, 3) the scene, with what the last valid action placed."""
+        """(256, 256, 3) the scene, with what the last valid action placed; None for `human`: the page shows it."""
+        if self.render_mode == "human":
+            return None
         if self.render_mode is None:
             gymnasium.logger.warn(
                 'render() without a render mode; use gymnasium.make(..., render_mode="rgb_array")'

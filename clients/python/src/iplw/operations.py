@@ -133,6 +133,14 @@ OPERATIONS: dict[str, Operation] = {
         names=("id",),
         gives=("application/json",),
     ),
+    "get_job_log": Operation(
+        method="GET",
+        path="/v1/jobs/{id}/log",
+        status=200,
+        names=("id", "after", "limit", "cursor"),
+        gives=("application/json",),
+        items="lines",
+    ),
     "list_trials": Operation(
         method="GET",
         path="/v1/jobs/{id}/trials",
@@ -320,7 +328,7 @@ OPERATIONS: dict[str, Operation] = {
         method="GET",
         path="/v1/worlds",
         status=200,
-        names=("limit", "cursor"),
+        names=("order", "limit", "cursor"),
         gives=("application/json",),
         items="worlds",
     ),

@@ -19,7 +19,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from . import calls, envs
+from . import calls, envs, window
 from .sync import Client, World
 from .rollout import Action
 
@@ -80,6 +80,8 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         #: The connection, shared with nobody.
         self.client = Client(url, timeout=timeout)
         try:
+            #: The page that is to be opened; None once it was, or if nobody wants to look on.
+            self._page = window.page(self.client) if render_mode == "human" else None
             made = self.client._line.do(calls.create_worlds(settings, num_envs))
             #: Ids of the environments' worlds, in order.
             self.worlds: list[str] = list(made["worlds"])
@@ -111,6 +113,9 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         draws = self._drawn(mask, self._spread(seed))
         if split is None and task is None:
             split = self._split
+        if self._page is not None:
+            window.show(self._page, self._first.id)
+            self._page = None
         everyone = bool(mask.all())
         call = calls.reset_worlds(self.worlds, draws, task, split, None if everyone else mask)
         answer = self.client._line.do(call)
@@ -156,7 +161,12 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         return self._observations.copy(), reward, ended, truncated, infos
 
     def render(self) -> tuple[Any, ...] | None:
-        """A picture of each environment, as `PlacementEnv.render` has it; one request for each."""
+        """A picture of each environment, as `PlacementEnv.render` has it; one request for each.
+
+        For `human` it is None: the page shows the first of them.
+        """
+        if self.render_mode == "human":
+            return None
         if self.render_mode is None:
             gymnasium.logger.warn(
                 'render() without a render mode; use gymnasium.make_vec(..., render_mode="rgb_array")'

@@ -115,6 +115,10 @@ class AsyncJob(AsyncHandle):
         if not self.ended:
             await self._line.do(calls.cancel(self.id))
 
+    async def log(self, after: int = 0) -> list[dict[str, Any]]:
+        """What happened to it, line by line: `number`, `at` (s since 1970), `level`, `text`; those after a number."""
+        return await self._line.items("get_job_log", id=self.id, after=after)
+
     async def trials(self) -> list[dict[str, Any]]:
         """What an estimation has measured: `trial`, `proposal`, `task`, `action`, `t`, `bodies`, ..."""
         return await self._line.items("list_trials", id=self.id)

@@ -116,6 +116,10 @@ class Job(Handle):
         if not self.ended:
             self._line.do(calls.cancel(self.id))
 
+    def log(self, after: int = 0) -> list[dict[str, Any]]:
+        """What happened to it, line by line: `number`, `at` (s since 1970), `level`, `text`; those after a number."""
+        return self._line.items("get_job_log", id=self.id, after=after)
+
     def trials(self) -> list[dict[str, Any]]:
         """What an estimation has measured: `trial`, `proposal`, `task`, `action`, `t`, `bodies`, ..."""
         return self._line.items("list_trials", id=self.id)

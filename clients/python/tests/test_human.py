@@ -1,0 +1,87 @@
+"""`render_mode="human"`: the page is opened at the environment's world, once, in a browser if there is one."""
+
+from __future__ import annotations
+
+import json
+import urllib.request
+import webbrowser
+from typing import Any
+
+import gymnasium
+import pytest
+
+from iplw.envs import PlacementEnv
+from iplw.vector import PlacementVectorEnv
+
+
+@pytest.fixture
+def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Addresses that a browser was to open."""
+    addresses: list[str] = []
+
+    class Fake(webbrowser.BaseBrowser):
+        def open(self, url: str, new: int = 0, autoraise: bool = True) -> bool:
+            addresses.append(url)
+            return True
+
+    monkeypatch.setenv("BROWSER", "fake")
+    monkeypatch.setattr(webbrowser, "_tryorder", ["fake"])
+    webbrowser.register("fake", None, Fake())
+    return addresses
+
+
+@pytest.fixture
+def blind(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No browser, as on a machine that is reached through a terminal."""
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(webbrowser, "open", lambda _url: False)
+
+
+def answered(url: str) -> Any:
+    with urllib.request.urlopen(url) as response:
+        return json.load(response)
+
+
+def test_the_page_is_opened_once_at_the_environments_world(opened: list[str]) -> None:
+    env = gymnasium.make("iplw/Bowling-v0", render_mode="human")
+    assert env.metadata["render_modes"] == ["rgb_array", "human"]
+    assert opened == []
+    for seed in range(3):
+        env.reset(seed=seed)
+        env.step(env.action_space.sample())
+        assert env.render() is None
+    placement = env.unwrapped
+    assert isinstance(placement, PlacementEnv)
+    (address,) = opened
+    page, _, world = address.partition("/#/live/")
+    assert world == placement.world.id
+    # Where it says, that world is there.
+    assert answered(f"{page}/v1/worlds/{world}")["state"]["episodes"] == 3
+    env.close()
+
+
+def test_without_a_browser_the_address_is_said(blind: None, capsys: pytest.CaptureFixture[str]) -> None:
+    env = PlacementEnv("bowling", render_mode="human")
+    env.reset(seed=1)
+    assert f"/#/live/{env.world.id}" in capsys.readouterr().err
+    env.close()
+
+
+def test_over_zeromq_the_page_is_the_same_servers(opened: list[str]) -> None:
+    env = PlacementEnv("bowling", render_mode="human", url="tcp://private")
+    env.reset(seed=1)
+    assert opened[0].startswith("http://127.0.0.1:")
+    other = env.client.url
+    with pytest.raises(ValueError, match="render_mode is 'human' and url is .*; allowed: the server's http address"):
+        PlacementEnv("bowling", render_mode="human", url=other)
+    env.close()
+
+
+def test_of_many_environments_the_first_is_shown(opened: list[str]) -> None:
+    envs = PlacementVectorEnv(3, "bowling", render_mode="human")
+    envs.reset(seed=1)
+    envs.step(envs.action_space.sample())
+    assert envs.render() is None
+    assert [address.rpartition("/")[2] for address in opened] == envs.worlds[:1]
+    envs.close()

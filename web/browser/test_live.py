@@ -1,0 +1,236 @@
+"""Live worlds: watched while a program acts, hidden where they hide something, listed by the thousand; logs of jobs; what the
+page weighs."""
+
+import re
+import subprocess
+import urllib.error
+import urllib.request
+from collections.abc import Callable
+from typing import Any
+
+from conftest import BINARY
+from playwright.sync_api import Page, expect
+from test_jobs import SHORT, copied
+
+#: An estimation that is still at work when it is looked at.
+LONG = {"task": "bowling", "rounds": 200, "actions": 50, "samples": 4000, "seed": 1}
+
+
+def act(server: Any, world: str, actions: list[Any], task: str | None = "bowling:000") -> list[Any]:
+    """What a program does: a reset and a step for each action."""
+    done = []
+    for action in actions:
+        server.ask("POST", f"/v1/worlds/{world}/reset", {"task": task} if task else {})
+        done.append(server.ask("POST", f"/v1/worlds/{world}/step", {"action": action}))
+    return done
+
+
+def watched(page: Page) -> None:
+    expect(page.get_by_text("Watching.")).to_be_visible()
+
+
+def test_a_program_is_watched_step_by_step(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
+    server = serve()
+    solves = server.ask("GET", "/v1/tasks/bowling/0")["certificate"]["action"]
+    world = server.ask("POST", "/v1/worlds", {"task": "bowling", "kind": "real", "budget": 9})["id"]
+    page = see(server).open("#/live")
+    page.get_by_role("link", name=world).click()
+    watched(page)
+    happened = page.locator(".happened li")
+    expect(happened).to_have_count(0)
+    server.ask("POST", f"/v1/worlds/{world}/reset", {"task": "bowling:000"})
+    expect(happened.first).to_have_text("Reset to bowling:000")
+    step = server.ask("POST", f"/v1/worlds/{world}/step", {"action": solves})
+    assert step["info"]["solved"]
+    expect(happened.first).to_contain_text("solved, interactions 1")
+    expect(page.locator(".stage .badge")).to_have_text("solved")
+    expect(page.locator(".facts .count")).to_have_text("1 of 9")
+    assert len(page.locator(".stage .trail").all()) == 3
+    # The latents of the world are hidden here as everywhere.
+    expect(page.locator(".facts")).to_contain_text("Latentshidden")
+    # A program that goes on: another task is another scene, and older films can be seen again.
+    act(server, world, [[0.5, 0.9, 0.2]], "bowling:001")
+    expect(happened.first).to_contain_text(re.compile(r"Step at 0\.500, 0\.900, 0\.200: "))
+    expect(page.get_by_role("img", name=f"Scene of bowling:001 in {world}")).to_be_visible()
+    happened.filter(has_text="solved, interactions 1").get_by_role("button").press("Enter")
+    expect(page.get_by_role("img", name=f"Scene of bowling:000 in {world}")).to_be_visible()
+    expect(page.get_by_label("Show the newest film at once")).not_to_be_checked()
+    # A rollout and a picture beside the episode are attempts, too; looking on was none.
+    server.ask("POST", f"/v1/worlds/{world}/rollout", {"actions": [solves, solves], "task": "bowling:000", "trajectories": True})
+    expect(happened.first).to_contain_text("2 attempts on bowling:000: 2 placed, 2 solved")
+    assert server.ask("GET", f"/v1/worlds/{world}")["interactions"] == int(page.locator(".facts .count").inner_text().split()[0])
+    server.ask("DELETE", f"/v1/worlds/{world}")
+    expect(page.get_by_text("The world is gone")).to_be_visible()
+
+
+def test_a_watch_goes_on_after_the_server_was_gone(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
+    server = serve()
+    page = see(server).open("#/live/bowling-sim")
+    watched(page)
+    act(server, "bowling-sim", [0])
+    expect(page.locator(".happened li")).to_have_count(2)
+    server.kill()
+    expect(page.locator(".banner")).to_be_visible()
+    server.back()
+    expect(page.locator(".banner")).to_be_hidden()
+    watched(page)
+    page.wait_for_function("!document.querySelector('.banner:not([hidden])')")
+    # Only once the watch is on again is there anybody to be told.
+    for _ in range(100):
+        act(server, "bowling-sim", [1])
+        if page.locator(".happened li").count() > 2:
+            break
+    expect(page.locator(".happened li").first).to_contain_text("Step")
+
+
+def test_who_may_not_see_a_world_may_not_watch_it(serve: Callable[..., Any], see: Callable[..., Any], tmp_path: Any) -> None:
+    tokens = tmp_path / "tokens"
+    made = {}
+    for name in ("ann", "bob"):
+        command = [BINARY, "token", "new", name, "--may", "act", "--token-file", tokens]
+        said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+        made[name] = next(word for word in said.split() if word.startswith("iplw_"))
+    server = serve("--token-file", str(tokens))
+    server.token = made["ann"]
+    world = server.ask("POST", "/v1/worlds", {"task": "bowling"})["id"]
+    server.token = made["bob"]
+    try:
+        server.ask("GET", f"/v1/worlds/{world}/events")
+        raise AssertionError("bob sees what is ann's")
+    except urllib.error.HTTPError as refused:
+        assert refused.code == 404
+    page = see(server).open("#/live")
+    sign = page.get_by_role("dialog", name="Sign in")
+    sign.get_by_label("Token").fill(made["bob"])
+    sign.get_by_role("button", name="Sign in").click()
+    expect(page.get_by_role("link", name="bowling-real")).to_be_visible()
+    expect(page.get_by_role("link", name=world)).to_have_count(0)
+    page.goto(f"{server.page}/#/live/{world}")
+    expect(page.locator(".error")).to_contain_text(world)
+    expect(page.locator(".stage")).to_have_count(0)
+    page.get_by_role("button", name="Sign out").click()
+    sign.get_by_label("Token").fill(made["ann"])
+    sign.get_by_role("button", name="Sign in").click()
+    watched(page)
+    expect(page.locator(".facts")).to_contain_text("Ownerann")
+
+
+def test_a_world_of_a_scene_of_its_own_shows_no_material(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
+    server = serve()
+    ball = {"name": "ball", "shape": {"type": "disc", "radius": 0.1}, "position": None, "friction": 0.4375, "density": 3.625}
+    scene = {
+        "format": "iplw.scene/1",
+        "name": "secret",
+        "bodies": [ball],
+        "statics": [{"name": "floor", "shape": {"type": "segment", "from": [-2, 0], "to": [2, 0]}, "restitution": 0.8125}],
+        "goal": {"type": "inside", "body": "ball", "region": [[-1, 0], [1, 0], [1, 1], [-1, 1]]},
+        "action": {"components": [{"target": "ball", "set": "x", "low": -1, "high": 1}, {"target": "ball", "set": "y", "low": 0.5, "high": 2}]},
+        "steps": 240,
+    }
+    scene["bodies"][0].pop("position")  # type: ignore[index]
+    world = server.ask("POST", "/v1/worlds", {"scene": scene, "kind": "real", "effects": [{"name": "wind", "parameters": {"ax": 1.5625, "ay": 0}}]})["id"]
+    sight = see(server)
+    told = urllib.request.urlopen(f"{server.url}/v1/worlds/{world}/events", timeout=60)
+    page = sight.open(f"#/live/{world}")
+    watched(page)
+    server.ask("POST", f"/v1/worlds/{world}/reset", {})
+    server.ask("POST", f"/v1/worlds/{world}/step", {"action": [0.5, 0.5]})
+    expect(page.locator(".happened li").first).to_contain_text("Step at")
+    assert len(page.locator(".stage .trail").all()) == 1
+    # All that the server tells of it, up to where the world goes.
+    server.ask("DELETE", f"/v1/worlds/{world}")
+    expect(page.get_by_text("The world is gone")).to_be_visible()
+    stream = told.read().decode()
+    assert "event: gone" in stream and '"floor"' in stream
+    for hidden in ("0.4375", "3.625", "0.8125", "1.5625", "wind", "friction", "restitution", "density"):
+        assert hidden not in stream and hidden not in page.content(), hidden
+
+
+def test_a_thousand_worlds_come_in_pages(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
+    server = serve()
+    made = server.ask("POST", "/v1/batch/worlds", {"task": "bowling", "count": 1000})["worlds"]
+    page = see(server).open("#/play")
+    page.locator(".badge.sim").wait_for()
+    page.evaluate(FIRST_ROW)
+    page.get_by_role("link", name="Live worlds").click()
+    took = page.evaluate("window.firstRow")
+    print(f"1,000 worlds, click to first rows: {took:.0f} ms")
+    rows = page.locator(".worlds tbody tr")
+    expect(rows).to_have_count(25)
+    # What is used comes to the top by itself.
+    used = made[500]
+    act(server, used, [0])
+    expect(rows.first).to_have_attribute("data-world", used)
+    expect(rows.first).to_contain_text("now")
+    page.get_by_label("Order").select_option("id")
+    expect(rows.first).to_have_attribute("data-world", "basketball-real")
+    page.get_by_role("button", name="More").click()
+    expect(rows.first).not_to_have_attribute("data-world", "basketball-real")
+    page.get_by_role("button", name="Back").click()
+    expect(rows.first).to_have_attribute("data-world", "basketball-real")
+
+
+#: Resolves, once somebody clicks, with the time until rows stand there, ms.
+FIRST_ROW = """() => {
+  window.firstRow = new Promise((done) => addEventListener('click', () => {
+    const begun = performance.now();
+    const look = () => document.querySelector('tbody tr') ? done(performance.now() - begun) : requestAnimationFrame(look);
+    look();
+  }, { once: true, capture: true }));
+}"""
+
+
+def test_what_happened_to_a_job_is_read_line_by_line(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
+    server = serve()
+    job = server.ask("POST", "/v1/iplw", LONG)["id"]
+    page = see(server).open(f"#/jobs/{job}")
+    log = page.get_by_role("log", name=f"Log of {job}")
+    expect(log).to_contain_text("queued")
+    expect(log).to_contain_text("begun")
+    expect(log).to_contain_text(re.compile(r"\d\d:\d\d:\d\d round 1 of 200: "))
+    server.kill()
+    expect(page.locator(".banner")).to_be_visible()
+    server.back()
+    expect(log).to_contain_text("the server was started: it is queued again")
+    server.ask("DELETE", f"/v1/jobs/{job}")
+    expect(log.locator(".line").last).to_contain_text("cancelled")
+    # Its end is in sight by itself.
+    assert log.evaluate("e => e.scrollTop + e.clientHeight >= e.scrollHeight - 4")
+    numbers = [int(line.get_attribute("data-line") or 0) for line in log.locator(".line").all()]
+    assert numbers == list(range(1, len(numbers) + 1)), "each line once, in order"
+    # One that fails says why: nothing is left to measure.
+    world = server.ask("POST", "/v1/worlds", {"task": "bowling", "kind": "real", "budget": 0})["id"]
+    spent = server.ask("POST", "/v1/iplw", {**SHORT, "world": world})["id"]
+    server.ended(spent)
+    page.goto(f"{server.page}/#/jobs/{spent}")
+    log = page.get_by_role("log", name=f"Log of {spent}")
+    expect(log.locator(".is-warning")).to_contain_text("the budget of real interactions is spent")
+    expect(log.locator(".is-error")).to_contain_text("failed")
+
+
+def test_the_page_weighs_little_after_long_lists(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
+    server = serve()
+    server.ended(server.ask("POST", "/v1/iplw", SHORT)["id"])
+    server.kill()
+    copied(server.folder / "iplw.sqlite", 10_000)
+    server.back()
+    server.ask("POST", "/v1/batch/worlds", {"task": "bowling", "count": 1000})
+    page = see(server).open("#/live")
+    page.wait_for_selector("tbody tr")
+    paint = page.evaluate("performance.getEntriesByName('first-contentful-paint')[0].startTime")
+    print(f"first picture on loopback: {paint:.0f} ms after the address was opened")
+    for view, more, pages in (("#/live", "More", 40), ("#/jobs", "Older", 20)):
+        page.goto(f"{server.page}/{view}")
+        page.wait_for_selector("tbody tr")
+        for _ in range(pages):
+            first = page.locator("tbody tr th").first.inner_text()
+            page.get_by_role("button", name=more).click()
+            page.wait_for_function(f"document.querySelector('tbody tr th')?.innerText !== {first!r}")
+    session = page.context.new_cdp_session(page)
+    session.send("Performance.enable")
+    session.send("HeapProfiler.collectGarbage")
+    metrics = {m["name"]: m["value"] for m in session.send("Performance.getMetrics")["metrics"]}
+    used = metrics["JSHeapUsedSize"] / 2**20
+    print(f"memory of the tab with 10,000 jobs and all of 1,000 worlds looked through: {used:.1f} MiB of heap")
+    assert used < 200
+    assert metrics["Nodes"] < 20_000

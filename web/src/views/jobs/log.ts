@@ -1,0 +1,62 @@
+// The log of a job: what happened, line by line, with a tail that is followed.
+
+import { all, api, ok, type Schema } from "../../api/client";
+import { fresh, h } from "../../dom";
+import { latest } from "../../parts/latest";
+import { clock, day } from "../../parts/time";
+import type { Context } from "../../view";
+
+type Line = Schema<"LineOut">;
+
+/** Lines that are shown; the server keeps as many. */
+const SHOWN = 1_000;
+
+export interface Log {
+  element: HTMLElement;
+  /** Fetches what has come since. */
+  look: () => void;
+}
+
+export function log(id: string, context: Context): Log {
+  const box = fresh("tail");
+  const tail = h("input", { id: box, type: "checkbox", checked: true });
+  const lines = h("div", { class: "log", role: "log", tabindex: 0, "aria-label": `Log of ${id}` });
+  const none = h("p", { class: "soft" }, "No line yet.");
+  const element = h("section", { class: "card stack", "aria-label": "Log" }, h("div", { class: "row" }, h("h2", {}, "Log"), tail, h("label", { for: box }, "Follow its end")), none, lines);
+  let last: Line | null = null;
+  const end = (): void => void (tail.checked && (lines.scrollTop = lines.scrollHeight));
+  tail.addEventListener("change", end);
+  // Who scrolls up reads; who comes back to the end follows again.
+  lines.addEventListener("scroll", () => (tail.checked = lines.scrollTop + lines.clientHeight >= lines.scrollHeight - 4));
+  const look = latest<null>(async () => {
+    const after = last?.number ?? 0;
+    try {
+      const come = await all(
+        (cursor) => ok(api.GET("/v1/jobs/{id}/log", { params: { path: { id }, query: { after, limit: SHOWN, ...(cursor ? { cursor } : {}) } }, signal: context.signal })),
+        (page) => page.lines,
+      );
+      // Set by the last line that came, before a scroll of ours can tell.
+      const followed = tail.checked;
+      for (const line of come) {
+        lines.append(...rows(line, last));
+        last = line;
+      }
+      while (lines.childElementCount > SHOWN) lines.firstElementChild!.remove();
+      none.hidden = lines.childElementCount > 0;
+      tail.checked = followed;
+      end();
+    } catch (e) {
+      context.fail(e);
+    }
+  });
+  return { element, look: () => look(null) };
+}
+
+/** A line, after its day where that is another than the line's before. */
+function rows(line: Line, before: Line | null): HTMLElement[] {
+  const today = day(line.at);
+  const head = before && day(before.at) === today ? [] : [h("p", { class: "soft" }, today)];
+  const level = line.level === "info" ? null : h("strong", {}, `${line.level}: `);
+  const text = h("p", { class: `line is-${line.level}`, "data-line": line.number }, h("time", { datetime: new Date(line.at * 1e3).toISOString() }, clock(line.at)), " ", level, line.text);
+  return [...head, text];
+}

@@ -1,0 +1,13 @@
+// Live worlds: who acts where. `#/live` is the list, `#/live/w1` one world as it is acted in.
+
+import { list } from "./live/list";
+import { watching } from "./live/watching";
+import type { View } from "../view";
+import "./live.css";
+
+export const live: View = {
+  id: "live",
+  title: "Live worlds",
+  about: "Every world of the server, and what programs do in one of them as they do it. To look on spends nothing.",
+  open: (place, context) => (context.rest[0] ? watching(place, context.rest[0], context) : list(place, context)),
+};

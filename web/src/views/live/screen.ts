@@ -1,0 +1,52 @@
+// The film of one action in a world: what was placed, how it moved, how it ended.
+
+import { h, put, s } from "../../dom";
+import { player } from "../../parts/player";
+import { colours } from "../../scene/colour";
+import { line, picture } from "../../scene/draw";
+import { at, end, type Film, way } from "../../scene/film";
+import { placed } from "../../scene/place";
+import type { Scene } from "../../scene/types";
+import type { Context } from "../../view";
+
+export interface Screen {
+  element: HTMLElement;
+  /** The scene as it stands, and why nothing moves. */
+  empty: (why: string) => void;
+  /** An action with its film; without one it was not carried out. */
+  show: (action: readonly number[], film: Film | null, verdict: string) => void;
+}
+
+/** The screen of a scene. */
+export function screen(scene: Scene, label: string, context: Context): Screen {
+  const drawn = picture(scene, label);
+  const trails = s("g");
+  drawn.over.append(trails);
+  const dealt = colours(scene);
+  let film: Film | null = null;
+  const play = player((time) => {
+    if (film) drawn.pose("solid", at(film, time));
+  }, context.signal);
+  const badge = h("p", { class: "row", role: "status" });
+  const paths = (of: Film): SVGElement[] => Object.keys(of.bodies).map((name) => line(way(of, name, end(of)), { class: "trail", stroke: dealt.get(name) ?? "currentColor" }));
+  const load = (now: Film | null, length: number): void => {
+    film = now;
+    put(trails, ...(now ? paths(now) : []));
+    play.load(length);
+    drawn.svg.dataset.film = String(Number(drawn.svg.dataset.film ?? 0) + 1);
+  };
+  return {
+    element: h("div", { class: "stage" }, drawn.svg, play.element, badge),
+    empty: (why) => {
+      load(null, 0);
+      drawn.redraw(scene);
+      put(badge, h("span", { class: "soft" }, why));
+    },
+    show: (action, now, verdict) => {
+      drawn.redraw(placed(scene, action));
+      load(now, now ? end(now) : 0);
+      put(badge, verdict ? h("span", { class: "badge", "data-verdict": verdict }, verdict) : null);
+      if (now) play.restart();
+    },
+  };
+}

@@ -1,0 +1,53 @@
+// What happened in a world, in words, and the world after it.
+
+import type { Schema } from "../../api/client";
+import { short } from "../../parts/slider";
+
+export type World = Schema<"WorldOut">;
+export type Happened = Schema<"HappenedOut">;
+
+/** The world after an event, as far as the event tells. */
+export function after(world: World, event: Happened): World {
+  const state = { ...world.state };
+  if (event.what === "reset") [state.task, state.phase, state.episodes] = [event.task ?? null, "ready", state.episodes + 1];
+  if (event.what === "step" && event.valid) state.phase = "done";
+  const remaining = world.budget == null ? null : Math.max(0, world.budget - event.interactions);
+  return { ...world, state, interactions: event.interactions, remaining, ...(event.latents ? { latents: event.latents } : {}) };
+}
+
+/** What a world that nothing happens in waits for. */
+export function waits(world: World): string {
+  return { new: "No episode has begun.", ready: "An action is waited for.", done: "The episode has ended." }[world.state.phase] ?? "";
+}
+
+/** How an action ended; empty for attempts beside the episode. */
+export function verdict(event: Happened): string {
+  if (event.what === "attempts") return "";
+  if (!event.valid) return `not placed: ${event.reason ?? ""}`;
+  if (event.end === "diverged") return "diverged";
+  return event.solved ? "solved" : "not solved";
+}
+
+/** An event in a line. */
+export function said(event: Happened): string {
+  const at = event.action ? ` at ${event.action.map((v) => v.toFixed(3)).join(", ")}` : "";
+  switch (event.what) {
+    case "reset":
+      return `Reset to ${event.task}`;
+    case "step":
+      return `Step${at}: ${verdict(event)}`;
+    case "attempts": {
+      const { tried, valid, solved } = event.attempts ?? { tried: 0, valid: 0, solved: 0 };
+      return `${tried} ${tried === 1 ? "attempt" : "attempts"} on ${event.task}: ${valid} placed, ${solved} solved`;
+    }
+    case "latents":
+      return `Latents set: ${Object.entries(event.latents ?? {}).map(([name, v]) => `${name} ${short(v as number)}`).join(", ")}`;
+    default:
+      return "The world is gone";
+  }
+}
+
+/** Whether something was attempted: the counter stands behind it. */
+export function spent(event: Happened): boolean {
+  return event.what === "attempts" || (event.what === "step" && event.valid === true);
+}
