@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde_json::Value;
 
+use super::record::Figure;
 use crate::budget::Budget;
 use crate::error::Result;
 use crate::progress::Progress;
@@ -42,6 +43,8 @@ pub(super) trait Stage: Sync {
     fn look(&self) -> Result<()>;
     /// How far it is; an error once it is to stop.
     fn report(&self, stage: &str, done: u64, total: u64) -> Result<()>;
+    /// A figure, told with the next event.
+    fn figure(&self, figure: Figure);
     /// How many of its rounds are finished.
     fn round(&self, done: u64, total: u64);
 }
@@ -49,6 +52,10 @@ pub(super) trait Stage: Sync {
 impl Progress for Context<'_> {
     fn report(&self, stage: &str, done: u64, total: u64) -> Result<()> {
         self.stage.report(stage, done, total)
+    }
+
+    fn figure(&self, name: &'static str, at: u64, value: f64) {
+        self.stage.figure(Figure { name, at, value });
     }
 }
 
