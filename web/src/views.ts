@@ -2,6 +2,7 @@
 
 import { jobs } from "./views/jobs";
 import { play } from "./views/play";
+import { train } from "./views/train";
 import type { View } from "./view";
 
-export const VIEWS: readonly View[] = [play, jobs];
+export const VIEWS: readonly View[] = [play, train, jobs];

@@ -1304,9 +1304,11 @@ export interface components {
              *     `null` while not known.
              */
             eta_s?: number | null;
+            figures?: components["schemas"]["FigureOut"][];
             stage: string;
             total: number;
         };
+        FigureOut: { at: number; name: string; value: number };
         /** @description An action to be carried out. */
         ProposalOut: {
             /** @description Each number from 0 to 1. */
@@ -1740,6 +1742,7 @@ export interface components {
             /** @description A family (its training tasks are used) or one task. */
             task: string;
             training?: components["schemas"]["TrainingIn"] | null;
+            validations?: number | null;
         };
         /**
          * @description How the training simulation's latents are chosen.
@@ -3130,6 +3133,7 @@ export interface operations {
                 order?: string;
                 /** @description Only jobs in this state */
                 state?: string;
+                kind?: string;
                 /** @description Most items, 1 to 1000; default 100 */
                 limit?: number;
                 /** @description `next` of the page before */

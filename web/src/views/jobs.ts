@@ -104,7 +104,7 @@ function row(job: Job, changed: () => void, context: Context): HTMLElement {
     "tr",
     { "data-job": job.id, "data-seen": seen(job) },
     h("th", { scope: "row" }, h("a", { href: link("jobs", [job.id]) }, job.id)),
-    h("td", {}, h("strong", {}, KINDS[job.kind] ?? job.kind), " ", h("span", { class: "soft" }, about(job))),
+    h("td", {}, kind(job), " ", h("span", { class: "soft" }, about(job))),
     h("td", {}, h("span", { class: `state ${job.state}` }, job.state)),
     h("td", { class: "progress" }, ...progress(job)),
     h("td", {}, button(job, changed, context)),
@@ -146,7 +146,7 @@ async function one(place: HTMLElement, id: string, context: Context): Promise<vo
 function whole(job: Job, context: Context): HTMLElement[] {
   const leave = (): void => void (location.hash = link("jobs"));
   const facts: [string, HTMLElement | string][] = [
-    ["Kind", KINDS[job.kind] ?? job.kind],
+    ["Kind", kind(job)],
     ["State", h("span", { class: `state ${job.state}` }, job.state)],
     ["Seed", String(job.seed)],
     ["Program", job.version],
@@ -210,6 +210,19 @@ const KINDS: Record<string, string> = {
   learn: "Learning on",
   evaluate: "Evaluation",
 };
+
+/** Views that show a kind of job at their `#/VIEW/job-3`. */
+const SHOWN_BY: Record<string, string> = {
+  train: "train",
+  learn: "train",
+  evaluate: "train",
+};
+
+/** What kind of job it is, leading to the view that shows it. */
+function kind(job: Job): HTMLElement {
+  const [named, view] = [KINDS[job.kind] ?? job.kind, SHOWN_BY[job.kind]];
+  return h("strong", {}, view ? h("a", { href: link(view, [job.id]) }, named) : named);
+}
 
 function about(job: Job): string {
   const config = job.config as Record<string, unknown>;

@@ -1,0 +1,81 @@
+// What a comparison shows: solved tasks against attempts, jump starts, and AUCCESS as policies learn on in a world.
+
+import type { Schema } from "../../api/client";
+import { h, put } from "../../dom";
+import { key, plotted, type Series } from "../../parts/series";
+import { better, chains, type Evaluation, type Interval, interval, type Learner } from "./scores";
+
+/** An evaluated policy. */
+export interface Drawn {
+  id: string;
+  look: number;
+  /** As the server calls it: `fixed`, `learned_on`, ... */
+  training: string;
+  evaluation: Evaluation;
+  curve: Interval[];
+  auccess: Interval;
+}
+
+/** Trainings that never saw a real world. */
+const SIMULATED = ["fixed", "randomised"];
+
+export interface Figures {
+  element: HTMLElement;
+  draw: (drawn: readonly Drawn[], chance: Evaluation | undefined, learnt: readonly Schema<"JobOut">[], real: boolean) => void;
+}
+
+/** The figures, empty at first. */
+export function figures(): Figures {
+  const success = plotted({ about: "Share of tasks solved within so many attempts", x: "attempts (the area under a curve is its AUCCESS)", y: "tasks solved", log: true, steps: true, most: 1 });
+  const learning = plotted({ about: "AUCCESS over attempts learned from in a world", x: "attempts learned from in a world", y: "AUCCESS", most: 1, marked: true });
+  const legend = h("figcaption", { class: "row" });
+  const none = h("p", { class: "soft" }, "Nothing to draw yet: tick policies and evaluate them.");
+  const curves = h("figure", { class: "solved" }, legend, success.svg, h("p", { class: "soft" }, "Bands: where the share of such tasks lies, 95 % (Wilson). Policies are compared task by task, on the same candidates."));
+  const starts = h("dl", { class: "starts", "aria-label": "Jump starts" });
+  const further = h("figure", {}, h("figcaption", {}, "Learning on in a world"), learning.svg);
+  const draw: Figures["draw"] = (drawn, chance, learnt, real) => {
+    [curves.hidden, none.hidden] = [!drawn.length, drawn.length > 0];
+    put(legend, ...drawn.map((one) => h("span", { class: "name", "data-curve": one.id }, key(one.look), `${one.id} ${one.auccess.value.toFixed(2)}`)));
+    success.draw(drawn.map(line), Math.max(2, ...drawn.map((one) => one.evaluation.attempts)));
+    const jumps = real ? drawn.filter((one) => SIMULATED.includes(one.training)) : [];
+    starts.hidden = !jumps.length;
+    put(starts, ...jumps.flatMap((one) => jump(one, chance)));
+    const ways = learned(drawn, learnt);
+    further.hidden = !ways.length;
+    learning.draw(ways);
+  };
+  return { element: h("div", { class: "stack" }, none, curves, starts, further), draw };
+}
+
+function line(one: Drawn): Series {
+  const x = one.curve.map((_, i) => i + 1);
+  return { name: one.id, look: one.look, x, y: one.curve.map((p) => p.value), low: one.curve.map((p) => p.low), high: one.curve.map((p) => p.high) };
+}
+
+/** AUCCESS in the real world before anything was learned there. */
+function jump(one: Drawn, chance: Evaluation | undefined): HTMLElement[] {
+  const ahead = chance ? better(one.evaluation.solvedAt, chance.solvedAt) : null;
+  return [
+    h("dt", {}, h("span", { class: "name" }, key(one.look), `Jump start of ${one.id}`)),
+    h("dd", {}, h("strong", {}, one.auccess.value.toFixed(2)), " ", ahead ? `${interval(ahead, true)} over chance, ` : "", "before any learning in the real world"),
+  ];
+}
+
+/** Policies that learned on from each other, each by what it reaches. */
+function learned(drawn: readonly Drawn[], learnt: readonly Schema<"JobOut">[]): Series[] {
+  const steps: Learner[] = learnt.flatMap((job) => {
+    const found = job.result as { policy: string; from: string; interactions: number } | null | undefined;
+    return found ? [{ id: found.policy, from: found.from, attempts: found.interactions }] : [];
+  });
+  const roots = drawn.filter((one) => !steps.some((step) => step.id === one.id)).map((one) => ({ id: one.id, from: null, attempts: 0 }));
+  return chains([...roots, ...steps]).flatMap((way) => {
+    const known = way.flatMap((step) => {
+      const one = drawn.find((d) => d.id === step.id);
+      return one ? [{ ...step, one }] : [];
+    });
+    const last = known.at(-1)?.one;
+    if (!last) return [];
+    const of = (pick: (i: Interval) => number): number[] => known.map((k) => pick(k.one.auccess));
+    return [{ name: last.id, look: last.look, x: known.map((k) => k.attempts), y: of((i) => i.value), low: of((i) => i.low), high: of((i) => i.high) }];
+  });
+}

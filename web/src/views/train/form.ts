@@ -1,0 +1,125 @@
+// What is asked for of a training: the kind of learner, in what it learns, how much.
+
+import { api, ok, type Schema } from "../../api/client";
+import { h, put } from "../../dom";
+import type { Context } from "../../view";
+import { choice, type Field, given, number, refused } from "./fields";
+
+/** What trainings can be made from. */
+export interface Given {
+  family: Schema<"FamilyOut">;
+  policies: readonly Schema<"PolicyOut">[];
+  worlds: readonly Schema<"WorldOut">[];
+  /** Estimations of the family that succeeded. */
+  estimations: readonly Schema<"JobOut">[];
+}
+
+export type Latents = { density?: number; friction?: number; restitution?: number };
+
+const KINDS: [string, string][] = [
+  ["fixed", "In one simulation"],
+  ["randomised", "In simulations with latents drawn at random"],
+  ["learn", "A policy learns on in a world"],
+  ["direct", "In a world alone, from nothing"],
+];
+const LATENTS: [keyof Latents, string][] = [
+  ["density", "density, kg/m²"],
+  ["friction", "friction"],
+  ["restitution", "restitution"],
+];
+/** Looks at AUCCESS on the way that the page asks for. */
+const LOOKS = 10;
+
+/** The form; `started` gets every job that was queued. */
+export function form(from: Given, started: (job: Schema<"JobOut">) => void, context: Context): HTMLElement {
+  const { family, worlds } = from;
+  const numbered = Array.from({ length: family.tasks }, (_, i) => `${family.name}:${String(i).padStart(3, "0")}`);
+  const whole: [string, string] = [family.name, `the ${family.split.train} training tasks of ${family.name}`];
+  const learners = from.policies.filter((p) => p.task === family.name);
+  const kind = choice("Kind of learner", "training", KINDS);
+  const task = choice("Tasks", "task", [whole, ...numbered.map((id) => [id, `${id} alone`] as const)]);
+  const source = choice("Latents", "source", [
+    ["prior", "before anything is known"],
+    ...from.estimations.map((job) => [job.id, `as ${job.id} estimated`] as const),
+    ["hand", "by hand"],
+  ]);
+  const latents = LATENTS.map(([name, label]) => number(label, `latents.${name}`, { hint: "empty: the prior's mean" }));
+  const policy = choice("Policy", "policy", learners.map((p) => [p.id, `${p.id}, ${p.training}`]));
+  const world = choice("World", "world", worlds.map((w) => [w.id, w.kind === "real" ? `${w.id}, real` : w.id]));
+  const attempts = number("Attempts to learn from", "attempts", { hint: "as many as the updates hold, if empty" });
+  const batches = number("Updates", "batches", { hint: "the family's own number, if empty" });
+  const size = number("Examples per update", "batch_size");
+  const looks = number("Validations on the way", "validations", { value: LOOKS });
+  const seed = number("Seed", "seed", { value: 0 });
+  const fields: Field<HTMLInputElement | HTMLSelectElement>[] = [kind, task, source, ...latents, policy, world, attempts, batches, size, looks, seed];
+  const button = h("button", { type: "submit", class: "main" }, "Train");
+  const physics = h("fieldset", {}, h("legend", {}, "The simulation's latents"), source.element, h("div", { class: "three" }, ...latents.map((l) => l.element)));
+  const spends = h("p", { class: "soft" }, "Attempts in a world are counted there; in a real one they are what is scarce.");
+  const show = (): void => {
+    const how = kind.input.value;
+    const simulated = how === "fixed" || how === "randomised";
+    physics.hidden = how !== "fixed";
+    for (const one of [task, looks]) one.element.hidden = !simulated;
+    for (const one of [world, attempts]) one.element.hidden = simulated;
+    policy.element.hidden = how !== "learn";
+    spends.hidden = simulated;
+    button.disabled = how === "learn" && !learners.length;
+    put(button, how === "learn" && !learners.length ? "No policy to learn on with" : "Train");
+  };
+  const filled = (): void => {
+    const from_ = source.input.value;
+    if (from_ === "hand") return;
+    const now = estimated(from.estimations.find((job) => job.id === from_));
+    LATENTS.forEach(([name], i) => (latents[i]!.input.value = now[name] === undefined ? "" : String(Number(now[name].toPrecision(6)))));
+  };
+  kind.input.addEventListener("change", show);
+  source.input.addEventListener("change", filled);
+  for (const one of latents) one.input.addEventListener("input", () => (source.input.value = "hand"));
+  show();
+  const ask = (): Promise<Schema<"JobOut">> => {
+    const how = kind.input.value;
+    const budget = { ...some("batches", given(batches)), ...some("batch_size", given(size)), ...some("seed", given(seed)) };
+    if (how === "learn" || how === "direct") {
+      const body = { world: world.input.value, ...some("attempts", given(attempts)), ...budget };
+      const id = how === "direct" ? "untrained" : policy.input.value;
+      return ok(api.POST("/v1/policies/{id}/learn", { params: { path: { id } }, body, signal: context.signal }));
+    }
+    const values = Object.fromEntries(LATENTS.flatMap(([name], i) => (given(latents[i]!) === undefined ? [] : [[name, given(latents[i]!)]])));
+    const training = how as Schema<"TrainingIn">;
+    const physics_ = how === "fixed" ? { latents: values } : {};
+    const body = { task: task.input.value, training, ...physics_, ...budget, ...some("validations", given(looks)) };
+    return ok(api.POST("/v1/policies", { body, signal: context.signal }));
+  };
+  const element = h("form", { class: "stack train-form", novalidate: true });
+  put(
+    element,
+    h("div", { class: "two" }, kind.element, task.element, policy.element, world.element, attempts.element),
+    physics,
+    spends,
+    h("div", { class: "four" }, batches.element, size.element, looks.element, seed.element),
+    h("div", { class: "row" }, button),
+  );
+  element.addEventListener("submit", (event) => {
+    event.preventDefault();
+    for (const one of fields) one.refuse(null);
+    context.fail(null);
+    button.disabled = true;
+    ask()
+      .then(started)
+      .catch((e: unknown) => refused(fields, e) || context.fail(e))
+      .finally(show);
+  });
+  return element;
+}
+
+/** The latents of an estimation; none of no estimation. */
+export function estimated(job: Schema<"JobOut"> | undefined): Latents {
+  const found = (job?.result as { latents?: { name: string; value: number }[] } | undefined)?.latents ?? [];
+  const known = found.filter((l) => LATENTS.some(([name]) => name === l.name));
+  return Object.fromEntries(known.map((l) => [l.name, l.value]));
+}
+
+/** A field of a request that is left out where nothing was given. */
+function some<K extends string>(name: K, value: number | undefined): { [key in K]?: number } {
+  return value === undefined ? {} : ({ [name]: value } as { [key in K]?: number });
+}
