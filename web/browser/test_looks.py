@@ -8,6 +8,7 @@ import pytest
 from conftest import ROOT
 from playwright.sync_api import Page, expect
 from test_jobs import SHORT
+from test_train import compared
 
 AXE = ROOT / "web/node_modules/axe-core/axe.min.js"
 PICTURES = ROOT / "docs/pictures"
@@ -34,6 +35,7 @@ def shown(page: Page, server: Any) -> None:
 VIEWS: dict[str, tuple[str, Callable[[Page, Any], None]]] = {
     "play": ("#/play/bowling:002", played),
     "play-basketball": ("#/play/basketball:003", played),
+    "train": ("#/train/job-2", compared),
     "jobs": ("#/jobs", listed),
     "job": ("#/jobs/job-1", shown),
 }

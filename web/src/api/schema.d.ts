@@ -1057,6 +1057,14 @@ export interface components {
             observation_space: components["schemas"]["ObservationSpaceOut"];
             tasks: components["schemas"]["TaskRow"][];
         };
+        /** @description A figure on the way. */
+        FigureOut: {
+            /** @description Units of the stage that were done. */
+            at: number;
+            name: string;
+            /** Format: double */
+            value: number;
+        };
         /** @description Whether the server answers. */
         Health: {
             /** @description `ok`, `ready` or `stopping`. */
@@ -1304,11 +1312,14 @@ export interface components {
              *     `null` while not known.
              */
             eta_s?: number | null;
+            /**
+             * @description In events: what the work told since the event before. `loss`: binary cross-entropy, nats, the mean of the batches
+             *     since the last one told; `validation`: AUCCESS on tasks not learned from.
+             */
             figures?: components["schemas"]["FigureOut"][];
             stage: string;
             total: number;
         };
-        FigureOut: { at: number; name: string; value: number };
         /** @description An action to be carried out. */
         ProposalOut: {
             /** @description Each number from 0 to 1. */
@@ -1742,6 +1753,10 @@ export interface components {
             /** @description A family (its training tasks are used) or one task. */
             task: string;
             training?: components["schemas"]["TrainingIn"] | null;
+            /**
+             * @description How often AUCCESS on the family's validation tasks is looked at along the way, in the same simulation, up to 100;
+             *     default 0. Told in the job's events (`validation`) and result.
+             */
             validations?: number | null;
         };
         /**
@@ -3133,6 +3148,7 @@ export interface operations {
                 order?: string;
                 /** @description Only jobs in this state */
                 state?: string;
+                /** @description Only jobs of this kind: `train`, `evaluate`, ... */
                 kind?: string;
                 /** @description Most items, 1 to 1000; default 100 */
                 limit?: number;
