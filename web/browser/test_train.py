@@ -71,7 +71,7 @@ def test_a_policy_is_trained_set_beside_chance_and_shows_what_it_would_try(serve
     expect(compare.get_by_label("Show policy-1")).to_be_checked()
     expect(compare.get_by_label("Show random")).to_be_checked()
     compare.get_by_label("World").select_option("bowling-real")
-    compare.get_by_label("Attempts a task, at most").fill(str(ATTEMPTS))
+    compare.get_by_label("Attempts a task").fill(str(ATTEMPTS))
     compare.get_by_role("button", name="Evaluate what is ticked").click()
     for number, name in enumerate(("random", "policy-1"), start=2):
         curve = compare.locator(f"[data-curve={name}]")
@@ -115,7 +115,7 @@ def test_a_policy_learns_on_in_a_world_and_is_compared_with_what_it_was(serve: C
     compare = section(page, "Compare")
     expect(compare.get_by_label(f"Show {policy}")).to_be_checked()
     compare.get_by_label("Show policy-1").check()
-    compare.get_by_label("Attempts a task, at most").fill(str(ATTEMPTS))
+    compare.get_by_label("Attempts a task").fill(str(ATTEMPTS))
     compare.get_by_role("button", name="Evaluate what is ticked").click()
     expect(compare.locator(f"[data-curve={policy}]")).to_be_visible()
     expect(compare.locator("[data-curve=policy-1]")).to_be_visible()
@@ -125,7 +125,7 @@ def test_a_policy_learns_on_in_a_world_and_is_compared_with_what_it_was(serve: C
     page.get_by_role("link", name="Jobs").click()
     page.get_by_role("link", name="Evaluation").first.click()
     expect(page).to_have_url(re.compile("#/train/job-"))
-    expect(section(page, "Compare").get_by_label("Attempts a task, at most")).to_have_value(str(ATTEMPTS))
+    expect(section(page, "Compare").get_by_label("Attempts a task")).to_have_value(str(ATTEMPTS))
 
 
 def test_a_training_goes_on_when_the_server_comes_back(serve: Callable[..., Any], see: Callable[..., Any]) -> None:

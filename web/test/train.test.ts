@@ -2,9 +2,9 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import type { Schema } from "../src/api/client";
 import type { Scene } from "../src/scene/types";
-import { cell, firsts, type Grid, place, placeable, shares, strength, together } from "../src/views/train/cells";
+import { cell, firsts, type Grid, place, placeable, ranges, shares, strength, together } from "../src/views/train/cells";
 import { along, type Curves } from "../src/views/train/live";
-import { auccess, better, chains, curve, evaluation, fits, mean, means, wilson, worth } from "../src/views/train/scores";
+import { auccess, better, chains, curve, evaluation, fits, mean, means, smoothed, wilson, worth } from "../src/views/train/scores";
 
 type Job = Schema<"JobOut">;
 
@@ -75,6 +75,8 @@ test("policies that went on from each other are one way", () => {
 test("losses are told in means, each in one", () => {
   assert.deepEqual(means([1, 3, 5, 7, 9], 3), [{ at: 2, value: 2 }, { at: 4, value: 6 }, { at: 5, value: 9 }]);
   assert.deepEqual(means([], 3), []);
+  assert.deepEqual(smoothed([4, 0, 2, 6, 4], 3), [2, 2, 8 / 3, 4, 5]);
+  assert.deepEqual(smoothed([], 3), []);
 });
 
 test("curves grow by events, begin anew with a training that does, and end with its result", () => {
@@ -118,4 +120,5 @@ test("earlier tries are stronger, and tries at one place share a label", () => {
   assert.equal(ranks[0], 1);
   assert.ok(ranks.every((v, i) => i === 0 || v < ranks[i - 1]!) && ranks.at(-1)! >= 0);
   assert.deepEqual(together([[0, 0], [5, 5], [0.1, 0]], 1), [[0, 2], [1]]);
+  assert.equal(ranges([1, 2, 3, 4, 6, 8, 9]), "1–4, 6, 8, 9");
 });

@@ -14,6 +14,8 @@ export interface Series {
   /** Between what each value lies. */
   low?: readonly number[];
   high?: readonly number[];
+  /** Drawn lightly: another series says the same better. */
+  faint?: boolean;
 }
 
 export interface Axes {
@@ -46,7 +48,7 @@ export function plotted(axes: Axes): { svg: SVGSVGElement; draw: (series: readon
   const draw = (series: readonly Series[], last = 1): void => {
     drawn = { series, last };
     put(plot, ...pieces(axes, series, last, width));
-    const ends = series.map((one) => `${one.name} ${short(one.y.at(-1) ?? 0)} at ${one.x.at(-1) ?? 0}`);
+    const ends = series.filter((one) => !one.faint).map((one) => `${one.name} ${short(one.y.at(-1) ?? 0)} at ${one.x.at(-1) ?? 0}`);
     set(svg, { "aria-label": `${axes.about}: ${ends.length ? ends.join("; ") : "nothing yet"}` });
   };
   new ResizeObserver(([entry]) => {
@@ -87,7 +89,7 @@ function pieces(axes: Axes, series: readonly Series[], least: number, width: num
   const lines = series.map((one) =>
     s(
       "g",
-      { class: `series series-${one.look % LOOKS}`, "data-series": one.name, "data-points": one.x.length },
+      { class: `series series-${one.look % LOOKS}${one.faint ? " faint" : ""}`, "data-series": one.name, "data-points": one.x.length },
       s("polyline", { class: "series-line", points: way(one.x, one.y).join(" ") }),
       ...(axes.marked ? one.y.map((v, k) => s("circle", { class: "series-point", cx: x(one.x[k]!), cy: y(v), r: 3 })) : []),
     ),

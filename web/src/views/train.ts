@@ -34,13 +34,14 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
   choose.input.addEventListener("change", () => (location.hash = link("train", [], { family: choose.input.value })));
   const of = (name: string): boolean => name === family.name || name.startsWith(`${family.name}:`);
   const worlds = known.worlds.filter((w) => w.task === family.name);
-  const [training, comparing, mapping] = [h("div"), h("div"), h("div")];
+  const [comparing, mapping] = [h("div"), h("div")];
   const runs = h("div", { class: "stack", "aria-label": "Trainings", role: "group" });
   const shown = policy?.id ?? null;
+  const estimations = known.estimations.filter((one) => of(String((one.config as { task?: string }).task)));
+  const asking = form({ family, worlds, estimations }, (started) => watch(started), context);
   // Anew where something was learned: the policies are others then.
   const fill = (policies: Schema<"PolicyOut">[], learnt: Job[], evaluations: Job[], fresh: string | null): void => {
-    const estimations = known.estimations.filter((one) => of(String((one.config as { task?: string }).task)));
-    put(training, form({ family, policies, worlds, estimations }, watch, context));
+    asking.learners(policies);
     put(comparing, compare({ family: family.name, policies, worlds, evaluations, learnt, job: job?.kind === "evaluate" ? job : null, policy: fresh }, context));
     put(mapping, maps({ family, policies, worlds: worlds.filter((w) => w.kind === "sim"), policy: fresh }, context));
   };
@@ -54,7 +55,7 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
   const evaluations = known.evaluations.filter((one) => worlds.some((w) => w.id === (one.config as { world?: string }).world));
   fill(known.policies, known.learnt, evaluations, shown);
   const part = (title: string, ...content: HTMLElement[]): HTMLElement => h("section", { class: "card stack", "aria-label": title }, h("h2", {}, title), ...content);
-  const body = h("div", { class: "train-body" }, part("Train", training, runs), part("Compare", comparing));
+  const body = h("div", { class: "train-body" }, part("Train", asking.element, runs), part("Compare", comparing));
   put(place, h("div", { class: "train" }, h("div", { class: "row" }, choose.element), body, part("First tries", mapping)));
   const running = known.trainings.filter((one) => !ended(one) && one.id !== job?.id);
   for (const one of running) watch(one);

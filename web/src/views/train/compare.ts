@@ -30,8 +30,8 @@ export function compare(of: Compared, context: Context): HTMLElement {
   const start = of.job ? asked(of.job) : null;
   const world = choice("World", "world", of.worlds.map((w) => [w.id, w.kind === "real" ? `${w.id}, real` : w.id]));
   const split = choice("Tasks", "split", [["test", "test"], ["validation", "validation"], ["train", "training"]]);
-  const attempts = number("Attempts a task, at most", "attempts", { value: start?.attempts ?? 100 });
-  const seed = number("Seed of the candidates", "seed", { value: of.job?.seed ?? 0 });
+  const attempts = number("Attempts a task", "attempts", { value: start?.attempts ?? 100 });
+  const seed = number("Candidates' seed", "seed", { value: of.job?.seed ?? 0 });
   if (start && of.worlds.some((w) => w.id === start.world)) world.input.value = start.world;
   if (start?.split) split.input.value = start.split;
   const rows: Row[] = [CHANCE, ...of.policies.filter((p) => p.task === of.family).map((p) => p.id)].map((id, look) => {
@@ -42,12 +42,13 @@ export function compare(of: Compared, context: Context): HTMLElement {
   const setting = (): Setting => ({ world: world.input.value, split: split.input.value, attempts: given(attempts) ?? 100, seed: given(seed) ?? 0 });
   // The newest counts: a policy's weights may have been replaced.
   const found = (id: string): Evaluation | undefined => done.filter((e) => e.policy === id && fits(e, setting())).at(-1);
+  const running = (id: string): Job | undefined => [...under.values()].find((job) => asked(job).policy === id);
   const told = figures();
   const button = h("button", { type: "button", class: "main" }, "Evaluate what is ticked");
   const spent = h("p", { class: "soft", role: "status" });
   const show = (): void => {
     const chance = found(CHANCE);
-    for (const one of rows) fill(one, found(one.id), chance, [...under.values()].find((job) => asked(job).policy === one.id));
+    for (const one of rows) fill(one, found(one.id), chance, running(one.id));
     const ticked = rows.filter((one) => one.tick.checked);
     const drawn = ticked.flatMap((one) => {
       const e = found(one.id);
@@ -83,8 +84,7 @@ export function compare(of: Compared, context: Context): HTMLElement {
   const fields = [world, split, attempts, seed];
   const ask = async (): Promise<void> => {
     for (const one of rows) {
-      const busy = [...under.values()].some((job) => asked(job).policy === one.id);
-      if (!one.tick.checked || found(one.id) || busy) continue;
+      if (!one.tick.checked || found(one.id) || running(one.id)) continue;
       const body = { ...setting(), split: split.input.value as Schema<"SplitIn"> };
       watch(await ok(api.POST("/v1/policies/{id}/evaluate", { params: { path: { id: one.id } }, body, signal: context.signal })));
     }
@@ -99,7 +99,7 @@ export function compare(of: Compared, context: Context): HTMLElement {
   });
   for (const one of fields) one.input.addEventListener("change", () => (show(), refresh().catch(context.fail)));
   for (const one of rows) {
-    one.tick.checked = one.id === of.policy || one.id === CHANCE || one.id === start?.policy || Boolean(found(one.id));
+    one.tick.checked = one.id === of.policy || one.id === CHANCE || one.id === start?.policy || Boolean(found(one.id) ?? running(one.id));
     one.tick.addEventListener("change", show);
   }
   for (const job of [...under.values()]) watch(job);
@@ -130,7 +130,7 @@ function row(id: string, look: number, policy: Schema<"PolicyOut"> | null): Row 
   const tick = h("input", { type: "checkbox", "aria-label": `Show ${id}` });
   const cells = Array.from({ length: 5 }, () => h("td"));
   const named = policy ? h("a", { href: link("train", [id]) }, id) : h("strong", {}, id);
-  const about = policy ? `${policy.training.replaceAll("_", " ")}; ${policy.about}` : "any order: what every policy must beat";
+  const about = policy ? `${policy.training.replaceAll("_", " ")}; ${policy.about.replace(`DQN for ${policy.task}, `, "")}` : "any order: what every policy must beat";
   const name = h("th", { scope: "row" }, h("span", { class: "name" }, key(look), named), " ", h("span", { class: "soft" }, about));
   const element = h("tr", { "data-policy": id }, h("td", {}, tick), name, ...cells);
   return { id, look, training: policy?.training ?? "none", element, tick, cells };
@@ -146,9 +146,15 @@ function fill(row: Row, e: Evaluation | undefined, chance: Evaluation | undefine
   }
   const solved = curve(e.solvedAt, e.attempts);
   const ahead = chance && e !== chance ? better(e.solvedAt, chance.solvedAt) : null;
-  const words = [interval(auccess(e.solvedAt)), ahead ? interval(ahead, true) : "", percent(solved[0]), percent(solved[9]), e.interactions];
+  const words = [within(auccess(e.solvedAt)), ahead ? within(ahead, true) : "", percent(solved[0]), percent(solved[9]), e.interactions];
   const labels = ["AUCCESS", "over chance", "solved at 1", "within 10", "attempts spent"];
   row.cells.forEach((cell, i) => put(set(cell, { "data-label": labels[i]! }), words[i] === "" ? null : words[i]));
+}
+
+/** A value, and under it between what it lies. */
+function within(of: Interval, signed = false): HTMLElement {
+  const [value, ...rest] = interval(of, signed).split(" ");
+  return h("span", { class: "within" }, value, h("span", { class: "soft" }, ` ${rest.join(" ")}`));
 }
 
 function percent(share: Interval | undefined): string {

@@ -8,7 +8,6 @@ import { choice, type Field, given, number, refused } from "./fields";
 /** What trainings can be made from. */
 export interface Given {
   family: Schema<"FamilyOut">;
-  policies: readonly Schema<"PolicyOut">[];
   worlds: readonly Schema<"WorldOut">[];
   /** Estimations of the family that succeeded. */
   estimations: readonly Schema<"JobOut">[];
@@ -30,12 +29,17 @@ const LATENTS: [keyof Latents, string][] = [
 /** Looks at AUCCESS on the way that the page asks for. */
 const LOOKS = 10;
 
+export interface Form {
+  element: HTMLElement;
+  /** There are other policies to learn on with; what was typed stays. */
+  learners: (policies: readonly Schema<"PolicyOut">[]) => void;
+}
+
 /** The form; `started` gets every job that was queued. */
-export function form(from: Given, started: (job: Schema<"JobOut">) => void, context: Context): HTMLElement {
+export function form(from: Given, started: (job: Schema<"JobOut">) => void, context: Context): Form {
   const { family, worlds } = from;
   const numbered = Array.from({ length: family.tasks }, (_, i) => `${family.name}:${String(i).padStart(3, "0")}`);
   const whole: [string, string] = [family.name, `the ${family.split.train} training tasks of ${family.name}`];
-  const learners = from.policies.filter((p) => p.task === family.name);
   const kind = choice("Kind of learner", "training", KINDS);
   const task = choice("Tasks", "task", [whole, ...numbered.map((id) => [id, `${id} alone`] as const)]);
   const source = choice("Latents", "source", [
@@ -44,7 +48,7 @@ export function form(from: Given, started: (job: Schema<"JobOut">) => void, cont
     ["hand", "by hand"],
   ]);
   const latents = LATENTS.map(([name, label]) => number(label, `latents.${name}`, { hint: "empty: the prior's mean" }));
-  const policy = choice("Policy", "policy", learners.map((p) => [p.id, `${p.id}, ${p.training}`]));
+  const policy = choice("Policy", "policy", []);
   const world = choice("World", "world", worlds.map((w) => [w.id, w.kind === "real" ? `${w.id}, real` : w.id]));
   const attempts = number("Attempts to learn from", "attempts", { hint: "as many as the updates hold, if empty" });
   const batches = number("Updates", "batches", { hint: "the family's own number, if empty" });
@@ -63,8 +67,9 @@ export function form(from: Given, started: (job: Schema<"JobOut">) => void, cont
     for (const one of [world, attempts]) one.element.hidden = simulated;
     policy.element.hidden = how !== "learn";
     spends.hidden = simulated;
-    button.disabled = how === "learn" && !learners.length;
-    put(button, how === "learn" && !learners.length ? "No policy to learn on with" : "Train");
+    const none = how === "learn" && !policy.input.options.length;
+    button.disabled = none;
+    put(button, none ? "No policy to learn on with" : "Train");
   };
   const filled = (): void => {
     const from_ = source.input.value;
@@ -75,6 +80,12 @@ export function form(from: Given, started: (job: Schema<"JobOut">) => void, cont
   kind.input.addEventListener("change", show);
   source.input.addEventListener("change", filled);
   for (const one of latents) one.input.addEventListener("input", () => (source.input.value = "hand"));
+  const learners = (policies: readonly Schema<"PolicyOut">[]): void => {
+    const kept = policy.input.value;
+    const own = policies.filter((p) => p.task === family.name);
+    put(policy.input, ...own.map((p) => h("option", { value: p.id, selected: p.id === kept }, `${p.id}, ${p.training.replaceAll("_", " ")}`)));
+    show();
+  };
   show();
   const ask = (): Promise<Schema<"JobOut">> => {
     const how = kind.input.value;
@@ -109,7 +120,7 @@ export function form(from: Given, started: (job: Schema<"JobOut">) => void, cont
       .catch((e: unknown) => refused(fields, e) || context.fail(e))
       .finally(show);
   });
-  return element;
+  return { element, learners };
 }
 
 /** The latents of an estimation; none of no estimation. */

@@ -7,7 +7,7 @@ import { plotted, type Series } from "../../parts/series";
 import { short } from "../../parts/slider";
 import { duration } from "../jobs";
 import type { Context } from "../../view";
-import { means } from "./scores";
+import { means, smoothed } from "./scores";
 
 type Job = Schema<"JobOut">;
 type Point = { at: number; value: number };
@@ -15,6 +15,8 @@ type Point = { at: number; value: number };
 /** Curves by their names. */
 export type Curves = Record<"loss" | "validation", Point[]>;
 
+/** A loss is smoothed over one of so many parts of it. */
+const SMOOTH = 15;
 /** Points of a loss, at most: as many as the server tells on the way. */
 const TOLD = 200;
 
@@ -45,7 +47,7 @@ export function live(job: Job, ended: (policy: string | null) => void, context: 
   const loss = plotted({ about: "Loss over updates", x: "updates", y: "loss, nats" });
   const validation = plotted({ about: "AUCCESS on validation tasks over updates", x: "updates", y: "validation AUCCESS", most: 1, marked: true });
   const checks = h("figure", { hidden: true }, h("figcaption", { class: "soft" }, "AUCCESS on validation tasks, in the same simulation"), validation.svg);
-  const shown = h("figure", {}, h("figcaption", { class: "soft" }, "Loss: binary cross-entropy; 0.69 knows nothing"), loss.svg);
+  const shown = h("figure", {}, h("figcaption", { class: "soft" }, "Loss (binary cross-entropy) and its running mean; who knows nothing has 0.69"), loss.svg);
   let curves: Curves = { loss: [], validation: [] };
   const show = (now: Job): void => {
     curves = along(curves, now);
@@ -58,8 +60,8 @@ export function live(job: Job, ended: (policy: string | null) => void, context: 
     put(words, over ? null : [STAGES[stage] ?? stage, total ? `${done} of ${total}` : "", typeof left === "number" ? `${duration(left)} left` : ""].filter(Boolean).join(", "));
     put(why, now.error?.detail);
     const last = (now.config as { batches?: number }).batches ?? (stage === "train" ? total : 1);
-    loss.draw(series("loss", 0, curves.loss), last);
-    validation.draw(series("validation AUCCESS", 1, curves.validation), last);
+    loss.draw(series("loss", 1, curves.loss).flatMap((raw) => [{ ...raw, faint: true }, mean(raw)]), last);
+    validation.draw(series("validation AUCCESS", 3, curves.validation), last);
     checks.hidden = !curves.validation.length;
     if (now.state === "succeeded") put(outcome, ...came(now));
   };
@@ -79,6 +81,11 @@ export function live(job: Job, ended: (policy: string | null) => void, context: 
 
 function series(name: string, look: number, points: readonly Point[]): Series[] {
   return points.length ? [{ name, look, x: points.map((p) => p.at), y: points.map((p) => p.value) }] : [];
+}
+
+/** The same without the scatter from batch to batch. */
+function mean(raw: Series): Series {
+  return { ...raw, name: "mean loss", y: smoothed(raw.y, Math.max(3, Math.round(raw.y.length / SMOOTH))) };
 }
 
 /** What came of it, in words. */

@@ -8,7 +8,7 @@ import { placed, unit, value } from "../../scene/place";
 import type { Component, Point, Scene } from "../../scene/types";
 import { type Context, link } from "../../view";
 import { load } from "../play/tasks";
-import { cell, firsts, type Grid, place, placeable, shares, strength, together } from "./cells";
+import { cell, firsts, type Grid, place, placeable, ranges, shares, strength, together } from "./cells";
 import { choice } from "./fields";
 import { CHANCE } from "./scores";
 
@@ -40,7 +40,7 @@ export function maps(of: Mapped, context: Context): HTMLElement {
   const world = choice("What solves, simulated in", "world", of.worlds.map((w) => [w.id, w.id] as const));
   const target = choice("Where is put", "target", []);
   policy.input.value = of.policy && own.includes(of.policy) ? of.policy : (own.at(-1) ?? CHANCE);
-  const place_ = h("div", { class: "stack" });
+  const place_ = h("div", { class: "stack map-place" });
   const state = h("p", { class: "soft", role: "status" });
   const simulated = of.worlds.find((w) => w.id === `${of.family.name}-sim`);
   if (simulated) world.input.value = simulated.id;
@@ -67,7 +67,14 @@ export function maps(of: Mapped, context: Context): HTMLElement {
   });
   for (const one of [policy, world, target]) one.input.addEventListener("change", () => show(false));
   task.input.addEventListener("change", () => show(true));
-  show(true);
+  // Ranking a whole action space is work: done when it is looked at.
+  const sight = new IntersectionObserver((entries) => {
+    if (!entries.some((e) => e.isIntersecting)) return;
+    sight.disconnect();
+    show(true);
+  });
+  sight.observe(place_);
+  context.signal.addEventListener("abort", () => sight.disconnect());
   return h("div", { class: "stack" }, h("div", { class: "four" }, policy.element, task.element, world.element, target.element), state, place_);
 }
 
@@ -146,8 +153,7 @@ function numbered(at: Picture, scene: Scene, grid: Grid, first: readonly (readon
   });
   const labels = together(points, size * 1.6).map((group) => {
     const [x, y] = points[group[0]!]!;
-    const words = group.length > 3 ? `${group[0]! + 1}, +${group.length - 1}` : group.map((i) => i + 1).join(", ");
-    return s("text", { class: "try-number", transform: `translate(${x} ${y}) scale(1 -1)`, "font-size": size, "text-anchor": "middle", dy: "0.35em" }, words);
+    return s("text", { class: "try-number", transform: `translate(${x} ${y}) scale(1 -1)`, "font-size": size, "text-anchor": "middle", dy: "0.35em" }, ranges(group.map((i) => i + 1)));
   });
   at.over.append(...things.reverse(), ...labels);
 }

@@ -143,6 +143,15 @@ interface Found {
   tasks: { task: string; solved_at: number | null }[];
 }
 
+/** The mean of each value and its neighbours, `wide` values in all; fewer at the ends. */
+export function smoothed(values: readonly number[], wide: number): number[] {
+  const half = Math.floor(wide / 2);
+  return values.map((_, i) => {
+    const part = values.slice(Math.max(0, i - half), i + half + 1);
+    return part.reduce((a, b) => a + b, 0) / part.length;
+  });
+}
+
 /** A policy with where it learned, as far as is known. */
 export interface Learner {
   id: string;
