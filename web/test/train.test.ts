@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import type { Schema } from "../src/api/client";
 import type { Scene } from "../src/scene/types";
-import { cell, firsts, type Grid, place, placeable, ranges, shares, strength, together } from "../src/views/train/cells";
+import { cell, firsts, gridded, place, placeable, ranges, shares, strength, together } from "../src/views/train/cells";
 import { along, type Curves } from "../src/views/train/live";
 import { auccess, better, chains, curve, evaluation, fits, mean, means, smoothed, wilson, worth } from "../src/views/train/scores";
 
@@ -106,10 +106,15 @@ const scene = {
 
 test("a map has cells in metres, and knows the best and the share that solves in each", () => {
   assert.deepEqual(placeable(scene), [{ target: "ball", x: 0, y: 1 }]);
-  const grid: Grid = { axes: { target: "ball", x: 0, y: 1 }, columns: 5 };
+  const many = Array.from({ length: 30 }, (_, i) => [i / 29, i / 29]);
+  const grid = gridded({ target: "ball", x: 0, y: 1 }, many, 5);
   assert.equal(cell(grid, [0, 0, 0]), 0);
   assert.equal(cell(grid, [1, 1, 0]), 24);
   assert.deepEqual(place(grid, scene.action!.components, 6), [2, 12, 2, 2]);
+  // Of actions on a coarse lattice each place has its cell, with the place in its middle.
+  const lattice = gridded(grid.axes, [0, 1, 2].flatMap((i) => [0, 1].map((j) => [i / 2, j])), 5);
+  assert.deepEqual([lattice.columns, lattice.rows], [[-0.25, 0.25, 0.75, 1.25], [-0.5, 0.5, 1.5]]);
+  assert.deepEqual([[0, 0], [1, 0], [0, 1], [1, 1]].map((a) => cell(lattice, a)), [0, 2, 3, 5]);
   const actions = [[0.5, 0.5, 0], [0.1, 0.1, 0], [0.51, 0.5, 0.9]];
   assert.deepEqual([...firsts(grid, actions)], [[12, 0], [0, 1]]);
   assert.deepEqual([...shares(grid, actions, [false, false, true])], [[12, { of: 2, solve: 1, one: 2 }], [0, { of: 1, solve: 0, one: null }]]);

@@ -19,24 +19,45 @@ export function placeable(scene: Scene): Axes[] {
   return names.map((target) => ({ target, x: of(target, "x"), y: of(target, "y") })).filter((a) => a.x >= 0 && a.y >= 0);
 }
 
-/** A grid of `columns` each way over the range of a place. */
+/** A grid over where one thing is put: edges of its columns and rows, rising, as shares of the range. */
 export interface Grid {
   axes: Axes;
-  columns: number;
+  columns: readonly number[];
+  rows: readonly number[];
 }
 
-/** Number of the cell of an action, row by row from below. */
+/** A grid of at most `most` cells each way. Where actions are but at a few places, each has a cell of its own. */
+export function gridded(axes: Axes, actions: readonly (readonly number[])[], most: number): Grid {
+  return { axes, columns: edges(actions.map((a) => a[axes.x]!), most), rows: edges(actions.map((a) => a[axes.y]!), most) };
+}
+
+function edges(shares: readonly number[], most: number): number[] {
+  const places = [...new Set(shares)].sort((a, b) => a - b);
+  if (places.length > most || places.length < 2) return Array.from({ length: most + 1 }, (_, i) => i / most);
+  const inner = places.slice(1).map((v, i) => (v + places[i]!) / 2);
+  return [2 * places[0]! - inner[0]!, ...inner, 2 * places.at(-1)! - inner.at(-1)!];
+}
+
+/** Number of the cell of an action, row by row from below; the nearest of one beyond the grid. */
 export function cell(grid: Grid, action: readonly number[]): number {
-  const of = (share: number): number => Math.min(grid.columns - 1, Math.max(0, Math.floor(share * grid.columns)));
-  return of(action[grid.axes.y]!) * grid.columns + of(action[grid.axes.x]!);
+  const of = (share: number, edges: readonly number[]): number => {
+    const past = edges.findIndex((edge) => edge > share);
+    return past < 0 ? edges.length - 2 : Math.max(0, past - 1);
+  };
+  return of(action[grid.axes.y]!, grid.rows) * across(grid) + of(action[grid.axes.x]!, grid.columns);
+}
+
+/** Cells of a row. */
+export function across(grid: Grid): number {
+  return grid.columns.length - 1;
 }
 
 /** Left, bottom, width, height of a cell, m. */
 export function place(grid: Grid, components: readonly Component[], number: number): [number, number, number, number] {
   const [cx, cy] = [components[grid.axes.x]!, components[grid.axes.y]!];
-  const [column, row] = [number % grid.columns, Math.floor(number / grid.columns)];
-  const [left, bottom] = [value(cx, column / grid.columns), value(cy, row / grid.columns)];
-  return [left, bottom, value(cx, (column + 1) / grid.columns) - left, value(cy, (row + 1) / grid.columns) - bottom];
+  const [column, row] = [number % across(grid), Math.floor(number / across(grid))];
+  const [left, bottom] = [value(cx, grid.columns[column]!), value(cy, grid.rows[row]!)];
+  return [left, bottom, value(cx, grid.columns[column + 1]!) - left, value(cy, grid.rows[row + 1]!) - bottom];
 }
 
 /** For each cell that any action is in, the number of the first action there: of a list from best to worst, its best. */

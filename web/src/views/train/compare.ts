@@ -6,7 +6,7 @@ import { h, put, set } from "../../dom";
 import { key } from "../../parts/series";
 import { short } from "../../parts/slider";
 import { type Context, link } from "../../view";
-import { choice, given, number, refused } from "./fields";
+import { choice, given, named, number, refused } from "./fields";
 import { figures } from "./figures";
 import { asked, auccess, better, CHANCE, curve, evaluation, type Evaluation, fits, type Interval, interval, type Setting } from "./scores";
 
@@ -28,7 +28,7 @@ export interface Compared {
 /** The comparison. */
 export function compare(of: Compared, context: Context): HTMLElement {
   const start = of.job ? asked(of.job) : null;
-  const world = choice("World", "world", of.worlds.map((w) => [w.id, w.kind === "real" ? `${w.id}, real` : w.id]));
+  const world = choice("World", "world", of.worlds.map((w) => [w.id, named(w)]));
   const split = choice("Tasks", "split", [["test", "test"], ["validation", "validation"], ["train", "training"]]);
   const attempts = number("Attempts a task", "attempts", { value: start?.attempts ?? 100 });
   const seed = number("Candidates' seed", "seed", { value: of.job?.seed ?? 0 });

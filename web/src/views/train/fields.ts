@@ -1,5 +1,6 @@
 // Fields of a form that know what the server calls them, so that a refusal is told where it belongs.
 
+import type { Schema } from "../../api/client";
 import { told } from "../../api/problem";
 import { type Child, fresh, h, put, set } from "../../dom";
 
@@ -52,4 +53,9 @@ export function refused(fields: readonly Field<HTMLInputElement | HTMLSelectElem
   found.refuse(detail);
   found.input.focus();
   return true;
+}
+
+/** A world with its kind, where its name does not tell. */
+export function named(world: Schema<"WorldOut">): string {
+  return world.id.includes(world.kind) ? world.id : `${world.id}, ${world.kind}`;
 }

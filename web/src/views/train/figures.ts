@@ -26,11 +26,11 @@ export interface Figures {
 
 /** The figures, empty at first. */
 export function figures(): Figures {
-  const success = plotted({ about: "Share of tasks solved within so many attempts", x: "attempts (the area under a curve is its AUCCESS)", y: "tasks solved", log: true, steps: true, most: 1 });
-  const learning = plotted({ about: "AUCCESS over attempts learned from in a world", x: "attempts learned from in a world", y: "AUCCESS", most: 1, marked: true });
+  const success = plotted({ about: "Share of tasks solved within so many attempts", x: "attempts", y: "tasks solved", log: true, steps: true, most: 1 });
+  const learning = plotted({ about: "AUCCESS over attempts learned from in a world", x: "attempts learned from", y: "AUCCESS", most: 1, marked: true });
   const legend = h("figcaption", { class: "row" });
   const none = h("p", { class: "soft" }, "Nothing to draw yet: tick policies and evaluate them.");
-  const curves = h("figure", { class: "solved" }, legend, success.svg, h("p", { class: "soft" }, "Bands: where the share of such tasks lies, 95 % (Wilson). Policies are compared task by task, on the same candidates."));
+  const curves = h("figure", { class: "solved" }, legend, success.svg, h("p", { class: "soft" }, "The area under a curve is its AUCCESS. Bands: where the share of such tasks lies, 95 % (Wilson)."));
   const starts = h("dl", { class: "starts", "aria-label": "Jump starts" });
   const further = h("figure", {}, h("figcaption", {}, "Learning on in a world"), learning.svg);
   const draw: Figures["draw"] = (drawn, chance, learnt, real) => {
@@ -74,7 +74,7 @@ function learned(drawn: readonly Drawn[], learnt: readonly Schema<"JobOut">[]): 
       return one ? [{ ...step, one }] : [];
     });
     const last = known.at(-1)?.one;
-    if (!last) return [];
+    if (!last || !known.some((k) => k.attempts > 0)) return [];
     const of = (pick: (i: Interval) => number): number[] => known.map((k) => pick(k.one.auccess));
     return [{ name: last.id, look: last.look, x: known.map((k) => k.attempts), y: of((i) => i.value), low: of((i) => i.low), high: of((i) => i.high) }];
   });

@@ -3,7 +3,7 @@
 import { api, ok, type Schema } from "../../api/client";
 import { h, put } from "../../dom";
 import type { Context } from "../../view";
-import { choice, type Field, given, number, refused } from "./fields";
+import { choice, type Field, given, named, number, refused } from "./fields";
 
 /** What trainings can be made from. */
 export interface Given {
@@ -39,7 +39,7 @@ export interface Form {
 export function form(from: Given, started: (job: Schema<"JobOut">) => void, context: Context): Form {
   const { family, worlds } = from;
   const numbered = Array.from({ length: family.tasks }, (_, i) => `${family.name}:${String(i).padStart(3, "0")}`);
-  const whole: [string, string] = [family.name, `the ${family.split.train} training tasks of ${family.name}`];
+  const whole: [string, string] = [family.name, `all ${family.split.train} training tasks`];
   const kind = choice("Kind of learner", "training", KINDS);
   const task = choice("Tasks", "task", [whole, ...numbered.map((id) => [id, `${id} alone`] as const)]);
   const source = choice("Latents", "source", [
@@ -49,7 +49,7 @@ export function form(from: Given, started: (job: Schema<"JobOut">) => void, cont
   ]);
   const latents = LATENTS.map(([name, label]) => number(label, `latents.${name}`, { hint: "empty: the prior's mean" }));
   const policy = choice("Policy", "policy", []);
-  const world = choice("World", "world", worlds.map((w) => [w.id, w.kind === "real" ? `${w.id}, real` : w.id]));
+  const world = choice("World", "world", worlds.map((w) => [w.id, named(w)]));
   const attempts = number("Attempts to learn from", "attempts", { hint: "as many as the updates hold, if empty" });
   const batches = number("Updates", "batches", { hint: "the family's own number, if empty" });
   const size = number("Examples per update", "batch_size");

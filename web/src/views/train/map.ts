@@ -8,7 +8,7 @@ import { placed, unit, value } from "../../scene/place";
 import type { Component, Point, Scene } from "../../scene/types";
 import { type Context, link } from "../../view";
 import { load } from "../play/tasks";
-import { cell, firsts, type Grid, place, placeable, ranges, shares, strength, together } from "./cells";
+import { across, cell, firsts, type Grid, gridded, place, placeable, ranges, shares, strength, together } from "./cells";
 import { choice } from "./fields";
 import { CHANCE } from "./scores";
 
@@ -18,7 +18,8 @@ const RANKED = 10_000;
 const TRIED = 2_000;
 /** Tries that are numbered. */
 const NUMBERED = 10;
-const COLUMNS = 24;
+/** Cells of a map each way, at most. */
+const CELLS = 24;
 
 type Scored = Schema<"Scored">;
 
@@ -58,7 +59,7 @@ export function maps(of: Mapped, context: Context): HTMLElement {
       const seen = await looked(policy.input.value, id, world.input.value, context.signal);
       const axes = placeable(scene).find((a) => a.target === target.input.value);
       if (!axes) throw new Error(`${id} has nothing that is put at a place of its own`);
-      put(place_, ...drawn(scene, id, { axes, columns: COLUMNS }, policy.input.value, world.input.value, seen));
+      put(place_, ...drawn(scene, id, gridded(axes, [...seen.ranked, ...seen.tried].map((one) => one.action), CELLS), policy.input.value, world.input.value, seen));
       put(state);
     } catch (e) {
       put(state);
@@ -177,7 +178,7 @@ function chooser(at: readonly Picture[], grid: Grid, components: readonly Compon
       const [x, y] = p.at(event);
       const [cx, cy] = [components[grid.axes.x]!, components[grid.axes.y]!];
       const [u, v] = [(x - cx.low) / (cx.high - cx.low), (y - cy.low) / (cy.high - cy.low)];
-      if (u < 0 || u > 1 || v < 0 || v > 1) return;
+      if (u < grid.columns[0]! || u > grid.columns.at(-1)! || v < grid.rows[0]! || v > grid.rows.at(-1)!) return;
       const action: number[] = [];
       [action[grid.axes.x], action[grid.axes.y]] = [u, v];
       choose(cell(grid, action));
@@ -190,8 +191,8 @@ function chooser(at: readonly Picture[], grid: Grid, components: readonly Compon
     const move = moves[event.key];
     if (!move) return;
     event.preventDefault();
-    const [column, row] = [(now % grid.columns) + move[0], Math.floor(now / grid.columns) + move[1]];
-    if (column >= 0 && row >= 0 && column < grid.columns && row < grid.columns) choose(row * grid.columns + column);
+    const [column, row] = [(now % across(grid)) + move[0], Math.floor(now / across(grid)) + move[1]];
+    if (column >= 0 && row >= 0 && column < across(grid) && row < grid.rows.length - 1) choose(row * across(grid) + column);
   });
   return choose;
 }

@@ -107,7 +107,7 @@ export function better(one: readonly (number | null)[], other: readonly (number 
   const value = differences.reduce((a, b) => a + b, 0) / n;
   const variance = differences.reduce((sum, v) => sum + (v - value) ** 2, 0) / Math.max(1, n - 1);
   const spread = Z * Math.sqrt(variance / n);
-  return { value, low: value - spread, high: value + spread };
+  return { value, low: Math.max(-1, value - spread), high: Math.min(1, value + spread) };
 }
 
 /** Means of at most `most` stretches of values, each at the number of values until its end: what the server tells on the way. */
