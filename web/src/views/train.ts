@@ -35,8 +35,9 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
   const of = (name: string): boolean => name === family.name || name.startsWith(`${family.name}:`);
   const worlds = known.worlds.filter((w) => w.task === family.name);
   const [comparing, mapping] = [h("div"), h("div")];
-  const runs = h("div", { class: "stack", "aria-label": "Trainings", role: "group" });
-  const shown = policy?.id ?? null;
+  const none = h("p", { class: "soft" }, "What a training learns is drawn here while it runs.");
+  const runs = h("div", { class: "stack", "aria-label": "Trainings", role: "group" }, none);
+  const shown = policy?.id ?? (job?.result as { policy?: string } | null | undefined)?.policy ?? null;
   const estimations = known.estimations.filter((one) => of(String((one.config as { task?: string }).task)));
   const asking = form({ family, worlds, estimations }, (started) => watch(started), context);
   // Anew where something was learned: the policies are others then.
@@ -46,8 +47,10 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
     put(mapping, maps({ family, policies, worlds: worlds.filter((w) => w.kind === "sim"), policy: fresh }, context));
   };
   const watch = (started: Job): void => {
+    none.hidden = true;
     runs.prepend(live(started, (made) => {
-      if (!made) return;
+      // What had ended when the view was opened is shown in it.
+      if (!made || ended(started)) return;
       context.say(`${made} is trained.`);
       Promise.all([policiesOf(signal), jobs("learn", signal), jobs("evaluate", signal)]).then(([p, l, e]) => fill(p, l, e, made)).catch(context.fail);
     }, context));
@@ -55,11 +58,11 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
   const evaluations = known.evaluations.filter((one) => worlds.some((w) => w.id === (one.config as { world?: string }).world));
   fill(known.policies, known.learnt, evaluations, shown);
   const part = (title: string, ...content: HTMLElement[]): HTMLElement => h("section", { class: "card stack", "aria-label": title }, h("h2", {}, title), ...content);
-  const body = h("div", { class: "train-body" }, part("Train", asking.element, runs), part("Compare", comparing));
-  put(place, h("div", { class: "train" }, h("div", { class: "row" }, choose.element), body, part("First tries", mapping)));
+  const sides = h("div", { class: "train-sides" }, asking.element, runs);
+  put(place, h("div", { class: "train stack" }, h("div", { class: "row" }, choose.element), part("Train", sides), part("Compare", comparing), part("First tries", mapping)));
   const running = known.trainings.filter((one) => !ended(one) && one.id !== job?.id);
   for (const one of running) watch(one);
-  if (job && ["train", "learn"].includes(job.kind)) runs.prepend(live(job, () => undefined, context));
+  if (job && ["train", "learn"].includes(job.kind)) watch(job);
   if (job && !["train", "learn", "evaluate"].includes(job.kind)) throw new Error(`${job.id} is no training and no evaluation`);
 }
 

@@ -111,9 +111,7 @@ export function compare(of: Compared, context: Context): HTMLElement {
     "div",
     { class: "stack" },
     h("div", { class: "four" }, world.element, split.element, attempts.element, seed.element),
-    h("div", { class: "wide" }, table),
-    h("div", { class: "row" }, button, spent),
-    told.element,
+    h("div", { class: "train-sides" }, h("div", {}, h("div", { class: "wide" }, table), h("div", { class: "row" }, button, spent)), told.element),
   );
 }
 

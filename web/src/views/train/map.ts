@@ -4,7 +4,7 @@ import { api, ok, type Schema } from "../../api/client";
 import { fresh, h, put, s, set } from "../../dom";
 import { latest } from "../../parts/latest";
 import { picture, type Picture } from "../../scene/draw";
-import { placed, unit, value } from "../../scene/place";
+import { placed, targets, unit, value } from "../../scene/place";
 import type { Component, Point, Scene } from "../../scene/types";
 import { type Context, link } from "../../view";
 import { load } from "../play/tasks";
@@ -152,11 +152,14 @@ function numbered(at: Picture, scene: Scene, grid: Grid, first: readonly (readon
     const r = thing?.shape.type === "disc" ? thing.shape.radius : size / 2;
     return s("circle", { class: `try${solve[i] ? " solves" : ""}`, cx: points[i]![0], cy: points[i]![1], r, "vector-effect": "non-scaling-stroke" });
   });
-  const labels = together(points, size * 1.6).map((group) => {
+  const labels = together(points, size * 1.1).map((group) => {
     const [x, y] = points[group[0]!]!;
-    return s("text", { class: "try-number", transform: `translate(${x} ${y}) scale(1 -1)`, "font-size": size, "text-anchor": "middle", dy: "0.35em" }, ranges(group.map((i) => i + 1)));
+    // Beside the thing, on the side that has room.
+    const right = x < at.box[0] + 0.7 * (at.box[2] - at.box[0]);
+    const side = (right ? 1 : -1) * (Number(things[group[0]!]!.getAttribute("r")) + size * 0.3);
+    return s("text", { class: "try-number", transform: `translate(${x + side} ${y}) scale(1 -1)`, "font-size": size, "text-anchor": right ? "start" : "end", dy: "0.35em" }, ranges(group.map((i) => i + 1)));
   });
-  at.over.append(...things.reverse(), ...labels);
+  at.over.append(...[...things].reverse(), ...labels);
 }
 
 /** Lets a place be chosen by mouse, or by arrow keys on the first picture; `told` gives where Enter leads. */
@@ -208,13 +211,19 @@ function told(scene: Scene, task: string, action: readonly number[] | null, rank
 function tryOf(scene: Scene, task: string, action: readonly number[], solves: boolean): HTMLElement {
   const verdict = h("span", { class: `state ${solves ? "succeeded" : ""}` }, solves ? "solves" : "does not solve");
   const id = fresh("try");
-  return h("li", {}, h("span", { id }, words(scene, action)), " ", verdict, " ", h("a", { href: play(task, action), "aria-describedby": id }, "Play it"));
+  return h("li", {}, h("div", { class: "row" }, h("span", { id }, words(scene, action)), verdict, h("a", { href: play(task, action), "aria-describedby": id }, "Play it")));
 }
 
-/** An action in SI. */
+/** An action in SI: `red at (24.70, 17.79) m, radius 2.91 m`. */
 function words(scene: Scene, action: readonly number[]): string {
-  const several = new Set(scene.action!.components.map((c) => c.target)).size > 1;
-  return scene.action!.components.map((c, i) => `${several ? `${c.target} ` : ""}${c.set} ${value(c, action[i]!).toFixed(2)} ${unit(c)}`).join(", ");
+  const components = scene.action!.components;
+  const said = (i: number): string => value(components[i]!, action[i]!).toFixed(2);
+  const of = (target: string): string => {
+    const axes = placeable(scene).find((a) => a.target === target);
+    const rest = components.flatMap((c, i) => (c.target !== target || i === axes?.x || i === axes?.y ? [] : [`${c.set} ${said(i)} ${unit(c)}`]));
+    return [axes ? `${target} at (${said(axes.x)}, ${said(axes.y)}) m` : target, ...rest].join(", ");
+  };
+  return targets(scene).map(of).join("; ");
 }
 
 function play(task: string, action: readonly number[]): string {
