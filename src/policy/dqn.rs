@@ -101,7 +101,9 @@ impl Dqn {
         let mut learned = self.clone();
         let mut checks = Vec::new();
         let mut look = |batches: usize, layers: &[Layer]| {
-            let Some(validation) = validation.filter(|v| v.due(batches, config.batches)) else { return Ok(()) };
+            let Some(validation) = validation.filter(|v| v.due(batches, config.batches)) else {
+                return Ok(());
+            };
             let auccess = validation.auccess(&Dqn { card: self.card.clone(), layers: layers.to_vec() })?;
             progress.figure("validation", batches as u64, auccess);
             checks.push(Check { batches, auccess });

@@ -873,7 +873,8 @@ fn a_training_tells_its_loss_and_its_validation_on_the_way() {
     let done = &events.last().unwrap().2;
     assert_eq!(done["state"], "succeeded", "{done}");
     let told = |name: &str| -> Vec<(u64, f64)> {
-        let all = events.iter().flat_map(|e| e.2["progress"]["figures"].as_array().cloned().unwrap_or_default());
+        let all =
+            events.iter().flat_map(|e| e.2["progress"]["figures"].as_array().cloned().unwrap_or_default());
         let of = all.filter(|f| f["name"] == name);
         of.map(|f| (f["at"].as_u64().unwrap(), f["value"].as_f64().unwrap())).collect()
     };
@@ -888,7 +889,10 @@ fn a_training_tells_its_loss_and_its_validation_on_the_way() {
     assert!(checks.iter().all(|c| (0.0..=1.0).contains(&c.1)), "{checks:?}");
     assert_eq!(told("validation"), checks);
     // In events alone: what is asked for later has the result.
-    assert_eq!(server.get(&format!("/v1/jobs/{}", job["id"].as_str().unwrap()))["progress"].get("figures"), None);
+    assert_eq!(
+        server.get(&format!("/v1/jobs/{}", job["id"].as_str().unwrap()))["progress"].get("figures"),
+        None
+    );
     let many = json!({"task": "basketball:000", "validations": 101}).to_string();
     problem(server.send(Method::POST, "/v1/policies", many), 422, "invalid-value");
 }

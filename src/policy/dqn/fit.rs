@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 use super::adam::Adam;
 use super::net::{Net, matrix};
 use crate::error::{Error, Result};
-use crate::policy::{Check, Dataset};
 use crate::policy::weights::Layer;
+use crate::policy::{Check, Dataset};
 use crate::progress::Progress;
 use crate::rng;
 use crate::task::Learning;
@@ -74,8 +74,9 @@ pub(super) const MOST_UNITS: usize = 4096;
 /// Losses told along a training, at most: a curve as fine as a screen shows.
 const TOLD: usize = 200;
 
-/// Trains `layers` in place and returns the loss of each batch; `look` sees the layers at the start and after each batch. On one thread: batches are too small to gain from more, and one thread cannot
-/// change the order in which products are summed.
+/// Trains `layers` in place and returns the loss of each batch; `look` sees the layers at the start and after each
+/// batch. On one thread: batches are too small to gain from more, and one thread cannot change the order in which
+/// products are summed.
 pub(super) fn fit(
     layers: &mut [Layer],
     data: &Dataset,

@@ -90,8 +90,8 @@ fn begin(app: &App, Kept(body, config): Kept<TrainIn>, keep: Keep<JobOut>) -> Re
     let validations = whole("validations", body.validations, 0, 100)?;
     let labels = LabelConfig::preset(&usual.labels, seed);
     let training = name.into();
-    let config_ = config.clone();
-    let plan = Plan { task: body.task, training, schooling, labels, setup, validations, config: config_ };
+    let asked = config.clone();
+    let plan = Plan { task: body.task, training, schooling, labels, setup, validations, config: asked };
     let new = New { kind: KIND, config: &config, plan: &json(&plan)?, seed };
     Ok(app.jobs().submit(new, &|job| keep(&job.into()))?.into())
 }
