@@ -44,7 +44,7 @@ def filled(page: Page, batches: int, validations: int) -> Locator:
     form = section(page, "Train")
     form.get_by_label("Tasks").select_option(str(SMALL["task"]))
     form.get_by_label("Updates", exact=True).fill(str(batches))
-    form.get_by_label("Validations on the way").fill(str(validations))
+    form.get_by_label("Validations").fill(str(validations))
     form.get_by_label("Seed").fill(str(SMALL["seed"]))
     return form
 
@@ -91,7 +91,7 @@ def test_a_policy_is_trained_set_beside_chance_and_shows_what_it_would_try(serve
         assert points(page, name) == ATTEMPTS
     spent = server.ask("GET", "/v1/worlds/basketball-real")["interactions"]
     expect(compare.get_by_text("Real interactions spent in basketball-real")).to_contain_text(str(spent))
-    expect(compare.locator(".starts")).to_contain_text("Jump start of policy-1")
+    expect(compare.locator(".starts")).to_contain_text("policy-1")
     compare.get_by_label("Show random").uncheck()
     expect(compare.locator("[data-curve=random]")).to_have_count(0)
     # What it would try first, where it would, and one of them played.

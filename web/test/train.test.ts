@@ -4,7 +4,7 @@ import type { Schema } from "../src/api/client";
 import type { Scene } from "../src/scene/types";
 import { cell, firsts, gridded, place, placeable, ranges, shares, strength, together } from "../src/views/train/cells";
 import { along, type Curves } from "../src/views/train/live";
-import { auccess, better, chains, curve, evaluation, fits, mean, means, smoothed, wilson, worth } from "../src/views/train/scores";
+import { auccess, averaged, better, chains, curve, evaluation, fits, mean, means, schooling, smoothed, wilson, worth } from "../src/views/train/scores";
 
 type Job = Schema<"JobOut">;
 
@@ -70,6 +70,24 @@ test("policies that went on from each other are one way", () => {
     [{ id: "d", attempts: 80 }],
   ]);
   assert.deepEqual(chains([{ id: "a", from: "b", attempts: 1 }, { id: "b", from: "a", attempts: 1 }]), []);
+});
+
+test("policies that differ by their seed alone are alike, and so are those that went on from them alike", () => {
+  const policy = (id: string, training: string, config: object, job: string | null = "job-1"): Schema<"PolicyOut"> => ({ id, training, config, job }) as unknown as Schema<"PolicyOut">;
+  const all = [
+    policy("a", "fixed", { task: "bowling", seed: 1 }),
+    policy("b", "fixed", { seed: 2, task: "bowling", validations: 5 }),
+    policy("c", "fixed", { task: "bowling", seed: 1, batches: 9 }),
+    policy("a2", "learned_on", { world: "w", policy: "a", seed: 1 }),
+    policy("b2", "learned_on", { policy: "b", world: "w" }),
+    policy("c2", "learned_on", { policy: "c", world: "w" }),
+    policy("up", "uploaded", {}, null),
+  ];
+  const of = (id: string): string => schooling(all, id);
+  assert.ok(of("a") === of("b") && of("a2") === of("b2"));
+  assert.equal(new Set(["a", "c", "a2", "c2", "up", "random"].map(of)).size, 6);
+  const [{ value, low, high }] = averaged([[{ value: 0.4, low: 0, high: 1 }], [{ value: 0.6, low: 0, high: 1 }]]) as [{ value: number; low: number; high: number }];
+  assert.ok(Math.abs(value - 0.5) < 1e-12 && low > 0.3 && high < 0.7);
 });
 
 test("losses are told in means, each in one", () => {

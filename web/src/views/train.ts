@@ -26,7 +26,10 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
   const asked = context.rest[0] ?? null;
   const job = asked?.startsWith("job-") ? await ok(api.GET("/v1/jobs/{id}", { params: { path: { id: asked } }, signal })) : null;
   const policy = asked && !job ? await ok(api.GET("/v1/policies/{id}", { params: { path: { id: asked } }, signal })) : null;
-  const known = await lists(signal);
+  const [known, library] = await Promise.all([
+    lists(signal),
+    all((cursor) => ok(api.GET("/v1/effects", { params: { query: cursor ? { cursor } : {} }, signal })), (page) => page.effects),
+  ]);
   const family = families.find((f) => f.name === about(job, policy, known.worlds, context.query.get("family"))) ?? families[0];
   if (!family) throw new Error("the server has no family of tasks");
   const choose = choice("Family of tasks", "family", families.map((f) => [f.name, f.name] as const));
@@ -39,7 +42,7 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
   const runs = h("div", { class: "stack", "aria-label": "Trainings", role: "group" }, none);
   const shown = policy?.id ?? (job?.result as { policy?: string } | null | undefined)?.policy ?? null;
   const estimations = known.estimations.filter((one) => of(String((one.config as { task?: string }).task)));
-  const asking = form({ family, worlds, estimations }, (started) => watch(started), context);
+  const asking = form({ family, worlds, estimations, library }, (started) => watch(started), context);
   // Anew where something was learned: the policies are others then.
   const fill = (policies: Schema<"PolicyOut">[], learnt: Job[], evaluations: Job[], fresh: string | null): void => {
     asking.learners(policies);

@@ -8,7 +8,7 @@ import { short } from "../../parts/slider";
 import { type Context, link } from "../../view";
 import { choice, given, named, number, refused } from "./fields";
 import { figures } from "./figures";
-import { asked, auccess, better, CHANCE, curve, evaluation, type Evaluation, fits, type Interval, interval, type Setting } from "./scores";
+import { asked, auccess, better, CHANCE, curve, evaluation, type Evaluation, fits, type Interval, interval, schooling, type Setting } from "./scores";
 
 type Job = Schema<"JobOut">;
 
@@ -52,7 +52,7 @@ export function compare(of: Compared, context: Context): HTMLElement {
     const ticked = rows.filter((one) => one.tick.checked);
     const drawn = ticked.flatMap((one) => {
       const e = found(one.id);
-      return e ? [{ id: one.id, look: one.look, training: one.training, evaluation: e, curve: curve(e.solvedAt, e.attempts), auccess: auccess(e.solvedAt) }] : [];
+      return e ? [{ id: one.id, look: one.look, training: one.training, schooling: schooling(of.policies, one.id), evaluation: e, curve: curve(e.solvedAt, e.attempts), auccess: auccess(e.solvedAt) }] : [];
     });
     told.draw(drawn, chance, of.learnt, of.worlds.find((w) => w.id === world.input.value)?.kind === "real");
     const lacking = ticked.filter((one) => !found(one.id)).length;
@@ -104,7 +104,7 @@ export function compare(of: Compared, context: Context): HTMLElement {
   }
   for (const job of [...under.values()]) watch(job);
   show();
-  const heads = ["Show", "Policy", "AUCCESS", "Over chance", "Solved at 1", "Within 10", "Attempts spent"];
+  const heads = ["Show", "Policy", "AUCCESS", "Over chance", "At 1", "Within 10", "Spent"];
   const head = h("thead", {}, h("tr", {}, ...heads.map((t) => h("th", { scope: "col" }, t))));
   const table = h("table", { class: "policies" }, h("caption", { class: "unseen" }, `Policies of ${of.family}, as evaluated in the world chosen`), head, h("tbody", {}, ...rows.map((one) => one.element)));
   return h(
@@ -128,7 +128,7 @@ function row(id: string, look: number, policy: Schema<"PolicyOut"> | null): Row 
   const tick = h("input", { type: "checkbox", "aria-label": `Show ${id}` });
   const cells = Array.from({ length: 5 }, () => h("td"));
   const named = policy ? h("a", { href: link("train", [id]) }, id) : h("strong", {}, id);
-  const about = policy ? `${policy.training.replaceAll("_", " ")}; ${policy.about.replace(`DQN for ${policy.task}, `, "")}` : "any order: what every policy must beat";
+  const about = policy ? `${policy.training.replaceAll("_", " ")}; ${policy.about.replace(/^.*hidden units, /, "")}` : "any order: what every policy must beat";
   const name = h("th", { scope: "row" }, h("span", { class: "name" }, key(look), named), " ", h("span", { class: "soft" }, about));
   const element = h("tr", { "data-policy": id }, h("td", {}, tick), name, ...cells);
   return { id, look, training: policy?.training ?? "none", element, tick, cells };
@@ -145,7 +145,7 @@ function fill(row: Row, e: Evaluation | undefined, chance: Evaluation | undefine
   const solved = curve(e.solvedAt, e.attempts);
   const ahead = chance && e !== chance ? better(e.solvedAt, chance.solvedAt) : null;
   const words = [within(auccess(e.solvedAt)), ahead ? within(ahead, true) : "", percent(solved[0]), percent(solved[9]), e.interactions];
-  const labels = ["AUCCESS", "over chance", "solved at 1", "within 10", "attempts spent"];
+  const labels = ["AUCCESS", "over chance", "solved at 1", "within 10", "spent"];
   row.cells.forEach((cell, i) => put(set(cell, { "data-label": labels[i]! }), words[i] === "" ? null : words[i]));
 }
 

@@ -1,9 +1,9 @@
 // What a comparison shows: solved tasks against attempts, jump starts, and AUCCESS as policies learn on in a world.
 
 import type { Schema } from "../../api/client";
-import { h, put } from "../../dom";
+import { fresh, h, put } from "../../dom";
 import { key, plotted, type Series } from "../../parts/series";
-import { better, chains, type Evaluation, type Interval, interval, type Learner } from "./scores";
+import { averaged, better, chains, type Evaluation, type Interval, interval, type Learner, mean } from "./scores";
 
 /** An evaluated policy. */
 export interface Drawn {
@@ -14,6 +14,8 @@ export interface Drawn {
   evaluation: Evaluation;
   curve: Interval[];
   auccess: Interval;
+  /** What it shares with policies that differ by their seed alone. */
+  schooling: string;
 }
 
 /** Trainings that never saw a real world. */
@@ -30,21 +32,41 @@ export function figures(): Figures {
   const learning = plotted({ about: "AUCCESS over attempts learned from in a world", x: "attempts learned from", y: "AUCCESS", most: 1, marked: true });
   const legend = h("figcaption", { class: "row" });
   const none = h("p", { class: "soft" }, "Nothing to draw yet: tick policies and evaluate them.");
-  const curves = h("figure", { class: "solved" }, legend, success.svg, h("p", { class: "soft" }, "The area under a curve is its AUCCESS. Bands: where the share of such tasks lies, 95 % (Wilson)."));
-  const starts = h("dl", { class: "starts", "aria-label": "Jump starts" });
+  const one = h("input", { type: "checkbox", id: fresh("seeds") });
+  const seeds = h("p", { class: "seeds" }, one, h("label", { for: one.id }, "One curve for policies that differ by their seed alone: mean and its interval, 95 %"));
+  const bandsOf = h("p", { class: "soft" });
+  const curves = h("figure", { class: "solved" }, legend, success.svg, bandsOf, seeds);
+  const starts = h("dl", {});
+  const jumped = h("section", { class: "starts", "aria-label": "Jump starts" }, h("h3", {}, "Jump start ", h("span", { class: "soft" }, "AUCCESS before any learning in the real world")), starts);
   const further = h("figure", {}, h("figcaption", {}, "Learning on in a world"), learning.svg);
-  const draw: Figures["draw"] = (drawn, chance, learnt, real) => {
+  let again = (): void => undefined;
+  one.addEventListener("change", () => again());
+  const draw: Figures["draw"] = (all, chance, learnt, real) => {
+    again = () => draw(all, chance, learnt, real);
+    const groups = [...new Set(all.map((d) => d.schooling))].map((alike) => all.filter((d) => d.schooling === alike));
+    seeds.hidden = groups.length === all.length;
+    const together = one.checked && !seeds.hidden;
+    const drawn = together ? groups.map(grouped) : all;
+    put(bandsOf, together ? "The area under a curve is its AUCCESS." : "The area under a curve is its AUCCESS. Bands: where the share of such tasks lies, 95 % (Wilson).");
     [curves.hidden, none.hidden] = [!drawn.length, drawn.length > 0];
     put(legend, ...drawn.map((one) => h("span", { class: "name", "data-curve": one.id }, key(one.look), `${one.id} ${one.auccess.value.toFixed(2)}`)));
     success.draw(drawn.map(line), Math.max(2, ...drawn.map((one) => one.evaluation.attempts)));
-    const jumps = real ? drawn.filter((one) => SIMULATED.includes(one.training)) : [];
-    starts.hidden = !jumps.length;
+    const jumps = real ? all.filter((one) => SIMULATED.includes(one.training)) : [];
+    jumped.hidden = !jumps.length;
     put(starts, ...jumps.flatMap((one) => jump(one, chance)));
-    const ways = learned(drawn, learnt);
+    const ways = learned(all, learnt);
     further.hidden = !ways.length;
     learning.draw(ways);
   };
-  return { element: h("div", { class: "stack" }, none, curves, starts, further), draw };
+  return { element: h("div", { class: "stack" }, none, curves, jumped, further), draw };
+}
+
+/** Policies that differ by their seed, as one. */
+function grouped(of: Drawn[]): Drawn {
+  const [first] = of as [Drawn];
+  if (of.length === 1) return first;
+  const id = `${first.id} and ${of.length - 1} other ${of.length === 2 ? "seed" : "seeds"}`;
+  return { ...first, id, curve: averaged(of.map((d) => d.curve)), auccess: mean(of.map((d) => d.auccess.value)) };
 }
 
 function line(one: Drawn): Series {
@@ -56,8 +78,8 @@ function line(one: Drawn): Series {
 function jump(one: Drawn, chance: Evaluation | undefined): HTMLElement[] {
   const ahead = chance ? better(one.evaluation.solvedAt, chance.solvedAt) : null;
   return [
-    h("dt", {}, h("span", { class: "name" }, key(one.look), `Jump start of ${one.id}`)),
-    h("dd", {}, h("strong", {}, one.auccess.value.toFixed(2)), " ", ahead ? `${interval(ahead, true)} over chance, ` : "", "before any learning in the real world"),
+    h("dt", {}, h("span", { class: "name" }, key(one.look), one.id)),
+    h("dd", {}, h("strong", {}, one.auccess.value.toFixed(2)), ahead ? ` ${interval(ahead, true)} over chance` : ""),
   ];
 }
 

@@ -3,6 +3,7 @@
 import { api, ok, type Schema } from "../../api/client";
 import { h, put } from "../../dom";
 import type { Context } from "../../view";
+import { effects, type Term } from "../play/physics";
 import { choice, type Field, given, named, number, refused } from "./fields";
 
 /** What trainings can be made from. */
@@ -11,6 +12,8 @@ export interface Given {
   worlds: readonly Schema<"WorldOut">[];
   /** Estimations of the family that succeeded. */
   estimations: readonly Schema<"JobOut">[];
+  /** Effects that a simulation may have. */
+  library: Schema<"EffectOut">[];
 }
 
 export type Latents = { density?: number; friction?: number; restitution?: number };
@@ -26,6 +29,8 @@ const LATENTS: [keyof Latents, string][] = [
   ["friction", "friction"],
   ["restitution", "restitution"],
 ];
+/** Policies at once that differ by their seed: for the scatter that chance makes. */
+const MANY = [1, 3, 5, 10];
 /** Looks at AUCCESS on the way that the page asks for. */
 const LOOKS = 10;
 
@@ -50,19 +55,23 @@ export function form(from: Given, started: (job: Schema<"JobOut">) => void, cont
   const latents = LATENTS.map(([name, label]) => number(label, `latents.${name}`, { hint: "empty: the prior's mean" }));
   const policy = choice("Policy", "policy", []);
   const world = choice("World", "world", worlds.map((w) => [w.id, named(w)]));
-  const attempts = number("Attempts to learn from", "attempts", { hint: "as many as the updates hold, if empty" });
-  const batches = number("Updates", "batches", { hint: "the family's own number, if empty" });
-  const size = number("Examples per update", "batch_size");
-  const looks = number("Validations on the way", "validations", { value: LOOKS });
+  const attempts = number("Attempts to learn from", "attempts", { hint: "empty: as many as the updates hold" });
+  const batches = number("Updates", "batches", { hint: "empty: the family's own" });
+  const size = number("Batch size", "batch_size");
+  const looks = number("Validations", "validations", { value: LOOKS });
   const seed = number("Seed", "seed", { value: 0 });
-  const fields: Field<HTMLInputElement | HTMLSelectElement>[] = [kind, task, source, ...latents, policy, world, attempts, batches, size, looks, seed];
+  const many = choice("Policies", "many", MANY.map((n) => [`${n}`, n === 1 ? "one" : `${n}, a seed each`] as const));
+  let terms: Term[] = [];
+  const fields: Field<HTMLInputElement | HTMLSelectElement>[] = [kind, task, source, ...latents, policy, world, attempts, batches, size, looks, seed, many];
   const button = h("button", { type: "submit", class: "main" }, "Train");
   const physics = h("fieldset", {}, h("legend", {}, "The simulation's latents"), source.element, h("div", { class: "three" }, ...latents.map((l) => l.element)));
+  const added = h("details", {}, h("summary", {}, "Effects of the simulation"), effects(from.library, (now) => (terms = now)));
   const spends = h("p", { class: "soft" }, "Attempts in a world are counted there; in a real one they are what is scarce.");
   const show = (): void => {
     const how = kind.input.value;
     const simulated = how === "fixed" || how === "randomised";
     physics.hidden = how !== "fixed";
+    added.hidden = !simulated;
     for (const one of [task, looks]) one.element.hidden = !simulated;
     for (const one of [world, attempts]) one.element.hidden = simulated;
     policy.element.hidden = how !== "learn";
@@ -87,9 +96,9 @@ export function form(from: Given, started: (job: Schema<"JobOut">) => void, cont
     show();
   };
   show();
-  const ask = (): Promise<Schema<"JobOut">> => {
+  const ask = (nth: number): Promise<Schema<"JobOut">> => {
     const how = kind.input.value;
-    const budget = { ...some("batches", given(batches)), ...some("batch_size", given(size)), ...some("seed", given(seed)) };
+    const budget = { ...some("batches", given(batches)), ...some("batch_size", given(size)), ...some("seed", nth === 0 ? given(seed) : (given(seed) ?? 0) + nth) };
     if (how === "learn" || how === "direct") {
       const body = { world: world.input.value, ...some("attempts", given(attempts)), ...budget };
       const id = how === "direct" ? "untrained" : policy.input.value;
@@ -98,7 +107,7 @@ export function form(from: Given, started: (job: Schema<"JobOut">) => void, cont
     const values = Object.fromEntries(LATENTS.flatMap(([name], i) => (given(latents[i]!) === undefined ? [] : [[name, given(latents[i]!)]])));
     const training = how as Schema<"TrainingIn">;
     const physics_ = how === "fixed" ? { latents: values } : {};
-    const body = { task: task.input.value, training, ...physics_, ...budget, ...some("validations", given(looks)) };
+    const body = { task: task.input.value, training, ...physics_, ...(terms.length ? { effects: terms } : {}), ...budget, ...some("validations", given(looks)) };
     return ok(api.POST("/v1/policies", { body, signal: context.signal }));
   };
   const element = h("form", { class: "stack train-form", novalidate: true });
@@ -106,8 +115,9 @@ export function form(from: Given, started: (job: Schema<"JobOut">) => void, cont
     element,
     h("div", { class: "two" }, kind.element, task.element, policy.element, world.element, attempts.element),
     physics,
+    added,
     spends,
-    h("div", { class: "four" }, batches.element, size.element, looks.element, seed.element),
+    h("div", { class: "three" }, batches.element, size.element, looks.element, seed.element, many.element),
     h("div", { class: "row" }, button),
   );
   element.addEventListener("submit", (event) => {
@@ -115,8 +125,10 @@ export function form(from: Given, started: (job: Schema<"JobOut">) => void, cont
     for (const one of fields) one.refuse(null);
     context.fail(null);
     button.disabled = true;
-    ask()
-      .then(started)
+    const all = async (): Promise<void> => {
+      for (let nth = 0; nth < Number(many.input.value); nth++) started(await ask(nth));
+    };
+    all()
       .catch((e: unknown) => refused(fields, e) || context.fail(e))
       .finally(show);
   });

@@ -46,8 +46,8 @@ export function live(job: Job, ended: (policy: string | null) => void, context: 
   const outcome = h("p", { role: "status" });
   const loss = plotted({ about: "Loss over updates", x: "updates", y: "loss, nats" });
   const validation = plotted({ about: "AUCCESS on validation tasks over updates", x: "updates", y: "validation AUCCESS", most: 1, marked: true });
-  const checks = h("figure", { hidden: true }, h("figcaption", { class: "soft" }, "AUCCESS on validation tasks, in the same simulation"), validation.svg);
-  const shown = h("figure", {}, h("figcaption", { class: "soft" }, "Loss (binary cross-entropy) and its running mean; who knows nothing has 0.69"), loss.svg);
+  const checks = h("figure", { hidden: true }, h("figcaption", { class: "soft" }, "Validation AUCCESS, in simulation"), validation.svg);
+  const shown = h("figure", {}, h("figcaption", { class: "soft" }, "Loss; 0.69 knows nothing"), loss.svg);
   let curves: Curves = { loss: [], validation: [] };
   const show = (now: Job): void => {
     curves = along(curves, now);

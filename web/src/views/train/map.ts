@@ -209,7 +209,7 @@ function told(scene: Scene, task: string, action: readonly number[] | null, rank
 }
 
 function tryOf(scene: Scene, task: string, action: readonly number[], solves: boolean): HTMLElement {
-  const verdict = h("span", { class: `state ${solves ? "succeeded" : ""}` }, solves ? "solves" : "does not solve");
+  const verdict = h("span", { class: `state ${solves ? "succeeded" : ""}` }, solves ? "solves" : "misses");
   const id = fresh("try");
   return h("li", {}, h("div", { class: "row" }, h("span", { id }, words(scene, action)), verdict, h("a", { href: play(task, action), "aria-describedby": id }, "Play it")));
 }

@@ -143,6 +143,22 @@ interface Found {
   tasks: { task: string; solved_at: number | null }[];
 }
 
+/** What policies share that differ but by their seed, and by whom they went on from if those do, too. */
+export function schooling(policies: readonly Schema<"PolicyOut">[], id: string): string {
+  const one = policies.find((p) => p.id === id);
+  // Weights that came from elsewhere are of their own.
+  if (!one || one.job === null) return id;
+  // Looking on the way changes nothing of what is learned.
+  const { seed: _, validations: __, policy, ...rest } = one.config as unknown as { seed?: number; validations?: number; policy?: string };
+  const from = policy ? schooling(policies.filter((p) => p.id !== id), policy) : null;
+  return JSON.stringify([one.training, from, Object.entries(rest).sort(([a], [b]) => (a < b ? -1 : 1))]);
+}
+
+/** The mean of curves, each of one seed, with the interval of that mean (95 %). */
+export function averaged(curves: readonly (readonly Interval[])[]): Interval[] {
+  return (curves[0] ?? []).map((_, i) => mean(curves.map((one) => one[i]!.value)));
+}
+
 /** The mean of each value and its neighbours, `wide` values in all; fewer at the ends. */
 export function smoothed(values: readonly number[], wide: number): number[] {
   const half = Math.floor(wide / 2);
