@@ -96,7 +96,7 @@ def test_a_policy_is_trained_set_beside_chance_and_shows_what_it_would_try(serve
     expect(compare.locator("[data-curve=random]")).to_have_count(0)
     # What it would try first, where it would, and one of them played.
     tries = section(page, "First tries")
-    expect(tries.get_by_label("Policy")).to_have_value("policy-1")
+    expect(tries.get_by_label("Policy", exact=True)).to_have_value("policy-1")
     tries.scroll_into_view_if_needed()
     expect(tries.locator(".tries li")).to_have_count(10)
     first = server.ask("POST", "/v1/policies/policy-1/act", {"task": "basketball:000", "count": 1})["actions"][0]

@@ -4,11 +4,11 @@
 import { all, api, ok, type Schema } from "../api/client";
 import { h, put } from "../dom";
 import { type Context, link, type View } from "../view";
-import { compare } from "./train/compare";
+import { compare, type Comparison } from "./train/compare";
 import { choice } from "./train/fields";
 import { form } from "./train/form";
 import { live } from "./train/live";
-import { maps } from "./train/map";
+import { maps, type Maps } from "./train/map";
 import "./train.css";
 
 export const train: View = {
@@ -40,14 +40,22 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
   const [comparing, mapping] = [h("div"), h("div")];
   const none = h("p", { class: "soft" }, "What a training learns is drawn here while it runs.");
   const runs = h("div", { class: "stack", "aria-label": "Trainings", role: "group" }, none);
-  const shown = policy?.id ?? (job?.result as { policy?: string } | null | undefined)?.policy ?? null;
+  const first = policy?.id ?? (job?.result as { policy?: string } | null | undefined)?.policy ?? null;
   const estimations = known.estimations.filter((one) => of(String((one.config as { task?: string }).task)));
+  const here = (one: Job): boolean => worlds.some((w) => w.id === (one.config as { world?: string }).world);
   const asking = form({ family, worlds, estimations, library }, (started) => watch(started), context);
   // Anew where something was learned: the policies are others then.
+  let shown: Shown | null = null;
   const fill = (policies: Schema<"PolicyOut">[], learnt: Job[], evaluations: Job[], fresh: string | null): void => {
+    shown?.left.abort();
+    const left = new AbortController();
+    const inner: Context = { ...context, signal: AbortSignal.any([signal, left.signal]) };
+    const compared = compare({ family: family.name, policies, worlds, evaluations: evaluations.filter(here), learnt, job: job?.kind === "evaluate" ? job : null, policy: fresh, kept: shown?.compared.kept() ?? null }, inner);
+    const mapped = maps({ family, policies, worlds: worlds.filter((w) => w.kind === "sim"), policy: fresh, task: shown?.mapped.task() ?? null }, inner);
+    shown = { left, compared, mapped };
+    put(comparing, compared.element);
+    put(mapping, mapped.element);
     asking.learners(policies);
-    put(comparing, compare({ family: family.name, policies, worlds, evaluations, learnt, job: job?.kind === "evaluate" ? job : null, policy: fresh }, context));
-    put(mapping, maps({ family, policies, worlds: worlds.filter((w) => w.kind === "sim"), policy: fresh }, context));
   };
   const watch = (started: Job): void => {
     none.hidden = true;
@@ -58,8 +66,7 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
       Promise.all([policiesOf(signal), jobs("learn", signal), jobs("evaluate", signal)]).then(([p, l, e]) => fill(p, l, e, made)).catch(context.fail);
     }, context));
   };
-  const evaluations = known.evaluations.filter((one) => worlds.some((w) => w.id === (one.config as { world?: string }).world));
-  fill(known.policies, known.learnt, evaluations, shown);
+  fill(known.policies, known.learnt, known.evaluations, first);
   const part = (title: string, ...content: HTMLElement[]): HTMLElement => h("section", { class: "card stack", "aria-label": title }, h("h2", {}, title), ...content);
   const sides = h("div", { class: "train-sides" }, asking.element, runs);
   put(place, h("div", { class: "train stack" }, h("div", { class: "row" }, choose.element), part("Train", sides), part("Compare", comparing), part("First tries", mapping)));
@@ -67,6 +74,13 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
   for (const one of running) watch(one);
   if (job && ["train", "learn"].includes(job.kind)) watch(job);
   if (job && !["train", "learn", "evaluate"].includes(job.kind)) throw new Error(`${job.id} is no training and no evaluation`);
+}
+
+/** What is built anew when there is another policy. */
+interface Shown {
+  left: AbortController;
+  compared: Comparison;
+  mapped: Maps;
 }
 
 interface Lists {

@@ -1,14 +1,13 @@
 // Policies beside each other and beside chance: evaluated in one world, solved against attempts, with bands.
 
 import { api, ok, type Schema } from "../../api/client";
-import { follow } from "../../api/events";
 import { h, put, set } from "../../dom";
 import { key } from "../../parts/series";
-import { short } from "../../parts/slider";
 import { type Context, link } from "../../view";
-import { choice, given, named, number, refused } from "./fields";
+import { evaluations } from "./evaluations";
+import { choice, type Field, given, named, number, refused } from "./fields";
 import { figures } from "./figures";
-import { asked, auccess, better, CHANCE, curve, evaluation, type Evaluation, fits, type Interval, interval, schooling, type Setting } from "./scores";
+import { asked, ATTEMPTS, auccess, better, CHANCE, curve, type Evaluation, type Interval, interval, schooling, type Setting } from "./scores";
 
 type Job = Schema<"JobOut">;
 
@@ -23,96 +22,98 @@ export interface Compared {
   /** Where to begin: an evaluation, or a policy. */
   job: Job | null;
   policy: string | null;
+  /** What was chosen before it was built anew. */
+  kept: Kept | null;
+}
+
+/** What somebody chose in a comparison. */
+export interface Kept {
+  setting: Setting;
+  ticked: string[];
+}
+
+export interface Comparison {
+  element: HTMLElement;
+  kept: () => Kept;
 }
 
 /** The comparison. */
-export function compare(of: Compared, context: Context): HTMLElement {
-  const start = of.job ? asked(of.job) : null;
-  const world = choice("World", "world", of.worlds.map((w) => [w.id, named(w)]));
-  const split = choice("Tasks", "split", [["test", "test"], ["validation", "validation"], ["train", "training"]]);
-  const attempts = number("Attempts a task", "attempts", { value: start?.attempts ?? 100 });
-  const seed = number("Candidates' seed", "seed", { value: of.job?.seed ?? 0 });
-  if (start && of.worlds.some((w) => w.id === start.world)) world.input.value = start.world;
-  if (start?.split) split.input.value = start.split;
-  const rows: Row[] = [CHANCE, ...of.policies.filter((p) => p.task === of.family).map((p) => p.id)].map((id, look) => {
-    return row(id, look, of.policies.find((p) => p.id === id) ?? null);
-  });
-  const done: Evaluation[] = of.evaluations.map(evaluation).filter((e) => e !== null);
-  const under = new Map(of.evaluations.filter((job) => !ended(job)).map((job) => [job.id, job]));
-  const setting = (): Setting => ({ world: world.input.value, split: split.input.value, attempts: given(attempts) ?? 100, seed: given(seed) ?? 0 });
-  // The newest counts: a policy's weights may have been replaced.
-  const found = (id: string): Evaluation | undefined => done.filter((e) => e.policy === id && fits(e, setting())).at(-1);
-  const running = (id: string): Job | undefined => [...under.values()].find((job) => asked(job).policy === id);
+export function compare(of: Compared, context: Context): Comparison {
+  const start = of.kept?.setting ?? (of.job ? { ...asked(of.job), seed: of.job.seed } : null);
+  const { fields, setting } = controls(of.worlds, start);
+  const rows = [CHANCE, ...of.policies.filter((p) => p.task === of.family).map((p) => p.id)].map((id, look) => row(id, look, of.policies.find((p) => p.id === id) ?? null));
   const told = figures();
   const button = h("button", { type: "button", class: "main" }, "Evaluate what is ticked");
   const spent = h("p", { class: "soft", role: "status" });
+  const runs = evaluations(of.evaluations, (over) => (show(), over && refresh().catch(context.fail)), context);
+  const found = (id: string): Evaluation | undefined => runs.found(id, setting());
+  const world = (): Schema<"WorldOut"> | undefined => of.worlds.find((w) => w.id === setting().world);
   const show = (): void => {
     const chance = found(CHANCE);
-    for (const one of rows) fill(one, found(one.id), chance, running(one.id));
+    for (const one of rows) fill(one, found(one.id), chance, runs.running(one.id));
     const ticked = rows.filter((one) => one.tick.checked);
     const drawn = ticked.flatMap((one) => {
       const e = found(one.id);
       return e ? [{ id: one.id, look: one.look, training: one.training, schooling: schooling(of.policies, one.id), evaluation: e, curve: curve(e.solvedAt, e.attempts), auccess: auccess(e.solvedAt) }] : [];
     });
-    told.draw(drawn, chance, of.learnt, of.worlds.find((w) => w.id === world.input.value)?.kind === "real");
-    const lacking = ticked.filter((one) => !found(one.id)).length;
+    told.draw(drawn, chance, of.learnt, world()?.kind === "real");
+    const lacking = ticked.filter((one) => !found(one.id) && !runs.running(one.id)).length;
     button.disabled = lacking === 0;
-    const known = of.worlds.find((w) => w.id === world.input.value);
-    if (known) put(spent, `${known.kind === "real" ? "Real interactions" : "Interactions"} spent in ${known.id}: `, h("strong", {}, known.interactions), lacking ? `. An evaluation spends up to ${given(attempts) ?? 100} a task.` : ".");
+    put(spent, ...counted(world(), lacking, setting().attempts));
   };
   const refresh = async (): Promise<void> => {
-    const now = await ok(api.GET("/v1/worlds/{id}", { params: { path: { id: world.input.value } }, signal: context.signal }));
+    const id = setting().world;
+    if (!id) return;
+    const now = await ok(api.GET("/v1/worlds/{id}", { params: { path: { id } }, signal: context.signal }));
     of.worlds = of.worlds.map((w) => (w.id === now.id ? now : w));
     show();
-  };
-  const watch = (job: Job): void => {
-    under.set(job.id, job);
-    follow(`/v1/jobs/${encodeURIComponent(job.id)}/events`, (event) => {
-      const now = JSON.parse(event.data) as Job;
-      under.set(job.id, now);
-      if (event.event === "done") {
-        under.delete(job.id);
-        const e = evaluation(now);
-        if (e) done.push(e);
-        if (now.state === "failed") context.fail(new Error(`${now.id} failed: ${now.error?.detail ?? "without a word"}`));
-        context.say(e ? `${e.policy}: AUCCESS ${short(e.auccess)}` : `${now.id} ${now.state}`);
-        refresh().catch(context.fail);
-      }
-      show();
-    }, context.signal).catch(context.fail);
-  };
-  const fields = [world, split, attempts, seed];
-  const ask = async (): Promise<void> => {
-    for (const one of rows) {
-      if (!one.tick.checked || found(one.id) || running(one.id)) continue;
-      const body = { ...setting(), split: split.input.value as Schema<"SplitIn"> };
-      watch(await ok(api.POST("/v1/policies/{id}/evaluate", { params: { path: { id: one.id } }, body, signal: context.signal })));
-    }
   };
   button.addEventListener("click", () => {
     button.disabled = true;
     context.fail(null);
     for (const one of fields) one.refuse(null);
-    ask()
+    runs
+      .ask(rows.filter((one) => one.tick.checked).map((one) => one.id), setting())
       .catch((e: unknown) => refused(fields, e) || context.fail(e))
       .finally(show);
   });
   for (const one of fields) one.input.addEventListener("change", () => (show(), refresh().catch(context.fail)));
   for (const one of rows) {
-    one.tick.checked = one.id === of.policy || one.id === CHANCE || one.id === start?.policy || Boolean(found(one.id) ?? running(one.id));
+    const first = one.id === CHANCE || (of.job !== null && one.id === asked(of.job).policy) || Boolean(found(one.id) ?? runs.running(one.id));
+    one.tick.checked = one.id === of.policy || (of.kept ? of.kept.ticked.includes(one.id) : first);
     one.tick.addEventListener("change", show);
   }
-  for (const job of [...under.values()]) watch(job);
+  runs.start();
   show();
-  const heads = ["Show", "Policy", "AUCCESS", "Over chance", "At 1", "Within 10", "Spent"];
-  const head = h("thead", {}, h("tr", {}, ...heads.map((t) => h("th", { scope: "col" }, t))));
-  const table = h("table", { class: "policies" }, h("caption", { class: "unseen" }, `Policies of ${of.family}, as evaluated in the world chosen`), head, h("tbody", {}, ...rows.map((one) => one.element)));
-  return h(
-    "div",
-    { class: "stack" },
-    h("div", { class: "four" }, world.element, split.element, attempts.element, seed.element),
-    h("div", { class: "train-sides" }, h("div", {}, h("div", { class: "wide" }, table), h("div", { class: "row" }, button, spent)), told.element),
-  );
+  refresh().catch(context.fail);
+  const left = h("div", {}, h("div", { class: "wide" }, table(of.family, rows)), h("div", { class: "row" }, button, spent));
+  const element = h("div", { class: "stack" }, h("div", { class: "four" }, ...fields.map((one) => one.element)), h("div", { class: "train-sides" }, left, told.element));
+  return { element, kept: () => ({ setting: setting(), ticked: rows.filter((one) => one.tick.checked).map((one) => one.id) }) };
+}
+
+/** In which world, on which tasks, with how many attempts. */
+function controls(worlds: readonly Schema<"WorldOut">[], start: Partial<Setting> | null): { fields: Field<HTMLInputElement | HTMLSelectElement>[]; setting: () => Setting } {
+  const world = choice("World", "world", worlds.map((w) => [w.id, named(w)]));
+  const split = choice("Tasks", "split", [["test", "test"], ["validation", "validation"], ["train", "training"]]);
+  const attempts = number("Attempts a task", "attempts", { value: start?.attempts ?? ATTEMPTS });
+  const seed = number("Candidates' seed", "seed", { value: start?.seed ?? 0 });
+  if (start?.world && worlds.some((w) => w.id === start.world)) world.input.value = start.world;
+  if (start?.split) split.input.value = start.split;
+  const setting = (): Setting => ({ world: world.input.value, split: split.input.value, attempts: given(attempts) ?? ATTEMPTS, seed: given(seed) ?? 0 });
+  return { fields: [world, split, attempts, seed], setting };
+}
+
+function table(family: string, rows: readonly Row[]): HTMLElement {
+  const heads = ["Show", "Policy", "AUCCESS", "Over chance", "At 1", "Within 10", "Spent"].map((t) => h("th", { scope: "col" }, t));
+  const caption = h("caption", { class: "unseen" }, `Policies of ${family}, as evaluated in the world chosen`);
+  return h("table", { class: "policies" }, caption, h("thead", {}, h("tr", {}, ...heads)), h("tbody", {}, ...rows.map((one) => one.element)));
+}
+
+/** What was spent in a world, and what an evaluation would. */
+function counted(world: Schema<"WorldOut"> | undefined, lacking: number, attempts: number): (HTMLElement | string)[] {
+  if (!world) return [];
+  const what = world.kind === "real" ? "Real interactions" : "Interactions";
+  return [`${what} spent in ${world.id}: `, h("strong", {}, world.interactions), lacking ? `. An evaluation spends up to ${attempts} a task.` : "."];
 }
 
 interface Row {
@@ -157,8 +158,4 @@ function within(of: Interval, signed = false): HTMLElement {
 
 function percent(share: Interval | undefined): string {
   return share ? `${Math.round(100 * share.value)} %` : "";
-}
-
-function ended(job: Job): boolean {
-  return ["succeeded", "failed", "cancelled"].includes(job.state);
 }

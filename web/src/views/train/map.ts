@@ -30,10 +30,17 @@ export interface Mapped {
   /** Simulated ones of the family. */
   worlds: readonly Schema<"WorldOut">[];
   policy: string | null;
+  /** The first one's, if `null`. */
+  task: string | null;
+}
+
+export interface Maps {
+  element: HTMLElement;
+  task: () => string;
 }
 
 /** The maps of a family's tasks. */
-export function maps(of: Mapped, context: Context): HTMLElement {
+export function maps(of: Mapped, context: Context): Maps {
   const ids = Array.from({ length: of.family.tasks }, (_, i) => `${of.family.name}:${String(i).padStart(3, "0")}`);
   const own = of.policies.filter((p) => p.task === of.family.name).map((p) => p.id);
   const policy = choice("Policy", "policy", [...own, CHANCE].map((id) => [id, id] as const));
@@ -41,6 +48,7 @@ export function maps(of: Mapped, context: Context): HTMLElement {
   const world = choice("What solves, simulated in", "world", of.worlds.map((w) => [w.id, w.id] as const));
   const target = choice("Where is put", "target", []);
   policy.input.value = of.policy && own.includes(of.policy) ? of.policy : (own.at(-1) ?? CHANCE);
+  if (of.task) task.input.value = of.task;
   const place_ = h("div", { class: "stack map-place" });
   const state = h("p", { class: "soft", role: "status" });
   const simulated = of.worlds.find((w) => w.id === `${of.family.name}-sim`);
@@ -76,7 +84,8 @@ export function maps(of: Mapped, context: Context): HTMLElement {
   });
   sight.observe(place_);
   context.signal.addEventListener("abort", () => sight.disconnect());
-  return h("div", { class: "stack" }, h("div", { class: "four" }, policy.element, task.element, world.element, target.element), state, place_);
+  const element = h("div", { class: "stack" }, h("div", { class: "four" }, policy.element, task.element, world.element, target.element), state, place_);
+  return { element, task: () => task.input.value };
 }
 
 interface Seen {
@@ -107,8 +116,8 @@ function drawn(scene: Scene, task: string, grid: Grid, policy: string, world: st
   const actions = seen.ranked.map((one) => one.action);
   const best = firsts(grid, actions);
   const true_ = shares(grid, seen.tried.map((one) => one.action), seen.solved);
-  const wanted = picture(scene, `What ${policy} would try first on ${task}: the darker a place, the earlier. Arrow keys choose a place, Enter plays it.`);
-  const truth = picture(scene, `What solves ${task} in ${world}: the darker a place, the more of the actions tried there.`);
+  const wanted = picture(scene, `What ${policy} would try first on ${task}: the stronger its colour, the earlier a place. Arrow keys choose a place, Enter plays it.`);
+  const truth = picture(scene, `What solves ${task} in ${world}: the stronger its colour, the more of the actions tried at a place.`);
   shaded(wanted, grid, components, new Map([...best].map(([at, i]) => [at, strength(i + 1, actions.length)])), "wanted-cell");
   shaded(truth, grid, components, new Map([...true_].map(([at, c]) => [at, c.of ? c.solve / c.of : 0])), "true-cell");
   numbered(wanted, scene, grid, actions.slice(0, NUMBERED), seen.firstSolve);
