@@ -4,7 +4,9 @@ import re
 from collections.abc import Callable
 from typing import Any
 
+import pytest
 from playwright.sync_api import Locator, Page, expect
+from test_jobs import SHORT
 
 #: Little work, which still learns: one task, as many updates as a curve needs points.
 SMALL = {"task": "basketball:000", "batches": 60, "seed": 1}
@@ -143,12 +145,18 @@ def test_a_policy_learns_on_in_a_world_and_is_compared_with_what_it_was(serve: C
     expect(section(page, "Compare").get_by_label("Attempts a task")).to_have_value(str(ATTEMPTS))
 
 
-def test_a_training_goes_on_when_the_server_comes_back(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
+def test_a_training_on_an_estimate_goes_on_when_the_server_comes_back(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
     server = serve()
+    estimation = server.ended(server.ask("POST", "/v1/iplw", {**SHORT, "task": "basketball"})["id"])
     page = see(server).open("#/train?family=basketball")
     form = filled(page, 100_000, 0)
+    form.get_by_label("Latents", exact=True).select_option(estimation["id"])
+    for latent in estimation["result"]["latents"]:
+        expect(form.get_by_label(latent["name"])).to_have_value(f"{latent['value']:.6g}")
     form.get_by_role("button", name="Train").click()
     page.wait_for_function("document.querySelector('[data-series=loss]')?.dataset.points > 0")
+    asked = server.ask("GET", "/v1/jobs/job-2")["config"]["latents"]
+    assert asked == {latent["name"]: pytest.approx(latent["value"], rel=1e-5) for latent in estimation["result"]["latents"]}
     server.kill()
     expect(page.locator(".banner")).to_be_visible()
     server.back()
