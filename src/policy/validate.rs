@@ -111,7 +111,7 @@ mod tests {
         let checks: Vec<_> = log.validation.iter().map(|c| (c.batches as u64, c.auccess)).collect();
         assert_eq!(of("validation"), checks);
         let loss = of("loss");
-        assert_eq!((loss.first().unwrap().0, loss.last().unwrap().0), (1, 300));
+        assert_eq!((loss.first().unwrap().0, loss.last().unwrap().0, loss.len()), (2, 300, 150));
         let mean = loss.iter().scan(0, |seen, (at, v)| Some((*at - std::mem::replace(seen, *at)) as f64 * v));
         let sum: f64 = log.loss.iter().map(|v| f64::from(*v)).sum();
         assert!((mean.sum::<f64>() - sum).abs() < 1e-3, "each batch is in one mean");
