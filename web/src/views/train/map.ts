@@ -135,11 +135,16 @@ function drawn(scene: Scene, task: string, grid: Grid, policy: string, world: st
   const right = seen.firstSolve.filter(Boolean).length;
   const ranks = h("p", { class: "soft" }, `The best ${actions.length} actions of ${policy}; places without any of them are left blank. Green rings: solves in ${world}.`);
   const trials = h("p", { class: "soft" }, `${Math.round(100 * share)} % of ${seen.solved.length} actions drawn at random solve.`);
+  const list = actions.slice(0, NUMBERED).map((action, i) => tryOf(scene, task, action, seen.firstSolve[i] ?? false));
   return [
     said,
-    h("div", { class: "sides" }, h("figure", { class: "map" }, h("figcaption", {}, h("strong", {}, `${policy} would try`)), wanted.svg, ranks), h("figure", { class: "map" }, h("figcaption", {}, h("strong", {}, `solves in ${world}`)), truth.svg, trials)),
-    h("details", { open: true }, h("summary", {}, `First tries: ${right} of ${seen.firstSolve.length} solve in ${world}`), h("ol", { class: "tries" }, ...actions.slice(0, NUMBERED).map((action, i) => tryOf(scene, task, action, seen.firstSolve[i] ?? false)))),
+    h("div", { class: "sides" }, figure(`${policy} would try`, wanted, ranks), figure(`solves in ${world}`, truth, trials)),
+    h("details", { open: true }, h("summary", {}, `First tries: ${right} of ${seen.firstSolve.length} solve in ${world}`), h("ol", { class: "tries" }, ...list)),
   ];
+}
+
+function figure(title: string, map: Picture, note: HTMLElement): HTMLElement {
+  return h("figure", { class: "map" }, h("figcaption", {}, h("strong", {}, title)), map.svg, note);
 }
 
 /** Fills cells, the stronger the higher. */
