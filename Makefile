@@ -89,8 +89,8 @@ SCENES := 1000000
 GUIDED := 600
 fuzz:
 	for t in $(FUZZED); do \
-		FUZZ_RUNS=$(RUNS) $(CARGO) test --locked $(LEVELS) --test fuzz -- --exact $$t --nocapture || exit 1; done
-	FUZZ_SCENES=$(SCENES) $(CARGO) test --locked $(LEVELS) --test physics -- mutated_scenes --nocapture
+		FUZZ_RUNS=$(RUNS) $(CARGO) test --locked --profile checked --test fuzz -- --exact $$t --nocapture || exit 1; done
+	FUZZ_SCENES=$(SCENES) $(CARGO) test --locked --profile checked --test physics -- mutated_scenes --nocapture
 	if $(CARGO) +nightly fuzz --version 2>/dev/null; then $(MAKE) fuzz-guided; fi
 
 fuzz-guided:

@@ -8,6 +8,14 @@ pub trait Budget: Sync {
     fn look(&self) -> Result<()>;
 }
 
+/// Items with a look at the budget every thousand of them: for work that takes a microsecond an item.
+pub fn watched<I: IntoIterator>(items: I, budget: &dyn Budget) -> impl Iterator<Item = Result<I::Item>> {
+    items
+        .into_iter()
+        .enumerate()
+        .map(|(i, item)| if i % 1000 == 0 { budget.look().map(|()| item) } else { Ok(item) })
+}
+
 /// Goes on for as long as it takes.
 pub struct Endless;
 

@@ -1,5 +1,6 @@
 //! Files of measured trials: this project's own, and those of tracking programs.
 
+use iplw::budget::Endless;
 use iplw::reality::{File, Of, Reading, gather, trials_from_csv, trials_to_csv};
 use iplw::rng::Stream;
 use iplw::task::Scene;
@@ -130,5 +131,5 @@ fn own(text: &str) -> Fate {
 
 fn tracks(text: &str) -> Fate {
     let file = File { name: "tracks.csv".into(), text: text.into() };
-    fate(gather(&[file], Of::Ball(&BALL), &Reading::default()))
+    fate(gather(&[file], Of::Ball(&BALL), &Reading::default(), &Endless))
 }

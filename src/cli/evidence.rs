@@ -1,6 +1,7 @@
 //! Plots of what a diagnosis rests on: residuals with what the found effects do to them, the field that is missing, and
 //! what contacts gave.
 
+use iplw::discover::drawn::autocorrelation;
 use iplw::discover::{Bounce, Evidence, EvidencePoint, Met, Push};
 use iplw::picture::plot::{Arrows, Series, field, lines, scatter, scatter_with};
 
@@ -92,33 +93,14 @@ fn means(mut points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
 }
 
 fn autocorrelations(evidence: &Evidence) -> Plot {
-    let both = [
-        series("base model", autocorrelation(evidence, |p| p.before)),
-        series("extended model", autocorrelation(evidence, |p| p.after)),
-    ];
+    let by_lag = |name: &str, pick: fn(&EvidencePoint) -> [f64; 2]| {
+        let values = autocorrelation(evidence, pick).into_iter().enumerate();
+        series(name, values.map(|(lag, v)| (lag as f64, v)).collect())
+    };
+    let both = [by_lag("base model", |p| p.before), by_lag("extended model", |p| p.after)];
     let title = "Autocorrelation of residuals";
     let caption = "Autocorrelation of residuals: white noise has none beyond lag 0";
     plot("autocorrelation", caption, lines(title, "lag, observations", "correlation", &both))
-}
-
-/// Mean correlation within windows, body by body, at lags 0 to 12.
-fn autocorrelation(evidence: &Evidence, pick: fn(&EvidencePoint) -> [f64; 2]) -> Vec<(f64, f64)> {
-    let mut points: Vec<&EvidencePoint> = evidence.points.iter().collect();
-    points.sort_by_key(|p| (p.window, p.body));
-    let at_lag = |lag: usize| {
-        let (mut products, mut squares) = (0.0, 0.0);
-        for (i, point) in points.iter().enumerate() {
-            let r = pick(point);
-            squares += r[0] * r[0] + r[1] * r[1];
-            let same = |o: &&&EvidencePoint| (o.window, o.body) == (point.window, point.body);
-            if let Some(other) = points.get(i + lag).filter(same) {
-                let o = pick(other);
-                products += r[0] * o[0] + r[1] * o[1];
-            }
-        }
-        if squares > 0.0 { products / squares } else { 0.0 }
-    };
-    (0..13).map(|lag| (lag as f64, at_lag(lag))).collect()
 }
 
 fn by_setting(evidence: &Evidence) -> Plot {

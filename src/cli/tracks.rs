@@ -3,6 +3,7 @@
 use std::io::{Error as IoError, ErrorKind};
 use std::path::{Path, PathBuf};
 
+use iplw::budget::Endless;
 use iplw::error::{Error, Input, Result};
 use iplw::reality::{File, Gathered, Of, Reading, decode, gather};
 use iplw::task::Scene;
@@ -86,11 +87,11 @@ fn gathered(args: &Tracks) -> Result<Gathered> {
     match (&args.scene, args.radius) {
         (Some(path), _) => {
             let scene = Scene::from_json(&text(path)?).map_err(|e| e.at(path.display()))?;
-            gather(&files()?, Of::Scene(&scene), &reading(args))
+            gather(&files()?, Of::Scene(&scene), &reading(args), &Endless)
         }
         (None, Some(radius)) => {
             let ball = Ball { radius, mass: args.mass, gravity: args.gravity, floor: args.floor };
-            gather(&files()?, Of::Ball(&ball), &reading(args))
+            gather(&files()?, Of::Ball(&ball), &reading(args), &Endless)
         }
         (None, None) => {
             let allowed = "a scene file; or, where one ball flies, --radius (and --mass, --gravity, --floor)";

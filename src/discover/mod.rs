@@ -15,7 +15,8 @@
 //!    simulated, a formula (`law`) or the field that launches share (`bumps`); `conclude`: the report, of `sizes`, of `gain` by
 //!    `expected` and `leave_out`, and in `words`; `by_launch`: what each launch says; `unlike`: what launches differ by beside
 //!    the model; `check`: whether it is as predicted; `band` and `paths`: how far off its path it may
-//!    be seen; `picture`: the field of what is left; `extend`: the scene with what was found; `evidence`: what pictures show.
+//!    be seen; `picture`: the field of what is left; `extend`: the scene with what was found; `evidence`: what pictures show, `drawn`: as
+//!    tables.
 //!
 //! Sources: multiple shooting (Bock 1983), variable projection (Golub and Pereyra 1973), model discrepancy as a Gaussian
 //! process (Kennedy and O'Hagan 2001), mixed-effects models (Pinheiro and Bates 2000), pseudo-BMA+ (Yao et al. 2018).
@@ -35,6 +36,7 @@ mod conclude;
 mod config;
 mod decide;
 mod described;
+pub mod drawn;
 mod evidence;
 mod expected;
 mod extend;

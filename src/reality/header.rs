@@ -2,6 +2,7 @@
 
 use super::columns::{Column, Quantity, column};
 use super::rows::refuse;
+use crate::budget::{Budget, watched};
 use crate::error::Result;
 
 /// A header line with what stands above it.
@@ -95,16 +96,17 @@ fn reader(text: &str, separator: char) -> csv::Reader<&[u8]> {
 
 impl Head {
     /// Lines below the header with their numbers, cut into cells.
-    pub fn records(&self, text: &str) -> Result<Vec<(usize, Vec<String>)>> {
+    pub fn records(&self, text: &str, budget: &dyn Budget) -> Result<Vec<(usize, Vec<String>)>> {
         let below: usize = text.split_inclusive('\n').take(self.line).map(str::len).sum();
         let below = &text[below..];
         let Separator::Character(separator) = self.separator else {
             let lines = below.lines().enumerate().filter(|(_, l)| !l.trim_start().starts_with('#'));
-            return Ok(lines.map(|(i, l)| (self.line + 1 + i, split(l, Separator::Blanks))).collect());
+            let cells = |(i, l)| (self.line + 1 + i, split(l, Separator::Blanks));
+            return watched(lines, budget).map(|line| line.map(cells)).collect();
         };
         let mut records = Vec::new();
-        for record in reader(below, separator).records() {
-            let record = record.map_err(|e| {
+        for record in watched(reader(below, separator).records(), budget) {
+            let record = record?.map_err(|e| {
                 let line = e.position().map_or(0, |p| p.line() as usize) + self.line;
                 refuse(line, "", "", &format!("separated values ({e})"))
             })?;

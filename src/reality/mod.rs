@@ -16,7 +16,7 @@ mod tracks;
 
 pub use hidden::{HiddenConfig, HiddenWorld, Truth, measure_each, standard};
 pub use reading::Reading;
-pub use recorded::{decode, read_trials, trials_from_csv, trials_to_csv};
+pub use recorded::{decode, read_trials, trials_from_csv, trials_to_csv, written};
 pub use tracks::{File, Gathered, Of, gather};
 
 use crate::error::Result;

@@ -8,6 +8,7 @@ use std::path::Path;
 
 use super::Trial;
 use super::rows::{Row, assemble, refuse, whole};
+use crate::budget::{Budget, Endless, watched};
 use crate::error::{Error, Result};
 use crate::task::Scene;
 
@@ -30,19 +31,19 @@ pub fn decode(bytes: Vec<u8>) -> Result<String> {
 
 /// Parses trials; each starts from `scene` in the trial's setting with bodies at their first observation.
 pub fn trials_from_csv(text: &str, scene: &Scene) -> Result<Vec<Trial>> {
-    assemble(rows(text)?.into_iter().map(Ok), scene)
+    assemble(rows(text, &Endless)?, scene, &Endless)
 }
 
 /// The rows of a file in this format.
-pub fn rows(text: &str) -> Result<Vec<Row>> {
+pub fn rows(text: &str, budget: &dyn Budget) -> Result<Vec<Row>> {
     let mut reader = csv::ReaderBuilder::new().has_headers(false).flexible(true).from_reader(text.as_bytes());
     let mut records = reader.records();
     let header = records.next().ok_or_else(|| refuse(1, "", "an empty file", "a header line"))?;
     let columns = Columns::from_header(&header.map_err(|e| unreadable(&e))?)?;
     let mut rows: Vec<Row> = Vec::new();
     let mut last = Vec::new();
-    for record in records {
-        let record = record.map_err(|e| unreadable(&e))?;
+    for record in watched(records, budget) {
+        let record = record?.map_err(|e| unreadable(&e))?;
         let number = record.position().map_or(0, |p| p.line() as usize);
         rows.push(columns.row(number, &record)?);
         last.extend(record.get(columns.count - 1).map(String::from));
@@ -59,6 +60,11 @@ pub fn is_header(cells: &[&str]) -> bool {
 /// Trials as CSV, with `setting` only if a trial has one and velocities and spins only if any was seen after the
 /// start; values keep all their digits.
 pub fn trials_to_csv(trials: &[Trial]) -> String {
+    written(trials, &Endless).expect("nothing ends what may go on for ever")
+}
+
+/// The same, while `budget` lasts.
+pub fn written(trials: &[Trial], budget: &dyn Budget) -> Result<String> {
     let settings = trials.iter().any(|t| t.setting.is_some());
     let mut tracks = trials.iter().flat_map(|t| &t.observed.bodies);
     let later = |v: &[f64]| v.iter().skip(1).any(|v| v.is_finite());
@@ -77,7 +83,8 @@ pub fn trials_to_csv(trials: &[Trial]) -> String {
     write(&header.concat());
     let cell = |v: &[f64], i: usize| v.get(i).filter(|v| v.is_finite()).map_or(String::new(), f64::to_string);
     for trial in trials {
-        for (i, t) in trial.observed.times.iter().enumerate() {
+        for sample in watched(trial.observed.times.iter().enumerate(), budget) {
+            let (i, t) = sample?;
             for track in &trial.observed.bodies {
                 let mut row = vec![trial.name.clone()];
                 row.extend(settings.then(|| trial.setting.clone().unwrap_or_default()));
@@ -91,7 +98,7 @@ pub fn trials_to_csv(trials: &[Trial]) -> String {
         }
     }
     let bytes = writer.into_inner().expect("memory takes what is left to write");
-    String::from_utf8(bytes).expect("text and numbers were written")
+    Ok(String::from_utf8(bytes).expect("text and numbers were written"))
 }
 
 struct Columns {

@@ -3,6 +3,7 @@
 use std::collections::HashSet;
 
 use super::Trial;
+use crate::budget::{Budget, watched};
 use crate::error::{Error, Input, Result};
 use crate::task::Scene;
 use crate::trajectory::{Track, Trajectory};
@@ -22,10 +23,10 @@ pub struct Row {
 
 /// Trials of rows that come trial by trial; each starts from `scene` in the trial's setting with bodies at their first
 /// observation.
-pub fn assemble(rows: impl IntoIterator<Item = Result<Row>>, scene: &Scene) -> Result<Vec<Trial>> {
+pub fn assemble(rows: Vec<Row>, scene: &Scene, budget: &dyn Budget) -> Result<Vec<Trial>> {
     let mut trials: Vec<Trial> = Vec::new();
     let mut finished = HashSet::new();
-    for row in rows {
+    for row in watched(rows, budget) {
         let row = row?;
         if trials.last().is_none_or(|t| t.name != row.trial) {
             if !finished.insert(row.trial.clone()) {

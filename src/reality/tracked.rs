@@ -13,6 +13,7 @@ use super::header::{Head, head};
 use super::reading::{Reading, contradiction};
 use super::recorded;
 use super::rows::{Row, refuse, whole};
+use crate::budget::{Budget, watched};
 use crate::error::{Error, Result};
 
 /// What was read.
@@ -30,22 +31,23 @@ pub struct Table {
 }
 
 /// Reads a file. `trial` and `body` are the names where the file gives none; `reading` is valid.
-pub fn read(text: &str, trial: &str, body: &str, reading: &Reading) -> Result<Table> {
+pub fn read(text: &str, trial: &str, body: &str, reading: &Reading, budget: &dyn Budget) -> Result<Table> {
     // Line ends of old.
     let text = if text.contains('\n') { text.to_string() } else { text.replace('\r', "\n") };
     let head = head(&text)?;
     let names: Vec<&str> = head.columns.iter().map(|c| c.name.as_str()).collect();
     if recorded::is_header(&names) {
-        return own_format(&text, reading);
+        return own_format(&text, reading, budget);
     }
     let choice = choose(&head, reading)?;
-    let records = head.records(&text)?;
+    let records = head.records(&text, budget)?;
     let cut: Vec<&str> =
         records.iter().filter_map(|(_, cells)| cells.get(choice.y).map(String::as_str)).collect();
     whole(&text, records.last().map_or(head.line, |(line, _)| *line), cut)?;
     let mut rows = Vec::new();
     let (mut bodies, mut mark) = (Vec::new(), None);
-    for (line, cells) in &records {
+    for record in watched(&records, budget) {
+        let (line, cells) = record?;
         if cells.iter().all(|c| c.trim().is_empty()) {
             continue;
         }
@@ -57,7 +59,7 @@ pub fn read(text: &str, trial: &str, body: &str, reading: &Reading) -> Result<Ta
     let rows = of_one_body(rows, bodies, reading.track.as_deref().filter(|_| choice.body.is_some()))?;
     let clock = &head.columns[choice.time.0].name;
     Ok(Table {
-        rows: by_trial(rows, clock)?,
+        rows: by_trial(rows, clock, budget)?,
         names_trials: choice.trial.is_some(),
         own_format: false,
         unused: choice.unused(&head.columns),
@@ -285,10 +287,11 @@ fn of_one_body(rows: Vec<Row>, bodies: Vec<Option<String>>, track: Option<&str>)
 }
 
 /// Rows trial by trial, in the order in which trials begin; times must rise.
-fn by_trial(rows: Vec<Row>, clock: &str) -> Result<Vec<Row>> {
+fn by_trial(rows: Vec<Row>, clock: &str, budget: &dyn Budget) -> Result<Vec<Row>> {
     let mut order: BTreeMap<String, usize> = BTreeMap::new();
     let mut trials: Vec<Vec<Row>> = Vec::new();
-    for row in rows {
+    for row in watched(rows, budget) {
+        let row = row?;
         let next = order.len();
         let at = *order.entry(row.trial.clone()).or_insert(next);
         if at == trials.len() {
@@ -306,8 +309,8 @@ fn by_trial(rows: Vec<Row>, clock: &str) -> Result<Vec<Row>> {
 }
 
 /// This project's own format, in the units that are said.
-fn own_format(text: &str, reading: &Reading) -> Result<Table> {
-    let mut rows = recorded::rows(text)?;
+fn own_format(text: &str, reading: &Reading, budget: &dyn Budget) -> Result<Table> {
+    let mut rows = recorded::rows(text, budget)?;
     let plain = |name: &str| Column { name: name.into(), quantity: None, unit: None, track: None };
     let (length, said_length) = reading.length(1, &plain("x"))?;
     let (time, said_time) = match reading.fps {
@@ -340,10 +343,11 @@ fn own_format(text: &str, reading: &Reading) -> Result<Table> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::budget::Endless;
 
     /// Trial, t, x, y by row.
     fn seen(text: &str, reading: &Reading) -> Vec<(String, f64, f64, f64)> {
-        let table = read(text, "film", "ball", reading).unwrap_or_else(|e| panic!("{text:?}: {e}"));
+        let table = read(text, "film", "ball", reading, &Endless).unwrap_or_else(|e| panic!("{text:?}: {e}"));
         let rounded = |v: f64| (v * 1e9).round() / 1e9;
         table
             .rows
@@ -409,7 +413,7 @@ mod tests {
         );
         // In this project's own format, too, velocities and angles with them.
         let own = "trial,t,body,x,y,angle,vx,vy,omega\na,50,ball,150,200,1,10,20,3\n";
-        let table = read(own, "film", "x", &Reading { fps: Some(100.0), ..pixels }).unwrap();
+        let table = read(own, "film", "x", &Reading { fps: Some(100.0), ..pixels }, &Endless).unwrap();
         let r = &table.rows[0];
         assert_eq!((r.trial.as_str(), r.body.as_str(), r.t), ("a", "ball", 0.5));
         assert_eq!(r.values, [1.5, -2.0, -1.0, 10.0, -20.0, -300.0]);
@@ -418,7 +422,7 @@ mod tests {
     #[test]
     fn missing_values_stay_missing_and_what_is_not_read_is_told() {
         let text = "t,x,y,vx,label\n0,1,2,5,a\n1,,3,5,b\n2,nan,,5,c\n3,4,5,,d\n";
-        let table = read(text, "film", "ball", &Reading::default()).unwrap();
+        let table = read(text, "film", "ball", &Reading::default(), &Endless).unwrap();
         let missing: Vec<[bool; 2]> =
             table.rows.iter().map(|r| [r.values[0].is_nan(), r.values[1].is_nan()]).collect();
         assert_eq!(missing, [[false, false], [true, false], [true, true], [false, false]]);
@@ -499,7 +503,8 @@ mod tests {
             ("trial,t,body,x,y\na,0,b,1,oops\n", silent(), "2: `y` is \"oops\""),
         ];
         for (text, reading, wanted) in cases {
-            let error = read(text, "film", "ball", &reading).map(|_| ()).expect_err(text).to_string();
+            let error =
+                read(text, "film", "ball", &reading, &Endless).map(|_| ()).expect_err(text).to_string();
             assert!(error.contains(wanted), "{text:?} gives {error:?}, without {wanted:?}");
         }
     }

@@ -8,6 +8,7 @@ use super::recorded;
 use super::rows::{Row, assemble};
 use super::suspicion::{self, Said};
 use super::tracked::{self, Table};
+use crate::budget::Budget;
 use crate::error::{Error, Result};
 use crate::task::Scene;
 use crate::task::ball::Ball;
@@ -39,8 +40,8 @@ pub struct Gathered {
 
 /// Reads files. Those of a scene with several bodies, and all with a header `trial,t,body,x,y`, are in this project's own
 /// format; others are one body's track as tracking programs write it. Units that look wrong are errors, unless they were
-/// said outright; in this project's own format, of which a scene is given, they are notes.
-pub fn gather(files: &[File], of: Of, reading: &Reading) -> Result<Gathered> {
+/// said outright; in this project's own format, of which a scene is given, they are notes. Ends early with `budget`.
+pub fn gather(files: &[File], of: Of, reading: &Reading, budget: &dyn Budget) -> Result<Gathered> {
     reading.validate()?;
     let one = match of {
         Of::Scene(scene) => (scene.bodies.len() == 1).then(|| scene.bodies[0].name.as_str()),
@@ -49,8 +50,8 @@ pub fn gather(files: &[File], of: Of, reading: &Reading) -> Result<Gathered> {
     let mut tables = Vec::new();
     for (file, name) in files.iter().zip(names(files)) {
         let read = || match one {
-            Some(body) => tracked::read(&file.text, &name, body, reading),
-            None if reading.is_silent() => own_format(&file.text),
+            Some(body) => tracked::read(&file.text, &name, body, reading, budget),
+            None if reading.is_silent() => own_format(&file.text, budget),
             None => Err(Error::input(
                 "scene",
                 "of several bodies",
@@ -76,7 +77,7 @@ pub fn gather(files: &[File], of: Of, reading: &Reading) -> Result<Gathered> {
     let own = tables.iter().all(|t| t.own_format) && matches!(of, Of::Scene(_));
     let mut trials = Vec::new();
     for (table, file) in tables.into_iter().zip(files) {
-        let assembled = assemble(table.rows.into_iter().map(Ok), &scene);
+        let assembled = assemble(table.rows, &scene, budget);
         trials.extend(assembled.map_err(|e| e.at(&file.name))?);
     }
     if scene.bodies.len() == 1 {
@@ -92,8 +93,8 @@ pub fn gather(files: &[File], of: Of, reading: &Reading) -> Result<Gathered> {
 /// What a ball is called that the files give no name.
 const BALL: &str = "ball";
 
-fn own_format(text: &str) -> Result<Table> {
-    let rows = recorded::rows(text)?;
+fn own_format(text: &str, budget: &dyn Budget) -> Result<Table> {
+    let rows = recorded::rows(text, budget)?;
     Ok(Table { rows, names_trials: true, own_format: true, unused: Vec::new(), said: [true; 2] })
 }
 

@@ -6,6 +6,7 @@ use super::observation::Layout;
 use crate::error::{Error, Result};
 use crate::task::action::{Component, Quantity};
 use crate::task::{FAMILIES, Family, Learning, Scene, Split, Task, custom};
+use crate::world::effect;
 
 /// Every built-in family with its tasks.
 pub struct Catalogue {
@@ -123,6 +124,7 @@ impl TaskSet {
     /// The one task of a user's scene.
     pub fn custom(scene: Scene) -> Result<TaskSet> {
         let task = custom(scene)?;
+        effect::check(&task.scene.effects)?;
         for (i, body) in task.scene.bodies.iter().enumerate() {
             let of_place =
                 |c: &Component| matches!(c.set, Quantity::X | Quantity::Y) && c.target == body.name;

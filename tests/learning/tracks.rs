@@ -1,6 +1,10 @@
 //! Files of one ball's tracks: what they make, and what is said where units or the floor cannot be right.
 
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use iplw::budget::{Budget, Endless};
 use iplw::discover::{Config, diagnose};
+use iplw::error::Error;
 use iplw::progress::Silent;
 use iplw::reality::{File, Gathered, Of, Reading, gather};
 use iplw::task::ball::{Ball, GRAVITY};
@@ -22,7 +26,7 @@ fn throws(cells: impl Fn(usize, f64, f64, f64) -> String, header: &str) -> Vec<F
 }
 
 fn gathered(files: &[File], reading: &Reading) -> Result<Gathered, String> {
-    gather(files, Of::Ball(&BALL), reading).map_err(|e| e.to_string())
+    gather(files, Of::Ball(&BALL), reading, &Endless).map_err(|e| e.to_string())
 }
 
 #[test]
@@ -116,8 +120,13 @@ fn odd_units_are_taken_as_they_are_said_to_be() {
     assert!(notes.iter().any(|n| n.contains("y is rising")), "{notes:?}");
     // Gravity of nothing says nothing of units.
     let ball = Ball { gravity: 0.0, ..BALL };
-    gather(&throws(|_, t, x, y| format!("{t},{x},{}", -y), "t,x,y"), Of::Ball(&ball), &Reading::default())
-        .unwrap();
+    gather(
+        &throws(|_, t, x, y| format!("{t},{x},{}", -y), "t,x,y"),
+        Of::Ball(&ball),
+        &Reading::default(),
+        &Endless,
+    )
+    .unwrap();
 }
 
 /// A ball dropped from 1 m on a floor at 0.5 m, restitution 0.8, at 120 pictures a second.
@@ -148,8 +157,9 @@ fn bounces_need_a_floor_where_they_are_and_calibrate_it() {
     let flight = throws(|_, t, x, y| format!("{t},{x},{y}"), "t,x,y").swap_remove(0);
     let notes = gathered(&[drops().swap_remove(0), flight], &Reading::default()).unwrap().notes;
     assert!(notes.len() == 1 && notes[0].contains("1 of 2 trials"), "{notes:?}");
-    let with =
-        |floor: f64| gather(&drops(), Of::Ball(&Ball { floor: Some(floor), ..BALL }), &Reading::default());
+    let with = |floor: f64| {
+        gather(&drops(), Of::Ball(&Ball { floor: Some(floor), ..BALL }), &Reading::default(), &Endless)
+    };
     let error = with(0.6).expect_err("a ball below the floor").to_string();
     assert!(error.contains("`floor` is 0.6; allowed: a height below the ball's centre"), "{error}");
     let error = with(0.3).expect_err("bounces far above the floor").to_string();
@@ -170,7 +180,7 @@ fn files_are_named_in_trials_and_errors() {
     let file = |name: &str, text: &str| File { name: name.into(), text: text.into() };
     let own = "trial,t,body,x,y\nfirst,0,ping,0,1\nfirst,0.1,ping,0.1,1\n";
     let names = |files: &[File]| {
-        let found = gather(files, Of::Ball(&BALL), &Reading::default()).unwrap();
+        let found = gather(files, Of::Ball(&BALL), &Reading::default(), &Endless).unwrap();
         (found.scene.bodies[0].name.clone(), found.trials.iter().map(|t| t.name.clone()).collect::<Vec<_>>())
     };
     assert_eq!(names(&[file("a.csv", own)]), ("ping".into(), vec!["first".into()]));
@@ -196,7 +206,7 @@ fn the_own_format_of_a_scene_is_never_refused_for_its_units() {
     let rows: String = (0..40).map(|k| format!("a,{k},ball,{},{}\n", 100 * k, 5 * k * k)).collect();
     let files = [File { name: "a.csv".into(), text: format!("trial,t,body,x,y\n{rows}") }];
     let scene = BALL.scene("ball", 1.0).unwrap();
-    let found = gather(&files, Of::Scene(&scene), &Reading::default()).unwrap();
+    let found = gather(&files, Of::Scene(&scene), &Reading::default(), &Endless).unwrap();
     assert!(found.own_format && found.notes.len() == 1, "{:?}", found.notes);
 }
 
@@ -222,6 +232,41 @@ fn no_file_is_too_broken_to_be_refused() {
                     }
                 }
             }
+        }
+    }
+}
+
+/// Gives so many leaves to go on.
+struct Looks(AtomicUsize);
+
+impl Budget for Looks {
+    fn look(&self) -> Result<(), Error> {
+        let left = self.0.fetch_update(Ordering::SeqCst, Ordering::SeqCst, |n| n.checked_sub(1));
+        left.map(|_| ()).map_err(|_| Error::Cancelled)
+    }
+}
+
+/// A server reads files of 16 MiB for whoever sends them: it must be able to end that, in whatever part of it.
+#[test]
+fn reading_ends_with_its_budget() {
+    let rows: String = (0..20_000).map(|i| format!("{},{}.5,1.5,2.5\n", i / 500, i % 500)).collect();
+    let trials = File { name: "film.csv".into(), text: format!("trial,t,x,y\n{rows}") };
+    let own: String = rows.lines().map(|r| r.replacen(".5,1.5", ".5,ball,1.5", 1) + "\n").collect();
+    let own = File { name: "own.csv".into(), text: format!("trial,t,body,x,y\n{own}") };
+    let said = Reading {
+        length_unit: Some("m".into()),
+        time_unit: Some("s".into()),
+        y_down: Some(false),
+        ..Reading::default()
+    };
+    for (file, least) in [(trials, 60), (own, 40)] {
+        let read = |looks| {
+            gather(std::slice::from_ref(&file), Of::Ball(&BALL), &said, &Looks(AtomicUsize::new(looks)))
+        };
+        let enough = (0..).find(|looks| read(*looks).is_ok()).expect("an end");
+        assert!(enough > least, "{}: {enough} looks", file.name);
+        for looks in (0..enough).step_by(7) {
+            assert!(matches!(read(looks), Err(Error::Cancelled)), "{}: {looks} looks", file.name);
         }
     }
 }

@@ -1105,6 +1105,12 @@ fn measured_trials_are_diagnosed() {
     let sets = result["rivals"].as_array().unwrap();
     assert!(sets.contains(&json!(["quadratic_drag"])), "{sets:?}");
     assert_eq!(result["extended_scene"]["format"], "iplw.scene/1");
+    let next = &result["next_scene"];
+    let launched = next["format"] == "iplw.scene/1" && next["bodies"][0]["position"].is_array();
+    assert!(next.is_null() || launched && result["next_experiment"].is_object(), "{next}");
+    let points = &result["evidence"]["points"];
+    assert_eq!(points["columns"].as_array().unwrap().len(), points["rows"][0].as_array().unwrap().len());
+    assert_eq!(result["evidence"]["autocorrelation"][0][0], 1.0);
     let run = json!({"task": "basketball", "rounds": 1, "actions": 4, "samples": 12});
     let run = server.finish(&server.post("/v1/iplw", &run, 202));
     let of_run = server.finish(&server.post("/v1/diagnoses", &json!({"job": run["id"]}), 202));

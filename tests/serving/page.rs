@@ -103,6 +103,14 @@ fn places_are_told_without_simulating() {
         json!({"task": "bowling:000", "action": [0.5, 0.5, 0.5], "observe_every": 0}),
         "observe_every",
     );
+    // An effect of the scene's own is named within the scene, wherever one is sent.
+    let mut scene = server.get("/v1/tasks/bowling/0")["scene"].clone();
+    scene["effects"] = json!([{"name": "wind"}, {"name": "wind", "parameters": {"speed": 1.0}}]);
+    let field = "scene.effects[1].parameters.speed";
+    refused("/v1/simulate", json!({"scene": scene, "action": [0.5, 0.5, 0.5]}), field);
+    refused("/v1/place", json!({"scene": scene, "actions": []}), field);
+    refused("/v1/worlds", json!({"scene": scene}), field);
+    refused("/v1/diagnoses", json!({"scene": scene, "trials": "trial,t,body,x,y\n"}), field);
     let many = json!({"task": "bowling:000", "actions": vec![[0.5, 0.5, 0.5]; 4097]});
     problem(server.send(Method::POST, "/v1/place", many.to_string()), 413, "too-large");
 }

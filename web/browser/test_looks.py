@@ -7,8 +7,10 @@ from typing import Any
 import pytest
 from conftest import ROOT
 from playwright.sync_api import Page, expect
+from test_diagnose import drop
 from test_jobs import SHORT
 from test_train import compared
+from thrown import LOW, csv, launches
 
 AXE = ROOT / "web/node_modules/axe-core/axe.min.js"
 PICTURES = ROOT / "docs/pictures"
@@ -31,10 +33,40 @@ def shown(page: Page, server: Any) -> None:
     page.locator(".result").wait_for()
 
 
+def tracked(page: Page, server: Any) -> None:
+    """Tracks over a floor, as they will be read."""
+    drop(page, "throws.csv", csv(launches(14, 70, bounce=0.8, speeds=LOW)))
+    page.locator(".told").wait_for()
+
+
+def diagnosed(page: Page, server: Any) -> None:
+    """A diagnosis that named an effect, with all of its plots drawn."""
+    done = [job["id"] for job in server.ask("GET", "/v1/jobs")["jobs"] if job["kind"] == "diagnose"]
+    body = {"ball": {"radius": 0.02}, "trials": csv(launches(14, 70))}
+    job = done[0] if done else server.ask("POST", "/v1/diagnoses", body)["id"]
+    server.ended(job)
+    page.goto(f"{server.page}/#/diagnose/{job}")
+    page.locator("[data-whole]").wait_for()
+    for canvas in page.locator("canvas").all():
+        canvas.scroll_into_view_if_needed()
+        page.wait_for_function("(c) => c.width !== 300", arg=canvas.element_handle())
+    page.evaluate("scrollTo(0, 0)")
+
+
+def drafted(page: Page, server: Any) -> None:
+    """A task as a draft, with a body selected and the film half way."""
+    page.locator(".stage .badge.sim").wait_for()
+    page.get_by_role("button", name="green", exact=True).click()
+    page.get_by_label("Time", exact=True).fill("1.6")
+
+
 #: A picture's name, the address, and what is done before it is taken.
 VIEWS: dict[str, tuple[str, Callable[[Page, Any], None]]] = {
     "play": ("#/play/bowling:002", played),
     "play-basketball": ("#/play/basketball:003", played),
+    "make": ("#/make?task=bowling:002", drafted),
+    "diagnose": ("#/diagnose", tracked),
+    "diagnosis": ("#/diagnose", diagnosed),
     "train": ("#/train/job-2", compared),
     "jobs": ("#/jobs", listed),
     "job": ("#/jobs/job-1", shown),

@@ -1,8 +1,10 @@
 // The views, a row each, in the order of the navigation; the first is opened where the address names none.
 
+import { diagnose } from "./views/diagnose";
 import { jobs } from "./views/jobs";
+import { make } from "./views/make";
 import { play } from "./views/play";
 import { train } from "./views/train";
 import type { View } from "./view";
 
-export const VIEWS: readonly View[] = [play, train, jobs];
+export const VIEWS: readonly View[] = [play, make, diagnose, train, jobs];

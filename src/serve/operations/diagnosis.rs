@@ -7,17 +7,20 @@ use serde_json::{Value, json};
 
 use super::text::json;
 use super::trials;
+use crate::budget::Budget;
+use crate::discover::drawn::drawn;
 use crate::discover::{Config, diagnose};
 use crate::error::{Error, Result};
 use crate::job::{New, Outcome, Work};
 use crate::json::{from_value, parse};
-use crate::reality::{Of, Reading, gather, trials_from_csv, trials_to_csv};
+use crate::reality::{Of, Reading, gather, trials_from_csv, written};
 use crate::serve::app::App;
 use crate::serve::operation::{ACT, Body, Keep, Operation, post};
 use crate::serve::shared::Base;
 use crate::serve::wire::{DiagnosisIn, JobOut};
 use crate::task::Scene;
 use crate::task::ball::Ball;
+use crate::world::effect;
 
 /// What can be asked about what a simulation gets wrong.
 pub fn operations() -> Vec<Operation> {
@@ -25,8 +28,9 @@ pub fn operations() -> Vec<Operation> {
         post("start_diagnosis", "/v1/diagnoses", "workflow", ACT)
             .about(
                 "Diagnoses measured trials: what the simulation gets wrong, by name. A job; its result is an \
-                 `iplw.diagnosis/1`\ndocument with the `extended_scene`. Tracks of one ball need no scene: `ball` \
-                 makes it.",
+                 `iplw.diagnosis/1`\ndocument with the `extended_scene`, the `next_scene` (the next experiment as it \
+                 would be simulated, or null)\nand the `evidence`, tables to be drawn. Tracks of one ball need no scene: \
+                 `ball` makes it.",
             )
             .refuses(&[(404, "Unknown job"), (409, "A job without trials")])
             .queues(KIND, begin, work),
@@ -60,7 +64,7 @@ fn begin(app: &App, Body(body): Body<DiagnosisIn>, keep: Keep<JobOut>) -> Result
             let count = trials_from_csv(&csv, &scene).map_err(|e| e.under("trials"))?.len();
             (scene, csv, count)
         }
-        None => sent(body)?,
+        None => sent(body, app.budget())?,
     };
     // What was asked for, without the data themselves.
     let config = json!({ "job": job, "scene": scene.name, "trials": count, "seed": seed });
@@ -70,7 +74,7 @@ fn begin(app: &App, Body(body): Body<DiagnosisIn>, keep: Keep<JobOut>) -> Result
 }
 
 /// The scene, the trials as CSV and their number, of what was sent.
-fn sent(body: DiagnosisIn) -> Result<(Scene, String, usize)> {
+fn sent(body: DiagnosisIn, budget: &dyn Budget) -> Result<(Scene, String, usize)> {
     let scene = body.scene.map(|s| s.0);
     let ball = body.ball.map(|b| Ball::from(b.0));
     let of = match (&scene, &ball) {
@@ -86,18 +90,18 @@ fn sent(body: DiagnosisIn) -> Result<(Scene, String, usize)> {
         return Err(Error::input("trials", "missing", "a scene and its trials, or the job that has both"));
     };
     if let Some(scene) = &scene {
-        scene.validate().map_err(|e| e.under("scene"))?;
+        scene.validate().and_then(|()| effect::check(&scene.effects)).map_err(|e| e.under("scene"))?;
     }
     let reading = body.reading.map(|r| Reading::from(r.0)).unwrap_or_default();
     let mut files = trials.files("trials");
     if files.is_empty() {
         return Err(Error::input("trials", "empty", "at least one file"));
     }
-    let found = gather(&files, of, &reading).map_err(placed)?;
+    let found = gather(&files, of, &reading, budget).map_err(placed)?;
     // Of one file as it should be nothing is rewritten.
     let csv = match found.own_format && files.len() == 1 {
         true => files.swap_remove(0).text,
-        false => trials_to_csv(&found.trials),
+        false => written(&found.trials, budget)?,
     };
     Ok((found.scene, csv, found.trials.len()))
 }
@@ -124,6 +128,10 @@ fn work(_: &Arc<Base>, plan: &Value) -> Result<Work> {
         let mut result = json(&found.diagnosis)?;
         if let Some(fields) = result.as_object_mut() {
             fields.insert("extended_scene".into(), parse(&found.extended.to_json())?);
+            let next = found.diagnosis.next_experiment.as_ref().and_then(|n| n.scene.as_ref());
+            let next: Option<Value> = next.map(|scene| parse(&scene.to_json())).transpose()?;
+            fields.insert("next_scene".into(), next.into());
+            fields.insert("evidence".into(), json(&drawn(&found.evidence))?);
         }
         Ok(Outcome::Done(result))
     }))

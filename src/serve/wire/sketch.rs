@@ -16,6 +16,7 @@ use crate::error::{Error, Result};
 use crate::session::{Action, Catalogue, Sketch, Sketched};
 use crate::task::Scene;
 use crate::trajectory::{Contact, Trajectory};
+use crate::world::effect;
 
 /// A rollout to simulate; one of `task` and `scene` is needed.
 #[derive(Deserialize, ToSchema)]
@@ -130,7 +131,7 @@ fn scene(task: Option<String>, scene: Option<Object<Scene>>, catalogue: &Catalog
     match (task, scene) {
         (Some(task), None) => Ok(catalogue.task(&task)?.scene),
         (None, Some(Object(scene))) => {
-            scene.validate().map_err(|e| e.under("scene"))?;
+            scene.validate().and_then(|()| effect::check(&scene.effects)).map_err(|e| e.under("scene"))?;
             Ok(scene)
         }
         (Some(_), Some(_)) => Err(Error::input("scene", "given beside `task`", "one of task and scene")),

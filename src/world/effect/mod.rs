@@ -106,6 +106,11 @@ pub fn resolve(term: &EffectTerm, place: &str) -> Result<Active> {
     Ok(Active { effect, values: effect.parameters.iter().map(value).collect::<Result<_>>()? })
 }
 
+/// Errors unless the effects of a scene can be; the field is within the scene.
+pub fn check(terms: &[EffectTerm]) -> Result<()> {
+    terms.iter().enumerate().try_for_each(|(i, term)| resolve(term, &format!("effects[{i}]")).map(|_| ()))
+}
+
 /// The effect named `name`.
 pub fn find(name: &str) -> Result<&'static Effect> {
     REGISTRY.iter().copied().find(|e| e.name == name).ok_or_else(|| Error::NotFound {

@@ -24,6 +24,17 @@ export class GoneError extends Error {
   }
 }
 
+/** A file that somebody chose is not what it has to be. */
+export class FileError extends Error {
+  constructor(
+    readonly file: string,
+    why: string,
+  ) {
+    super(why);
+    this.name = "FileError";
+  }
+}
+
 /** The kind of a problem: the last part of its type. */
 export function slug(problem: Problem): string {
   return problem.type.split("/").at(-1) ?? "";
@@ -45,6 +56,7 @@ export function told(error: unknown): Told {
     return { title: titled(problem), detail: sentence(problem.detail) + wait, field: problem.field ?? null };
   }
   if (error instanceof GoneError) return { title: "No connection", detail: error.message, field: null };
+  if (error instanceof FileError) return { title: error.file, detail: sentence(error.message), field: null };
   const detail = error instanceof Error ? error.message : String(error);
   return { title: "The page failed", detail: sentence(detail), field: null };
 }

@@ -138,7 +138,8 @@ export interface paths {
         put?: never;
         /**
          * Diagnoses measured trials: what the simulation gets wrong, by name. A job; its result is an `iplw.diagnosis/1`
-         *     document with the `extended_scene`. Tracks of one ball need no scene: `ball` makes it.
+         *     document with the `extended_scene`, the `next_scene` (the next experiment as it would be simulated, or null)
+         *     and the `evidence`, tables to be drawn. Tracks of one ball need no scene: `ball` makes it.
          */
         post: operations["start_diagnosis"];
         delete?: never;

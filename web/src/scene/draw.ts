@@ -16,6 +16,8 @@ export interface Picture {
   /** The same, over the bodies. */
   over: SVGGElement;
   box: Box;
+  /** Shows another part of the world; what is drawn to the edge of the picture is right after `redraw`. */
+  frame: (box: Box) => void;
   /** Moves bodies; those not named are hidden. */
   pose: (look: Look, poses: ReadonlyMap<string, Pose>) => void;
   /** Draws another scene of the same extent. */
@@ -26,15 +28,18 @@ export interface Picture {
 
 /** Draws a scene; bodies without a position stay hidden until they are posed. */
 export function picture(scene: Scene, label: string, box: Box = seen(scene)): Picture {
-  const [width, height] = [box[2] - box[0], box[3] - box[1]];
   const world = s("g", { transform: "scale(1 -1)" });
-  const svg = s("svg", { class: "scene", viewBox: `${box[0]} ${-box[3]} ${width} ${height}`, role: "img", "aria-label": label }, world);
+  const svg = s("svg", { class: "scene", role: "img", "aria-label": label }, world);
   const [fixed, under, over] = [s("g"), s("g"), s("g")];
   const layers: Record<Look, SVGGElement> = { ghost: s("g"), solid: s("g"), refused: s("g") };
   put(world, fixed, under, layers.ghost, layers.solid, layers.refused, over);
   const bodies = new Map<Look, Map<string, SVGGElement>>();
+  const frame = (now: Box): void => {
+    made.box = now;
+    set(svg, { viewBox: `${now[0]} ${-now[3]} ${now[2] - now[0]} ${now[3] - now[1]}` });
+  };
   const redraw = (now: Scene): void => {
-    put(fixed, ...statics(now, box), goal(now));
+    put(fixed, ...statics(now, made.box), goal(now));
     for (const look of ["ghost", "solid", "refused"] as const) {
       const drawn = movables(now, look);
       bodies.set(look, drawn);
@@ -58,8 +63,10 @@ export function picture(scene: Scene, label: string, box: Box = seen(scene)): Pi
     const p = new DOMPoint(event.clientX, event.clientY).matrixTransform(matrix.inverse());
     return [p.x, p.y];
   };
+  const made: Picture = { svg, under, over, box, frame, pose, redraw, at };
+  frame(box);
   redraw(scene);
-  return { svg, under, over, box, pose, redraw, at };
+  return made;
 }
 
 /** A line through points, m. */
@@ -102,9 +109,9 @@ function forms(shape: Shape, paint: Attributes, box: Box | null): SVGElement[] {
   const common = { ...paint, "vector-effect": "non-scaling-stroke" };
   switch (shape.type) {
     case "disc":
-      return [s("circle", { ...common, r: shape.radius })];
+      return [s("circle", { ...common, r: Math.max(0, shape.radius) })];
     case "box": {
-      const { half_width: w, half_height: h } = shape;
+      const [w, h] = [Math.max(0, shape.half_width), Math.max(0, shape.half_height)];
       return [s("rect", { ...common, x: -w, y: -h, width: 2 * w, height: 2 * h })];
     }
     case "polygon":

@@ -24,8 +24,8 @@ export interface Body {
 }
 
 export type Goal =
-  | { type: "contact"; bodies: [string, string]; hold_s?: number; tolerance?: number }
-  | { type: "inside"; body: string; region: Point[]; hold_s?: number };
+  | { type: "contact"; bodies: [string, string]; hold_s?: number; tolerance?: number; stop?: boolean }
+  | { type: "inside"; body: string; region: Point[]; hold_s?: number; stop?: boolean };
 
 export interface Component {
   target: string;
@@ -37,16 +37,22 @@ export interface Component {
 /** Left, bottom, right, top; m. */
 export type Box = [number, number, number, number];
 
+/** The discretised actions. */
+export type Discrete = { type: "sequence"; count: number } | { type: "grid"; counts: number[] };
+
 export interface Scene {
   format: "iplw.scene/1";
   name?: string;
+  gravity?: Point;
   bodies: Body[];
   statics?: Body[];
   goal?: Goal | null;
-  action?: { components: Component[]; bounds?: Box | { min: Point; max: Point } | null } | null;
+  action?: { components: Component[]; bounds?: Box | { min: Point; max: Point } | null; discrete?: Discrete } | null;
   time_step?: number;
   steps?: number;
   observe_every?: number;
+  damping?: number;
+  stop?: boolean;
   carriers?: string[];
   [more: string]: unknown;
 }

@@ -114,7 +114,7 @@ function row(job: Job, changed: () => void, context: Context): HTMLElement {
 /** How far it is, or why it failed. */
 function progress(job: Job): HTMLElement[] {
   if (job.state === "failed") return [h("p", { class: "why" }, job.error?.detail ?? "It failed without a word.")];
-  if (ended(job)) return job.state === "succeeded" ? [h("a", { href: link("jobs", [job.id]) }, "Result")] : [];
+  if (ended(job)) return job.state === "succeeded" ? [h("a", { href: seenAt(job) ?? link("jobs", [job.id]) }, "Result")] : [];
   const { done, total, stage, eta_s: left } = job.progress;
   const bar = total > 0 ? h("progress", { max: total, value: done, "aria-label": `Progress of ${job.id}` }) : null;
   const words = [stage || job.state, total > 0 ? `${done} of ${total}` : "", typeof left === "number" ? `${duration(left)} left` : ""];
@@ -158,7 +158,7 @@ function whole(job: Job, context: Context): HTMLElement[] {
     h("h2", {}, job.id),
     h("dl", { class: "facts" }, ...facts.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)])),
     h("div", { class: "progress" }, ...(job.state === "succeeded" ? [] : progress(job))),
-    h("div", { class: "row" }, button(job, leave, context)),
+    h("div", { class: "row" }, seenAt(job) ? h("a", { href: seenAt(job) }, "See it in its view") : null, button(job, leave, context)),
   );
   return [head, ...(job.result ? [result(job)] : []), document_("Asked for", job.config)];
 }
@@ -202,6 +202,15 @@ function text(label: string, value: unknown): HTMLElement {
   return h("pre", { tabindex: 0, role: "region", "aria-label": label }, cut);
 }
 
+/** The views that show jobs of a kind as what they are, beside the list of everything. */
+const VIEWS: Record<string, string> = { diagnose: "diagnose", train: "train", learn: "train", evaluate: "train" };
+
+/** Where a job is seen as what it is; `null` where only here. */
+function seenAt(job: Job): string | null {
+  const view = VIEWS[job.kind];
+  return view ? link(view, [job.id]) : null;
+}
+
 const KINDS: Record<string, string> = {
   iplw: "Estimation",
   diagnose: "Diagnosis",
@@ -211,17 +220,10 @@ const KINDS: Record<string, string> = {
   evaluate: "Evaluation",
 };
 
-/** Views that show a kind of job at their `#/VIEW/job-3`. */
-const SHOWN_BY: Record<string, string> = {
-  train: "train",
-  learn: "train",
-  evaluate: "train",
-};
-
 /** What kind of job it is, leading to the view that shows it. */
 function kind(job: Job): HTMLElement {
-  const [named, view] = [KINDS[job.kind] ?? job.kind, SHOWN_BY[job.kind]];
-  return h("strong", {}, view ? h("a", { href: link(view, [job.id]) }, named) : named);
+  const [named, at] = [KINDS[job.kind] ?? job.kind, seenAt(job)];
+  return h("strong", {}, at ? h("a", { href: at }, named) : named);
 }
 
 function about(job: Job): string {

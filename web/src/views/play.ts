@@ -4,7 +4,7 @@
 import { all, api, ok, type Schema } from "../api/client";
 import { h, put } from "../dom";
 import { latest } from "../parts/latest";
-import { left } from "../scene/handoff";
+import { left, sight } from "../scene/handoff";
 import type { Scene } from "../scene/types";
 import type { Context, View } from "../view";
 import { effects, latents, type Latents, type Term } from "./play/physics";
@@ -49,7 +49,8 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
   put(place, h("div", { class: "play-head" }, h("div", { class: "card" }, task.element), real.element), h("div", { class: "play-body" }, front, side));
   const [first] = context.rest;
   const scene = first === "scene" ? left() : null;
-  if (scene) show({ id: `custom:${scene.name || "scene"}`, family: null, scene });
+  const box = sight();
+  if (scene) show({ id: `custom:${scene.name || "scene"}`, family: null, scene, ...(box ? { box } : {}) });
   else await task.pick(first && first !== "scene" ? first : `${families[0]?.name}:000`);
 }
 
@@ -68,7 +69,7 @@ function table(task: Task, library: Schema<"EffectOut">[], first: readonly numbe
   const own = new AbortController();
   const context: Context = { ...outer, signal: AbortSignal.any([outer.signal, own.signal]) };
   const subject: Subject = task.family ? { task: task.id } : { scene: task.scene as unknown as Record<string, never> };
-  const shown = stage(task.scene, `Scene ${task.id}. Arrow keys move what is placed, plus and minus change its size or angle, N takes the next thing.`, context);
+  const shown = stage(task.scene, `Scene ${task.id}. Arrow keys move what is placed, plus and minus change its size or angle, N takes the next thing.`, context, task.box);
   const asked: { action: number[] | null; latents: Latents; effects: Term[] } = { action: null, latents: {}, effects: [] };
   const simulate = latest<boolean>(async (fresh) => {
     if (asked.action === null && task.scene.action) return;

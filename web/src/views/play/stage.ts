@@ -8,7 +8,7 @@ import { colours } from "../../scene/colour";
 import { line, picture, type Picture } from "../../scene/draw";
 import { at, type Contact, distance, end, type Film, way } from "../../scene/film";
 import { placed } from "../../scene/place";
-import type { Point, Scene } from "../../scene/types";
+import type { Box, Point, Scene } from "../../scene/types";
 import type { Context } from "../../view";
 
 /** Radius of a contact's ring: so much of the picture's width, more the harder it was. */
@@ -27,8 +27,8 @@ export interface Stage {
 }
 
 /** The stage of a scene. */
-export function stage(scene: Scene, label: string, context: Context): Stage {
-  const at_ = picture(scene, label);
+export function stage(scene: Scene, label: string, context: Context, box?: Box): Stage {
+  const at_ = picture(scene, label, box);
   set(at_.svg, { tabindex: 0, role: "application" });
   const trails = s("g");
   const rings = s("g");

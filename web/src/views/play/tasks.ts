@@ -1,9 +1,10 @@
 // Which task: a family, one of its tasks by picture, or a scene file.
 
 import { api, ok, type Schema } from "../../api/client";
+import { FileError } from "../../api/problem";
 import { fresh, h, put, set } from "../../dom";
 import { picture } from "../../scene/draw";
-import type { Scene } from "../../scene/types";
+import type { Box, Scene } from "../../scene/types";
 import type { Context } from "../../view";
 
 /** What is played with. */
@@ -13,25 +14,19 @@ export interface Task {
   /** Absent for a scene file. */
   family: string | null;
   scene: Scene;
+  /** What is to be in sight; absent where the scene tells. */
+  box?: Box;
 }
 
 /** The choice of a task; `chosen` is called with every task that is picked. */
 export function choice(families: Schema<"FamilyOut">[], chosen: (task: Task) => void, context: Context): { element: HTMLElement; pick: (id: string) => Promise<void> } {
   const named = h("strong");
-  const gallery = h("div", { class: "gallery" });
-  const close = h("button", { type: "button" }, "Close");
-  const dialog = h("dialog", { class: "tasks", "aria-label": "Choose a task" }, h("div", { class: "row" }, h("h2", {}, "Choose a task"), close), gallery);
-  close.addEventListener("click", () => dialog.close());
-  const open = h("button", { type: "button" }, "Choose a task");
   const pick = async (id: string): Promise<void> => {
     const task = await load(id, context.signal);
     put(named, id);
     chosen(task);
   };
-  open.addEventListener("click", () => {
-    if (!gallery.childElementCount) put(gallery, ...families.flatMap((f) => pictures(f, (id) => (dialog.close(), pick(id).catch(context.fail)), context)));
-    dialog.showModal();
-  });
+  const { button: open, dialog } = gallery(families, (id) => void pick(id).catch(context.fail), context);
   const id = fresh("scene");
   const file = h("input", { id, type: "file", accept: ".json,application/json", class: "unseen" });
   const label = h("label", { for: id, class: "button" }, "Open a scene file");
@@ -47,6 +42,20 @@ export function choice(families: Schema<"FamilyOut">[], chosen: (task: Task) => 
   return { element: h("div", { class: "row" }, named, open, h("span", { class: "file" }, file, label), dialog), pick };
 }
 
+/** A button that opens the pictures of all tasks; `picked` is told the id of one. */
+export function gallery(families: Schema<"FamilyOut">[], picked: (id: string) => void, context: Context): { button: HTMLButtonElement; dialog: HTMLDialogElement } {
+  const all = h("div", { class: "gallery" });
+  const close = h("button", { type: "button" }, "Close");
+  const dialog = h("dialog", { class: "tasks", "aria-label": "Choose a task" }, h("div", { class: "row" }, h("h2", {}, "Choose a task"), close), all);
+  close.addEventListener("click", () => dialog.close());
+  const button = h("button", { type: "button" }, "Choose a task");
+  button.addEventListener("click", () => {
+    if (!all.childElementCount) put(all, ...families.flatMap((f) => pictures(f, (id) => (dialog.close(), picked(id)), context)));
+    dialog.showModal();
+  });
+  return { button, dialog };
+}
+
 /** A task of the server's by its id. */
 export async function load(id: string, signal: AbortSignal): Promise<Task> {
   const [family = "", number = ""] = id.split(":");
@@ -55,15 +64,16 @@ export async function load(id: string, signal: AbortSignal): Promise<Task> {
   return { id: task.id, family, scene: task.scene as unknown as Scene };
 }
 
-async function read(file: File): Promise<Scene> {
+/** A scene of a file, as far as a page can tell; else an error that says what a scene file is. */
+export async function read(file: File): Promise<Scene> {
   let scene: unknown;
   try {
     scene = JSON.parse(await file.text());
   } catch (e) {
-    throw new Error(`${file.name} is not JSON (${e instanceof Error ? e.message : e}). A scene file is an iplw.scene/1 document.`);
+    throw new FileError(file.name, `it is not JSON (${e instanceof Error ? e.message : e}). A scene file is an iplw.scene/1 document.`);
   }
   const known = typeof scene === "object" && scene !== null && (scene as Scene).format === "iplw.scene/1" && Array.isArray((scene as Scene).bodies);
-  if (!known) throw new Error(`${file.name} is no scene: \`format\` must be "iplw.scene/1", with a list of \`bodies\`.`);
+  if (!known) throw new FileError(file.name, `it is no scene: \`format\` must be "iplw.scene/1", with a list of \`bodies\`.`);
   return scene as Scene;
 }
 

@@ -1,0 +1,116 @@
+// What columns are called by the programs that write them, as the server reads them (src/reality/columns.rs): here only so
+// that tracks can be drawn before they are sent.
+
+export type Quantity = "time" | "frame" | "x" | "y" | "trial" | "setting" | "body";
+
+/** A unit; `size` in m or s, `null` where only the user knows it: of pixels and pictures. */
+export interface Unit {
+  name: string;
+  size: number | null;
+}
+
+export interface Column {
+  /** As written. */
+  name: string;
+  quantity: Quantity | null;
+  unit: Unit | null;
+  /** Whose it is: `Ball` of `Ball/0/X`. */
+  track: string | null;
+}
+
+type Units = readonly (readonly [Unit, readonly string[]])[];
+const unit = (name: string, size: number | null, ...names: string[]): readonly [Unit, readonly string[]] => [{ name, size }, [name, ...names]];
+
+export const LENGTHS: Units = [
+  unit("m", 1, "metre", "metres", "meter", "meters"),
+  unit("cm", 1e-2, "centimetre", "centimetres", "centimeter", "centimeters"),
+  unit("mm", 1e-3, "millimetre", "millimetres", "millimeter", "millimeters"),
+  unit("um", 1e-6, "µm", "μm"),
+  unit("km", 1e3),
+  unit("in", 0.0254, "inch", "inches"),
+  unit("ft", 0.3048, "foot", "feet"),
+  unit("px", null, "pix", "pixel", "pixels"),
+];
+
+export const TIMES: Units = [
+  unit("s", 1, "sec", "secs", "second", "seconds"),
+  unit("ms", 1e-3, "msec", "millisecond", "milliseconds"),
+  unit("us", 1e-6, "µs", "μs", "microseconds"),
+  unit("min", 60, "minute", "minutes"),
+  unit("frames", null, "frame"),
+];
+
+const coordinate = (c: string): string[] => [c, `${c}pos`, `pos${c}`, `position${c}`, `${c}position`, `${c}coord`, `${c}coordinate`, `center${c}`, `centre${c}`];
+const NAMES: Record<Quantity, string[]> = {
+  time: ["t", "time", "times", "timestamp", "elapsed", "elapsedtime", "zeit", "temps"],
+  frame: ["frame", "frames", "framenumber", "frameno", "framenr", "frameindex", "frameidx"],
+  x: coordinate("x"),
+  y: coordinate("y"),
+  trial: ["trial", "run", "launch", "throw", "shot", "take", "particle", "track", "trackid"],
+  setting: ["setting"],
+  body: ["body", "object", "marker"],
+};
+const inPixels = (c: string): string[] => [`pixel${c}`, `${c}pixel`, `px${c}`, `pix${c}`, `${c}pix`];
+const PIXEL = LENGTHS.at(-1)![0];
+const SEPARATORS = /[/_ .-]/g;
+/** `v_x` is no x of something called v. */
+const NO_TRACKS = new Set("v a p f d vel velocity speed acc accel acceleration momentum force err error std".split(" "));
+
+/** What a column of this name holds. */
+export function column(name: string): Column {
+  const written = name.trim().replace(/^\ufeff/, "").trim();
+  const found = (quantity: Quantity, of: Unit | null, track: string | null = null): Column => ({ name: written, quantity, unit: of, track });
+  const [rest, own] = withoutUnit(written);
+  const known = named(rest);
+  if (known && fits(known, own)) return found(known, own);
+  for (const c of ["x", "y"] as const) if (inPixels(c).includes(plain(rest))) return found(c, PIXEL);
+  for (const [time, names] of TIMES.slice(0, 2)) if (names.slice(1).includes(plain(written))) return found("time", time);
+  const cut = lastSeparator(rest);
+  if (cut >= 0) {
+    const tail = plain(rest.slice(cut + 1));
+    const track = rest.slice(0, cut).replace(/[/_ .-]+$/, "");
+    // A single capital may be a name.
+    const spelt = track.length === 1 ? track : plain(track);
+    if ((tail === "x" || tail === "y") && fits(tail, own) && !NO_TRACKS.has(spelt)) return found(tail, own, track.trim());
+  }
+  return { name: written, quantity: null, unit: null, track: null };
+}
+
+/** The unit of a name among some. */
+export function unitNamed(units: Units, name: string): Unit | null {
+  const wanted = name.trim().toLowerCase();
+  return units.find(([, names]) => names.includes(wanted))?.[0] ?? null;
+}
+
+/** A name without its unit: `Time (s)`, `X [m]`, `x/m`, `x_px`. */
+function withoutUnit(name: string): [string, Unit | null] {
+  const known = (text: string): Unit | null => unitNamed(LENGTHS, text) ?? unitNamed(TIMES, text);
+  const bracketed = /^([^([]*)[([]([^)\]]*)[)\]]$/.exec(name);
+  const inside = bracketed && known(bracketed[2]!);
+  if (inside) return [bracketed[1]!.trim(), inside];
+  const cut = lastSeparator(name);
+  const tail = cut > 0 ? known(name.slice(cut + 1)) : null;
+  return tail ? [name.slice(0, cut).trim(), tail] : [name, null];
+}
+
+function lastSeparator(name: string): number {
+  return Math.max(...["/", "_", " ", ".", "-"].map((c) => name.lastIndexOf(c)));
+}
+
+/** Whether a unit is one of what is measured. */
+function fits(quantity: Quantity, of: Unit | null): boolean {
+  if (!of) return true;
+  const among = (units: Units): boolean => units.some(([u]) => u === of);
+  return quantity === "time" ? among(TIMES) : quantity === "x" || quantity === "y" ? among(LENGTHS) : false;
+}
+
+function named(name: string): Quantity | null {
+  const wanted = plain(name);
+  const found = Object.entries(NAMES).find(([, names]) => names.includes(wanted));
+  return (found?.[0] as Quantity | undefined) ?? null;
+}
+
+/** In small letters, without anything between the words. */
+function plain(name: string): string {
+  return name.replace(SEPARATORS, "").toLowerCase();
+}

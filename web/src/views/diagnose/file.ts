@@ -1,0 +1,140 @@
+// A file of tracks cut into cells: where its header stands, what separates its cells, and what its columns hold
+// (src/reality/header.rs). Nothing here refuses a file: that is the server's, who says why.
+
+import { column, type Column, type Quantity } from "./columns";
+
+/** A file as it was cut. */
+export interface Cut {
+  name: string;
+  text: string;
+  /** Lines above the header. */
+  above: number;
+  /** A character, or ` ` for blanks. */
+  separator: string;
+  columns: Column[];
+  /** Cells of the lines below. */
+  rows: string[][];
+  /** Whether a line that names a clock and a coordinate was found. */
+  named: boolean;
+}
+
+/** Which columns are read, by number; -1 for none. */
+export interface Columns {
+  clock: number;
+  x: number;
+  y: number;
+  trial: number;
+  body: number;
+}
+
+/** Lines above a header, at most. */
+const PREAMBLE = 50;
+
+/** Cuts a file. */
+export function cut(name: string, text: string): Cut {
+  const lines = text.split(/\r\n|\n|\r/);
+  let above: string[] = [];
+  for (let i = 0; i < Math.min(lines.length, PREAMBLE); i++) {
+    const line = lines[i]!.replace(/^\ufeff/, "").replace(/^\s*#\s*/, "");
+    if (!line.trim()) continue;
+    const separator = separates(line);
+    const cells = split(line, separator);
+    const columns = cells.map(column);
+    const any = (...wanted: Quantity[]): boolean => columns.some((c) => c.quantity && wanted.includes(c.quantity));
+    if (any("time", "frame") && any("x", "y")) {
+      nameTracks(columns, above);
+      return { name, text, above: i, separator, columns, rows: below(lines, i + 1, separator), named: true };
+    }
+    if (!lines[i]!.trimStart().startsWith("#")) above = cells;
+  }
+  // Nothing that is understood: the first line that has several cells may still be a header.
+  const first = Math.max(0, lines.findIndex((l) => l.trim() && !l.trim().startsWith("#")));
+  const separator = separates(lines[first] ?? "");
+  const columns = split(lines[first] ?? "", separator).map(column);
+  return { name, text, above: first, separator, columns, rows: below(lines, first + 1, separator), named: false };
+}
+
+/** The columns that are read where nobody chose: as the server does. `track`: of several, which. */
+export function usual(of: Cut, track = "", pixels = false): Columns {
+  const at = (...wanted: Quantity[]): number => of.columns.findIndex((c) => c.quantity !== null && wanted.includes(c.quantity));
+  const pairs = of.columns.flatMap((c, x) => {
+    if (c.quantity !== "x") return [];
+    const px = c.unit?.size === null;
+    const y = of.columns.findIndex((d) => d.quantity === "y" && d.track === c.track && (d.unit?.size === null) === px);
+    return y < 0 ? [] : [{ x, y, px, track: c.track }];
+  });
+  const mine = pairs.filter((p) => (track && at("body") < 0 ? p.track?.toLowerCase() === track.toLowerCase() : true));
+  const nameless = mine.some((p) => p.track === null) ? mine.filter((p) => p.track === null) : mine;
+  const pair = nameless.find((p) => p.px === pixels) ?? nameless[0];
+  const time = at("time");
+  return { clock: time >= 0 ? time : at("frame"), x: pair?.x ?? at("x"), y: pair?.y ?? at("y"), trial: at("trial"), body: at("body") };
+}
+
+/** Names of the tracks that a file holds, where it holds several. */
+export function tracks(of: Cut): string[] {
+  const body = of.columns.findIndex((c) => c.quantity === "body");
+  const names = body >= 0 ? of.rows.map((r) => r[body]?.trim() ?? "") : of.columns.filter((c) => c.quantity === "x").map((c) => c.track ?? "");
+  const known = [...new Set(names.filter(Boolean))];
+  return known.length > 1 ? known : [];
+}
+
+/** The text to send: the file's own, or with a header that says which columns were chosen. */
+export function sent(of: Cut, chosen: Columns, track = ""): string {
+  const own = usual(of, track, of.columns[chosen.x]?.unit?.size === null);
+  if ((Object.keys(own) as (keyof Columns)[]).every((k) => own[k] === chosen[k])) return of.text;
+  const unit = (i: number): string => (of.columns[i]?.unit ? `_${of.columns[i]!.unit!.name}` : "");
+  const names = of.columns.map((c, i) => {
+    if (i === chosen.clock) return c.quantity === "frame" || c.unit?.name === "frames" ? "frame" : `t${unit(i)}`;
+    if (i === chosen.x) return `x${unit(i)}`;
+    if (i === chosen.y) return `y${unit(i)}`;
+    if (i === chosen.trial) return "trial";
+    if (i === chosen.body) return "body";
+    return c.quantity === "setting" ? "setting" : `unused${i}`;
+  });
+  const join = of.separator === " " ? " " : of.separator;
+  const lines = of.text.split(/\r\n|\n|\r/);
+  return [names.join(join), ...lines.slice(of.above + 1)].join("\n");
+}
+
+/** A number; NaN for what is missing or is none. */
+export function number(cell: string | undefined): number {
+  const text = cell?.trim().replace(",", ".") ?? "";
+  return text ? Number(text) : Number.NaN;
+}
+
+function separates(line: string): string {
+  return ["\t", ";", ","].find((c) => line.includes(c)) ?? " ";
+}
+
+/** Cells of a line; those in quotes may hold the separator. */
+export function split(line: string, separator: string): string[] {
+  if (separator === " ") return line.trim().split(/\s+/);
+  if (!line.includes('"')) return line.split(separator);
+  const cells: string[] = [""];
+  let quoted = false;
+  for (const c of line) {
+    if (c === '"') quoted = !quoted;
+    else if (c === separator && !quoted) cells.push("");
+    else cells[cells.length - 1] += c;
+  }
+  return cells;
+}
+
+function below(lines: readonly string[], from: number, separator: string): string[][] {
+  const rows: string[][] = [];
+  for (let i = from; i < lines.length; i++) {
+    const line = lines[i]!;
+    if (line.trim() && !line.trimStart().startsWith("#")) rows.push(split(line, separator));
+  }
+  return rows;
+}
+
+/** Tracker writes the names of several tracks above their columns, each above its first. */
+function nameTracks(columns: Column[], above: readonly string[]): void {
+  if (columns.filter((c) => c.quantity === "x" && c.track === null).length < 2) return;
+  let name: string | null = null;
+  columns.forEach((c, i) => {
+    name = above[i]?.trim() || name;
+    if ((c.quantity === "x" || c.quantity === "y") && c.track === null) c.track = name;
+  });
+}

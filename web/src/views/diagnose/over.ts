@@ -1,0 +1,85 @@
+// Tracks, paths and arrows drawn over a scene, with a grid in metres.
+
+import { h, put, s } from "../../dom";
+import { marks } from "../../parts/plot";
+import { picture, type Picture } from "../../scene/draw";
+import type { Box, Point, Scene } from "../../scene/types";
+import { seen } from "../../scene/view";
+
+/** Width over height of a picture, at least: a tall one would leave its sides empty. */
+const ASPECT = 1.8;
+
+/** A scene with what is drawn over it; `around` must be in sight. */
+export function over(scene: Scene, label: string, around: readonly Point[], drawn: readonly (SVGElement | null)[], note = ""): { element: HTMLElement; picture: Picture } {
+  const box = widened(seen(scene, corners(around)));
+  const shown = picture(scene, label, box);
+  const { lines, step } = grid(box);
+  put(shown.under, ...lines);
+  put(shown.over, ...drawn);
+  put(shown.svg, s("title", {}, label), ...shown.svg.childNodes);
+  const scale = `Grid lines are ${step} m apart; the darker ones are x = 0 and y = 0.`;
+  return { element: h("figure", { class: "over" }, shown.svg, h("figcaption", { class: "soft" }, note ? `${note} ` : "", scale)), picture: shown };
+}
+
+/** Many ways as one element: as quick as one. `null` where there is nothing to draw. */
+export function ways(points: readonly (readonly Point[])[], look: string): SVGElement | null {
+  const text = points.filter((p) => p.length > 1).map((p) => `M${p.map(([x, y]) => `${short(x)} ${short(y)}`).join("L")}`);
+  return text.length ? s("path", { class: look, d: text.join(""), fill: "none", "vector-effect": "non-scaling-stroke" }) : null;
+}
+
+/** Dots as one element: lines of no length with round ends. */
+export function spots(points: readonly Point[], look: string): SVGElement | null {
+  const text = points.map(([x, y]) => `M${short(x)} ${short(y)}h0`).join("");
+  return text ? s("path", { class: look, d: text, fill: "none", "stroke-linecap": "round", "vector-effect": "non-scaling-stroke" }) : null;
+}
+
+/** A strip between two ways. */
+export function strip(low: readonly Point[], high: readonly Point[], look: string): SVGElement | null {
+  const around = [...low, ...[...high].reverse()];
+  return around.length > 3 ? s("polygon", { class: look, points: around.map(([x, y]) => `${short(x)},${short(y)}`).join(" ") }) : null;
+}
+
+/** Arrows with their heads, `per` metres for a unit. */
+export function arrows(of: readonly { at: Point; push: Point }[], per: number, look: string): SVGElement | null {
+  const heads = of.flatMap(({ at, push }) => {
+    const [dx, dy] = [push[0] * per, push[1] * per];
+    if (!(Math.hypot(dx, dy) > 0)) return [];
+    const tip: Point = [at[0] + dx, at[1] + dy];
+    const side = (turn: number): Point => [tip[0] - 0.3 * (dx - turn * dy), tip[1] - 0.3 * (dy + turn * dx)];
+    return [[at, tip], [side(0.5), tip, side(-0.5)]];
+  });
+  return ways(heads as Point[][], look);
+}
+
+/** The two corners of what is around points; none without any. */
+export function corners(points: readonly Point[]): Point[] {
+  let [left, bottom, right, top] = [Infinity, Infinity, -Infinity, -Infinity];
+  for (const [x, y] of points) {
+    [left, bottom, right, top] = [Math.min(left, x), Math.min(bottom, y), Math.max(right, x), Math.max(top, y)];
+  }
+  return left <= right && Number.isFinite(left + right + bottom + top) ? [[left, bottom], [right, top]] : [];
+}
+
+function widened(box: Box): Box {
+  const more = Math.max(0, ASPECT * (box[3] - box[1]) - (box[2] - box[0])) / 2;
+  return [box[0] - more, box[1], box[2] + more, box[3]];
+}
+
+function grid(box: Box): { lines: SVGElement[]; step: number } {
+  const [width, height] = [box[2] - box[0], box[3] - box[1]];
+  const long = marks(0, Math.max(width, height), 12);
+  const step = long[1] ?? 1;
+  const line = (x1: number, y1: number, x2: number, y2: number, zero: boolean): SVGElement =>
+    s("line", { class: zero ? "metre zero" : "metre", x1, y1, x2, y2, "vector-effect": "non-scaling-stroke" });
+  const along = (low: number, high: number): number[] => {
+    const [first, last] = [Math.ceil(low / step), Math.floor(high / step)];
+    return Array.from({ length: Math.max(0, last - first + 1) }, (_, k) => (first + k) * step);
+  };
+  const columns = along(box[0], box[2]).map((v) => line(v, box[1], v, box[3], v === 0));
+  return { lines: [...columns, ...along(box[1], box[3]).map((v) => line(box[0], v, box[2], v, v === 0))], step: Number(step.toPrecision(6)) };
+}
+
+/** To a hundredth of a millimetre: quicker than digits that count, and there are many. */
+function short(v: number): number {
+  return Math.round(v * 1e5) / 1e5;
+}

@@ -1,0 +1,171 @@
+// Plots of a diagnosis: sizes, residuals, bounces, the predictive check.
+
+import { h, put } from "../../dom";
+import { choice } from "../../parts/field";
+import { plot, type Series } from "../../parts/plot";
+import { columnOf, type Evidence, type Launch, type Report, type Table } from "./report";
+import { symbol, title } from "./words";
+
+/** Standard deviations to either side of 95 % of a normal distribution. */
+const RANGE = 1.96;
+/** How far beside its mark what is known of a launch from the others stands. */
+const BESIDE = 0.3;
+/** Fewest observations of a mean along a curve, and most means. */
+const [LEAST, MEANS] = [12, 24];
+/** Speed of approach, as a share of the largest, below which a bounce tells nothing. */
+const FAINT = 0.05;
+
+/** A plot for every amplitude of the reported model. */
+export function sizes(found: Report, signal: AbortSignal): HTMLElement[] {
+  const names = found.effects.flatMap((e) => [...new Set(e.parameters.map((p) => p.name))].map((name) => [e, name] as const));
+  return names.flatMap(([effect, name]) => {
+    const own = found.launches.flatMap((l) => l.sizes.filter((s) => s.effect === effect.name && s.parameter === name).map((s) => ({ launch: l, ...s })));
+    if (!own.length) return [];
+    const alone = own.filter((s) => s.alone !== null);
+    const pooled = (l: Launch) => effect.parameters.find((p) => p.name === name && (p.setting === null || p.setting === l.setting));
+    const shared = own.map((s) => ({ x: s.launch.trial, p: pooled(s.launch) })).filter((s) => s.p !== undefined);
+    const series: Series[] = [
+      {
+        name: "all launches, and one spread about it",
+        look: "line",
+        colour: "--soft",
+        x: shared.map((s) => s.x),
+        y: shared.map((s) => s.p!.value),
+        low: shared.map((s) => s.p!.value - (s.p!.spread ?? 0)),
+        high: shared.map((s) => s.p!.value + (s.p!.spread ?? 0)),
+      },
+      intervals("the launch alone, 95 %", "--real", alone.map((s) => [s.launch.trial, s.alone![0], RANGE * s.alone![1]]), true),
+      intervals("knowing the others, 95 %", "--sim", own.map((s) => [s.launch.trial + BESIDE, s.value, RANGE * s.sd]), false),
+    ];
+    const unit = effect.parameters.find((p) => p.name === name)?.unit;
+    const note = "A launch by itself tells a size by least squares; knowing how sizes are spread among the others, by best linear prediction.";
+    return [plot({ title: `${title(effect.name)}: ${name}`, x: "launch", y: [name, symbol(unit ?? "")].filter(Boolean).join(", "), note, counts: true }, series, signal)];
+  });
+}
+
+function intervals(name: string, colour: string, of: readonly (readonly [number, number, number])[], dashed: boolean): Series {
+  return { name, look: "dots", colour, dashed, x: of.map((p) => p[0]), y: of.map((p) => p[1]), low: of.map((p) => p[1] - p[2]), high: of.map((p) => p[1] + p[2]) };
+}
+
+/** What residuals can be drawn over, with its axis. */
+const OVER: Record<string, [string, (e: Table) => number[]]> = {
+  time: ["t, s", (e) => columnOf(e, "t")],
+  x: ["x, m", (e) => columnOf(e, "x")],
+  y: ["y, m", (e) => columnOf(e, "y")],
+  speed: ["speed, m/s", speeds],
+  vx: ["vx, m/s", (e) => columnOf(e, "vx")],
+  vy: ["vy, m/s", (e) => columnOf(e, "vy")],
+};
+
+/** Residuals before and after over one thing at a time; their size by setting; accelerations over speed. */
+export function residuals(found: Report, signal: AbortSignal): HTMLElement[] {
+  const { evidence } = found;
+  if (!evidence?.points.rows.length) return [];
+  const place = h("div", { class: "pair" });
+  const show = (name: string): void => put(place, ...(["x", "y"] as const).map((axis) => residual(evidence.points, name, axis, signal))) && undefined;
+  const over = choice("Over", Object.keys(OVER).map((name) => [name, name] as const), "time", show);
+  show("time");
+  return [h("div", { class: "row" }, over.element), place, h("div", { class: "pair" }, bySetting(evidence, signal), accelerations(evidence, signal))];
+}
+
+function residual(points: Table, over: string, axis: "x" | "y", signal: AbortSignal): HTMLElement {
+  const [label, of] = OVER[over]!;
+  const [x, before, after] = [of(points), columnOf(points, `before_${axis}`), columnOf(points, `after_${axis}`)];
+  const curve = means(x, before.map((v, i) => v - after[i]!));
+  const told = curve.y.some((v) => v !== 0) ? [{ name: "what the extension makes of it, mean", look: "line" as const, colour: "--ink", ...curve }] : [];
+  const series: Series[] = [
+    { name: "before", look: "dots", colour: "--real", dashed: true, x, y: before },
+    { name: "after", look: "dots", colour: "--sim", x, y: after },
+    ...told,
+  ];
+  return plot({ title: `Residual in ${axis} over ${over}`, x: label, y: `seen less simulated ${axis}, m` }, series, signal);
+}
+
+function bySetting(evidence: Evidence, signal: AbortSignal): HTMLElement {
+  const { points, settings } = evidence;
+  const [own, speed, bx, by] = [columnOf(points, "setting"), speeds(points), columnOf(points, "before_x"), columnOf(points, "before_y")];
+  const colours = ["--real", "--sim", "--good", "--bad", "--warn", "--soft"];
+  const series = settings.slice(0, colours.length).map((name, k): Series => {
+    const mine = own.flatMap((v, i) => (v === k ? [i] : []));
+    return { name: name || "all launches", look: "dots", colour: colours[k]!, dashed: k % 2 === 1, x: mine.map((i) => speed[i]!), y: mine.map((i) => Math.hypot(bx[i]!, by[i]!)) };
+  });
+  return plot({ title: "Size of the residual before, by setting", x: "speed, m/s", y: "residual, m" }, series, signal);
+}
+
+function accelerations(evidence: Evidence, signal: AbortSignal): HTMLElement | null {
+  const { pushes } = evidence;
+  if (!pushes.rows.length) return null;
+  const speed = columnOf(pushes, "speed");
+  const found = (axis: string): Series[] => {
+    const y = columnOf(pushes, `found_${axis}`);
+    return y.some((v) => v !== 0) ? [{ name: `${axis} by the extension, mean`, look: "line", colour: axis === "ax" ? "--real" : "--sim", ...means(speed, y) }] : [];
+  };
+  const series: Series[] = [
+    { name: "ax", look: "dots", colour: "--real", dashed: true, x: speed, y: columnOf(pushes, "ax") },
+    { name: "ay", look: "dots", colour: "--sim", x: speed, y: columnOf(pushes, "ay") },
+    ...found("ax"),
+    ...found("ay"),
+  ];
+  return plot({ title: "Acceleration that the base model lacks", x: "speed, m/s", y: "acceleration, m/s²", note: "By pieces of flight." }, series, signal);
+}
+
+/** What contacts gave, as seen and by both models. */
+export function bounces(found: Report, signal: AbortSignal): HTMLElement[] {
+  const all = found.evidence?.bounces;
+  if (!all?.rows.length) return [];
+  const largest = Math.max(...columnOf(all, "seen_approach").filter(Number.isFinite));
+  const approaches = ["seen", "base", "extended"].map((who) => all.columns.indexOf(`${who}_approach`));
+  const told: Table = { columns: all.columns, rows: all.rows.filter((row) => approaches.every((i) => (row[i] ?? 0) > FAINT * largest)) };
+  if (!told.rows.length) return [];
+  const who = [["seen", "--ink", false], ["base model", "--real", true], ["extended model", "--sim", false]] as const;
+  const of = (k: number, name: string): number[] => columnOf(told, `${["seen", "base", "extended"][k]}_${name}`);
+  const drawn = (heading: string, x: string, y: string, at: (k: number) => [number[], number[]]): HTMLElement =>
+    plot({ title: heading, x, y }, who.map(([name, colour, dashed], k): Series => ({ name, look: "dots", colour, dashed, x: at(k)[0], y: at(k)[1] })), signal);
+  const [impact, impulse] = ["impact speed, m/s", "impulse over mass, m/s"];
+  return [
+    h("div", { class: "pair" },
+      drawn("Impulse along the normal", impact, impulse, (k) => [of(k, "approach"), of(k, "normal")]),
+      drawn("Impulse along the surface", "slip before, m/s", impulse, (k) => [of(k, "slip"), of(k, "along")]),
+      drawn("Restitution", impact, "rebound over impact speed", (k) => [of(k, "approach"), of(k, "normal").map((v, i) => v / of(k, "approach")[i]! - 1)])),
+  ];
+}
+
+/** The probabilities of launches in order, beside where they are if predictions are right. */
+export function predictive(found: NonNullable<Report["predictive"]>, signal: AbortSignal): HTMLElement | null {
+  const n = found.sorted.length;
+  if (n < 2) return null;
+  const x = found.sorted.map((_, k) => (k + 1) / (n + 1));
+  const series: Series[] = [
+    { name: "if predictions are right, 95 %", look: "line", colour: "--soft", x, y: x, low: found.sorted.map((s) => s[1]), high: found.sorted.map((s) => s[2]) },
+    { name: "launches", look: "dots", colour: "--sim", x, y: found.sorted.map((s) => s[0]) },
+  ];
+  const note = "Below the band: launches further off than predicted. A flat middle: launches more alike than predictions allow for.";
+  return plot({ title: "Launches as the others predict them", x: "share of launches", y: "probability of one further off", note }, series, signal);
+}
+
+/** Autocorrelation of residuals, where the result has it. */
+export function correlation(found: Report, signal: AbortSignal): HTMLElement[] {
+  const both = found.evidence?.autocorrelation;
+  if (!both) return [];
+  const x = both[0].map((_, lag) => lag);
+  const series: Series[] = [
+    { name: "before", look: "line", colour: "--real", dashed: true, x, y: both[0] },
+    { name: "after", look: "line", colour: "--sim", x, y: both[1] },
+  ];
+  return [plot({ title: "Autocorrelation of residuals", x: "lag, observations", y: "correlation", note: "White noise has none beyond lag 0." }, series, signal)];
+}
+
+/** Means of neighbours along x, about as many in each. */
+export function means(x: readonly number[], y: readonly number[]): { x: number[]; y: number[] } {
+  const points = x.map((v, i) => [v, y[i]!] as const).filter((p) => p.every(Number.isFinite)).sort((a, b) => a[0] - b[0]);
+  const count = Math.min(MEANS, Math.max(1, Math.floor(points.length / LEAST)));
+  if (!points.length) return { x: [], y: [] };
+  const bins = Array.from({ length: count }, (_, k) => points.slice(Math.floor((k * points.length) / count), Math.floor(((k + 1) * points.length) / count)));
+  const mean = (bin: typeof points, k: 0 | 1): number => bin.reduce((sum, p) => sum + p[k], 0) / bin.length;
+  return { x: bins.map((b) => mean(b, 0)), y: bins.map((b) => mean(b, 1)) };
+}
+
+function speeds(points: Table): number[] {
+  const [vx, vy] = [columnOf(points, "vx"), columnOf(points, "vy")];
+  return vx.map((v, i) => Math.hypot(v, vy[i]!));
+}

@@ -1,0 +1,199 @@
+// `iplw.diagnosis/1` as far as it is shown (docs/formats.md), and the tables beside it.
+
+import { range } from "../../parts/plot";
+import type { Box, Point, Scene } from "../../scene/types";
+
+type Interval = [number | null, number | null];
+
+export interface Parameter {
+  name: string;
+  value: number;
+  ci95: Interval;
+  unit: string;
+  setting: string | null;
+  spread: number | null;
+}
+
+export interface Effect {
+  name: string;
+  acts_on: string;
+  p_value: number;
+  parameters: Parameter[];
+}
+
+export interface HeldOut {
+  trials: number;
+  base_rmse: number;
+  extended_rmse: number;
+  floor_rmse: number;
+  excess_removed: number | null;
+}
+
+export interface Score {
+  effects: string[];
+  score: number;
+  probability_worse: number;
+  sizes: Effect[];
+}
+
+export interface Launch {
+  trial: number;
+  name: string;
+  setting: string | null;
+  sizes: { effect: string; parameter: string; value: number; sd: number; alone: [number, number] | null }[];
+}
+
+export interface Predictive {
+  launches: { trial: number; p: number; squares: number; count: number }[];
+  outside_share: number;
+  further_off: number[];
+  usual_ratio: number;
+  uniform_p: number;
+  sorted: [number, number, number][];
+}
+
+/** Rows of numbers with the columns' names; `null` for what is not told. */
+export interface Table {
+  columns: string[];
+  rows: (number | null)[][];
+}
+
+export interface Evidence {
+  settings: string[];
+  points: Table;
+  pushes: Table;
+  bounces: Table;
+  autocorrelation: [number[], number[]];
+}
+
+export interface Report {
+  format: string;
+  verdict: "none" | "named" | "ambiguous" | "unknown" | "insufficient_data";
+  reason: string;
+  effects: Effect[];
+  rivals: string[][];
+  calibrated: { name: string; value: number; ci95: Interval; identifiable: boolean }[];
+  residual: { base_rmse: number; floor_rmse: number; lack_of_fit_p: number; whiteness_p: number; autocorrelation: number; noise_correlation: number };
+  gain: { held_out: HeldOut | null; extrapolation: HeldOut | null };
+  unexplained_share: number | null;
+  residual_law: { formula: string; held_out: HeldOut; offered: boolean } | null;
+  next_experiment: { why: string; do: string; separates: string[] } | null;
+  scores: Score[];
+  remainder: { text: string } | null;
+  launches: Launch[];
+  unlike: { effect: string; parameter: string; spread: number; unit: string }[];
+  predictive: Predictive | null;
+  field: Table | null;
+  paths: { columns: string[]; launches: { trial: number; rows: (number | null)[][] }[] };
+  failed: string[][];
+  seed: number;
+  /** What a job's result has beside the file's fields; of results of earlier versions not all. */
+  extended_scene?: Scene;
+  next_scene?: Scene | null;
+  evidence?: Evidence;
+}
+
+/** The report as the command line writes it. */
+export function plainReport(found: Report): Omit<Report, "extended_scene" | "next_scene" | "evidence"> {
+  const { extended_scene: _scene, next_scene: _next, evidence: _evidence, ...rest } = found;
+  return rest;
+}
+
+/** A column of a table; NaN for what is not told. */
+export function columnOf(table: Table, name: string): number[] {
+  const i = table.columns.indexOf(name);
+  return table.rows.map((row) => (i < 0 ? null : row[i]) ?? Number.NaN);
+}
+
+/** A launch along its way: what was seen, and where both models had it, with what they predict. */
+export interface Way {
+  trial: number;
+  t: number[];
+  seen: Point[];
+  /** Breaks between stretches: indices at which a new one begins. */
+  begins: number[];
+  before: Model;
+  after: Model;
+}
+
+export interface Model {
+  at: Point[];
+  /** Seen less simulated, m. */
+  off: Point[];
+  /** Standard deviations of what is predicted of an observation, m; NaN where not told. */
+  sd: Point[];
+}
+
+/** A launch's way; of several bodies the first. */
+export function way(paths: Report["paths"], trial: number): Way | null {
+  const rows = paths.launches.find((l) => l.trial === trial)?.rows ?? [];
+  const body = paths.columns.indexOf("body");
+  const own: Table = { columns: paths.columns, rows: rows.filter((r) => body < 0 || r[body] === rows[0]![body]) };
+  if (!own.rows.length) return null;
+  const pairs = (x: string, y: string): Point[] => {
+    const [a, b] = [columnOf(own, x), columnOf(own, y)];
+    return a.map((v, i): Point => [v, b[i]!]);
+  };
+  const seen = pairs("x", "y");
+  const model = (side: string): Model => {
+    const off = pairs(`${side}_x`, `${side}_y`);
+    return { off, at: seen.map((p, i): Point => [p[0] - off[i]![0], p[1] - off[i]![1]]), sd: pairs(`sd_${side}_x`, `sd_${side}_y`) };
+  };
+  const stretch = columnOf(own, "stretch");
+  const begins = stretch.flatMap((s, i) => (i > 0 && s !== stretch[i - 1] ? [i] : []));
+  return { trial, t: columnOf(own, "t"), seen, begins, before: model("before"), after: model("after") };
+}
+
+/** Trials by how far off they are beside what was predicted: the furthest first. */
+export function byDistance(found: Report): number[] {
+  const told = [...(found.predictive?.launches ?? [])].sort((a, b) => a.p - b.p || a.trial - b.trial).map((l) => l.trial);
+  return told.length ? told : found.paths.launches.map((l) => l.trial);
+}
+
+/** The extended scene as a launch started, in its setting: places and velocities of the first body, from the parabola through the first three places
+ * of the extended model. `null` where the launch does not tell it. */
+export function launched(found: Report, trial: number): Scene | null {
+  const own = way(found.paths, trial);
+  const scene = found.extended_scene;
+  const body = scene?.bodies[0];
+  if (!own || !scene || !body) return null;
+  const last = own.begins[0] ?? own.t.length;
+  const [t, at] = [own.t.slice(0, Math.min(3, last)), own.after.at.slice(0, Math.min(3, last))];
+  if (t.length < 2 || !at.flat().every(Number.isFinite)) return null;
+  const along = (k: 0 | 1): number => {
+    const slope = (i: number): number => (at[i + 1]![k] - at[i]![k]) / (t[i + 1]! - t[i]!);
+    if (t.length < 3) return slope(0);
+    return slope(0) - ((slope(1) - slope(0)) * (t[1]! - t[0]!)) / (t[2]! - t[0]!);
+  };
+  const velocity: Point = [along(0), along(1)];
+  const launch = found.launches.find((l) => l.trial === trial);
+  const { settings, ...plain } = scene;
+  const over = launch?.setting ? (settings as Settings | undefined)?.[launch.setting] : undefined;
+  const set = <T extends { name: string }>(thing: T, by: Record<string, object> | undefined): T => ({ ...thing, ...by?.[thing.name] });
+  const [moving, ...others] = scene.bodies.map((b) => set(b, over?.bodies));
+  const effects = (scene.effects as { name: string; parameters: Record<string, number> }[] | undefined)?.map((e) => ({ ...e, parameters: { ...e.parameters, ...ofSetting(found, e.name, launch?.setting ?? null) } }));
+  return {
+    ...plain,
+    name: `${scene.name || "scene"}, extended${launch?.name ? `, ${launch.name}` : ""}`,
+    bodies: [{ ...moving!, position: at[0]!, velocity }, ...others],
+    ...(scene.statics ? { statics: scene.statics.map((b) => set(b, over?.statics)) } : {}),
+    ...(effects ? { effects } : {}),
+  };
+}
+
+type Settings = Record<string, { bodies?: Record<string, object>; statics?: Record<string, object> }>;
+
+/** The parameters that an effect has in a setting of its own. */
+function ofSetting(found: Report, effect: string, setting: string | null): Record<string, number> {
+  const own = found.effects.find((e) => e.name === effect)?.parameters.filter((p) => p.setting !== null && p.setting === setting) ?? [];
+  return Object.fromEntries(own.map((p) => [p.name, p.value]));
+}
+
+/** What is to be in sight of a launch, m: where launches were seen, with room at the sides. */
+export function around(found: Report): Box | null {
+  const [x, y] = ["x", "y"].map((name) => found.paths.launches.flatMap((l) => columnOf({ columns: found.paths.columns, rows: l.rows }, name)));
+  const [across, up] = [range(x!), range(y!)];
+  if (!across || !up) return null;
+  const pad = 0.08 * Math.max(across[1] - across[0], up[1] - up[0], 0.1);
+  return [across[0] - pad, up[0] - pad, across[1] + pad, up[1] + pad];
+}

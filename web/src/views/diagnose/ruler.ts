@@ -1,0 +1,46 @@
+// A ruler: dragged in the picture along something whose length is known, it tells how large a pixel is.
+
+import { h, s, set } from "../../dom";
+import { type Field, numeric } from "../../parts/field";
+import type { Picture } from "../../scene/draw";
+import type { Point } from "../../scene/types";
+
+/** The length that was said last, m; and what was measured, in pixels. */
+const held: { known: number | null; pixels: number | null } = { known: null, pixels: null };
+
+/** A ruler over a picture in which a pixel is `drawn` m; `told` has the size of a pixel, m. */
+export function ruler(at: Picture, drawn: number, told: (metresPerPixel: number) => void): HTMLElement {
+  const line = s("line", { class: "ruler", "vector-effect": "non-scaling-stroke", visibility: "hidden" });
+  at.over.append(line);
+  const tell = (): void => {
+    if (held.known !== null && held.known > 0 && held.pixels) told(Number((held.known / held.pixels).toPrecision(5)));
+    else if (held.pixels) field.refuse("How long is it?");
+  };
+  const field: Field = numeric("Or drag along something that is as long as", "m", held.known, (v) => {
+    held.known = v;
+    if (held.pixels) tell();
+  });
+  let from: Point | null = null;
+  at.svg.classList.add("measured");
+  at.svg.addEventListener("pointerdown", (event) => {
+    if (event.button !== 0) return;
+    at.svg.setPointerCapture(event.pointerId);
+    from = at.at(event);
+    set(line, { x1: from[0], y1: from[1], x2: from[0], y2: from[1], visibility: "visible" });
+  });
+  at.svg.addEventListener("pointermove", (event) => {
+    if (!from) return;
+    const [x, y] = at.at(event);
+    set(line, { x2: x, y2: y });
+  });
+  at.svg.addEventListener("pointerup", (event) => {
+    if (!from) return;
+    const to = at.at(event);
+    const length = Math.hypot(to[0] - from[0], to[1] - from[1]);
+    from = null;
+    if (length === 0) return;
+    held.pixels = length / drawn;
+    tell();
+  });
+  return h("div", { class: "ruled" }, field.element);
+}

@@ -1,0 +1,78 @@
+// A diagnosis that runs: what it is at, how far, cancel; and what came of it.
+
+import { api, ok, type Schema } from "../../api/client";
+import { follow } from "../../api/events";
+import { h, put } from "../../dom";
+import { type Context, link } from "../../view";
+import { duration } from "../jobs";
+import { tracksSeen } from "./desk";
+import type { Report } from "./report";
+import { result } from "./result";
+
+type Job = Schema<"JobOut">;
+
+/** Follows a job until it ends, and shows what it found. */
+export async function running(place: HTMLElement, id: string, context: Context): Promise<void> {
+  const { signal } = context;
+  const first = await ok(api.GET("/v1/jobs/{id}", { params: { path: { id } }, signal }));
+  if (first.kind !== "diagnose") throw new Error(`${id} is no diagnosis. Jobs lists what it is.`);
+  const view = progress(id, context);
+  let done = false;
+  const show = (job: Job): void => {
+    if (done) return;
+    if (job.state === "succeeded") {
+      done = true;
+      context.say("The diagnosis is finished.");
+      result(place, job.result as unknown as Report, job, context).catch(context.fail);
+    } else view.show(job);
+  };
+  put(place, view.element, first.state === "succeeded" ? null : h("div", { class: "stack seen" }, ...tracksSeen(id)));
+  show(first);
+  if (!done) await follow(`/v1/jobs/${encodeURIComponent(id)}/events`, (event) => show(JSON.parse(event.data) as Job), signal);
+}
+
+/** What a diagnosis goes through, in order; others come at the end as they are told. */
+function progress(id: string, context: Context): { element: HTMLElement; show: (job: Job) => void } {
+  const state = h("span", { class: "state" });
+  const [bar, words, stages] = [h("progress", { "aria-label": `Progress of ${id}` }), h("span", { class: "soft" }), h("ol", { class: "stages" })];
+  const cancel = h("button", { type: "button" }, "Cancel");
+  const trouble = h("p", { class: "why" });
+  const seen: string[] = [];
+  cancel.addEventListener("click", () => {
+    cancel.disabled = true;
+    put(cancel, "Cancelling…");
+    ok(api.DELETE("/v1/jobs/{id}", { params: { path: { id } } }) as Promise<{ data?: unknown; response: Response }>).catch((e: unknown) => {
+      cancel.disabled = false;
+      put(cancel, "Cancel");
+      context.fail(e);
+    });
+  });
+  const element = h(
+    "section",
+    { class: "card stack", "data-job": id, "aria-label": "The diagnosis" },
+    h("div", { class: "row between" }, h("h2", {}, "The diagnosis runs"), state),
+    bar,
+    words,
+    stages,
+    trouble,
+    h("div", { class: "row" }, cancel, h("a", { href: link("diagnose") }, "Back to the tracks"), h("a", { href: link("jobs", [id]) }, "The job")),
+  );
+  const show = (job: Job): void => {
+    const ended = ["failed", "cancelled"].includes(job.state);
+    put(state, job.state);
+    state.className = `state ${job.state}`;
+    bar.hidden = cancel.hidden = ended;
+    put(trouble, job.state === "failed" ? (job.error?.detail ?? "It failed without a word.") : null);
+    const { stage, done, total, eta_s: left } = job.progress;
+    if (total > 0) [bar.max, bar.value] = [total, done];
+    else bar.removeAttribute("value");
+    put(words, ended ? null : `${total > 0 ? `${done} of ${total}` : ""}${typeof left === "number" ? `, ${duration(left)} left of this stage` : ""}`);
+    if (stage && seen.at(-1) !== stage) {
+      seen.push(stage);
+      put(stages, ...seen.map((text) => h("li", { "aria-current": text === stage && !ended ? "step" : null }, text)));
+      if (!ended) context.say(stage);
+    }
+    put(element.querySelector("h2")!, { failed: "The diagnosis failed", cancelled: "The diagnosis was cancelled" }[job.state] ?? (job.state === "queued" ? "The diagnosis waits for its turn" : "The diagnosis runs"));
+  };
+  return { element, show };
+}

@@ -1,0 +1,112 @@
+// What the tracks are of: one ball that flies, a scene file, a task's scene; or an estimation that measured its own.
+
+import { api, ok, type Schema } from "../../api/client";
+import { fresh, h, put } from "../../dom";
+import { choice, type Field, numeric, radios } from "../../parts/field";
+import type { Context } from "../../view";
+import { load, read } from "../play/tasks";
+import type { Setup } from "./setup";
+
+export interface Subject {
+  element: HTMLElement;
+  fields: Record<string, Field>;
+}
+
+/** The fields; `changed` after every change, `again` after one that other fields depend on. */
+export function subject(setup: Setup, changed: () => void, again: () => void, context: Context): Subject {
+  const kinds = [["ball", "one ball that flies"], ["scene", "a scene file"], ["task", "a task's scene"], ["job", "an estimation's trials"]] as const;
+  const kind = radios("They are of", kinds, setup.of, (v) => {
+    setup.of = v as Setup["of"];
+    [setup.scene, setup.sceneName] = [null, ""];
+    again();
+  });
+  if (setup.of === "ball") {
+    const { element, fields } = ball(setup, changed, again);
+    return { element: h("div", { class: "stack" }, kind, element), fields };
+  }
+  const own = setup.of === "scene" ? file(setup, again, context) : setup.of === "task" ? task(setup, again, context) : jobs(setup, changed, context);
+  return { element: h("div", { class: "stack" }, kind, own), fields: {} };
+}
+
+function ball(setup: Setup, changed: () => void, again: () => void): Subject {
+  const { ball } = setup;
+  const radius = numeric("Radius", "m", ball.radius, (v) => v !== null && ((ball.radius = v), changed()));
+  const mass = numeric("Mass, if known", "kg", ball.mass, (v) => ((ball.mass = v), changed()));
+  const gravity = numeric("Gravity", "m/s²", ball.gravity, (v) => v !== null && ((ball.gravity = v), changed()));
+  const floor = numeric("Its height", "m", ball.floor, (v) => ((ball.floor = v), changed()));
+  const there = h("input", { type: "checkbox", checked: ball.floor !== null });
+  there.addEventListener("change", () => ((ball.floor = there.checked ? 0 : null), again()));
+  const ground = h("div", { class: "row ground" }, h("label", { class: "radio" }, there, "There is a floor"), ball.floor === null ? null : floor.element);
+  const note = h("p", { class: "soft" }, "While it flies, radius and mass hardly matter; where it bounces, the radius does.");
+  const element = h("div", { class: "stack" }, h("div", { class: "fields" }, radius.element, mass.element, gravity.element), ground, note);
+  return { element, fields: { "ball.radius": radius, "ball.mass": mass, "ball.gravity": gravity, ...(ball.floor === null ? {} : { "ball.floor": floor }) } };
+}
+
+function file(setup: Setup, again: () => void, context: Context): HTMLElement {
+  const id = fresh("scene");
+  const input = h("input", { id, type: "file", accept: ".json,application/json", class: "unseen" });
+  input.addEventListener("change", () => {
+    const one = input.files?.[0];
+    if (!one) return;
+    context.fail(null);
+    read(one)
+      .then((scene) => {
+        [setup.scene, setup.sceneName] = [scene, scene.name || one.name];
+        again();
+      })
+      .catch(context.fail);
+    input.value = "";
+  });
+  return h("div", { class: "row file" }, input, h("label", { for: id, class: "button" }, "Open a scene file"), h("strong", {}, setup.sceneName));
+}
+
+function task(setup: Setup, again: () => void, context: Context): HTMLElement {
+  const place = h("div", { class: "row" });
+  const pick = async (id: string): Promise<void> => {
+    const { scene } = await load(id, context.signal);
+    [setup.scene, setup.sceneName] = [scene, id];
+    again();
+  };
+  const fill = async (): Promise<void> => {
+    const { families } = await ok(api.GET("/v1/tasks", { signal: context.signal }));
+    const ids = families.flatMap((f) => Array.from({ length: f.tasks }, (_, i) => `${f.name}:${String(i).padStart(3, "0")}`));
+    const field = choice("Task", [["", "choose"], ...ids.map((t) => [t, t] as const)], setup.sceneName, (v) => void (v && pick(v).catch(context.fail)));
+    put(place, field.element);
+  };
+  fill().catch(context.fail);
+  return place;
+}
+
+/** Jobs of a page, since results come along; and pages that are looked through at most. */
+const [PAGE, PAGES] = [20, 10];
+
+function jobs(setup: Setup, changed: () => void, context: Context): HTMLElement {
+  const place = h("div", { class: "row" });
+  const fill = async (): Promise<void> => {
+    const own = await estimations(context.signal);
+    if (!own.length) return void put(place, h("p", { class: "soft" }, "No estimation has measured anything yet."));
+    const field = choice("Estimation", [["", "choose"], ...own.map((job) => [job.id, told(job)] as const)], setup.job, (v) => ((setup.job = v), changed()));
+    put(place, field.element);
+  };
+  fill().catch(context.fail);
+  return place;
+}
+
+/** Estimations that may have measured something, the newest first. */
+async function estimations(signal: AbortSignal): Promise<Schema<"JobOut">[]> {
+  const own: Schema<"JobOut">[] = [];
+  let cursor: string | null | undefined;
+  for (let page = 0; page < PAGES && own.length < PAGE; page++) {
+    const query = { order: "newest", limit: PAGE, ...(cursor ? { cursor } : {}) };
+    const found = await ok(api.GET("/v1/jobs", { params: { query }, signal }));
+    own.push(...found.jobs.filter((job) => job.kind === "iplw" && job.state !== "queued" && job.state !== "failed"));
+    cursor = found.next;
+    if (!cursor) break;
+  }
+  return own;
+}
+
+function told(job: Schema<"JobOut">): string {
+  const task = (job.config as Record<string, unknown>).task;
+  return `${job.id}${typeof task === "string" ? `: ${task}` : ""} (${job.state})`;
+}

@@ -1,0 +1,116 @@
+// A diagnosis in words.
+
+import { short } from "../../parts/slider";
+import type { Effect, HeldOut, Parameter, Report } from "./report";
+
+/** An effect's name as people read it. */
+export function title(name: string): string {
+  return name.replaceAll("_", " ");
+}
+
+/** A set of effects; the empty one is the base model. */
+export function set(names: readonly string[]): string {
+  return names.length ? names.map(title).join(" + ") : "none (the base model)";
+}
+
+/** The verdict in a line. */
+export function verdict(found: Report): string {
+  const effects = found.effects.map((e) => e.name);
+  switch (found.verdict) {
+    case "named":
+      return `The simulation lacks ${set(effects)}`;
+    case "ambiguous":
+      return `One of ${found.rivals.length} is missing, and these trials cannot tell which: ${found.rivals.map(set).join("; ")}`;
+    case "unknown":
+      return effects.length ? `Something is missing that no effect of the library explains; in part it is ${set(effects)}` : "Something is missing that no effect of the library explains";
+    case "none":
+      return "Nothing is missing: the simulation explains these trials";
+    case "insufficient_data":
+      return "These trials are too few to say";
+  }
+}
+
+/** The verdict's word alone. */
+export const VERDICTS: Record<Report["verdict"], string> = {
+  named: "named",
+  ambiguous: "ambiguous",
+  unknown: "unknown",
+  none: "nothing missing",
+  insufficient_data: "too few data",
+};
+
+/** What the server says, with the names of effects as people read them. */
+export function plain(text: string): string {
+  return sentence(text.replace(/([a-z])_(?=[a-z])/g, "$1 "));
+}
+
+/** A sentence, with a capital and a full stop. */
+export function sentence(text: string): string {
+  const whole = text.charAt(0).toUpperCase() + text.slice(1);
+  return /[.!?]$/.test(whole) ? whole : `${whole}.`;
+}
+
+/** A number with four digits that count. */
+export function digits(v: number | null): string {
+  if (v === null || !Number.isFinite(v)) return "-";
+  const size = Math.abs(v);
+  return size !== 0 && (size < 1e-3 || size >= 1e5) ? v.toExponential(2) : String(Number(v.toPrecision(4)));
+}
+
+/** A 95 % interval. */
+export function interval([low, high]: readonly [number | null, number | null]): string {
+  return low === null || high === null ? "no bound from these trials" : `${digits(low)} to ${digits(high)}`;
+}
+
+/** A unit as people write it; nothing for plain numbers. */
+export function symbol(unit: string): string {
+  return unit === "1" ? "" : unit.replace("^2", "²");
+}
+
+/** A probability. */
+export function chance(p: number): string {
+  if (p === 0) return "< 1e-300";
+  return p < 1e-3 ? p.toExponential(0) : p.toFixed(3);
+}
+
+/** A length: mm where metres are too large. */
+export function metres(v: number): string {
+  return Math.abs(v) < 0.1 ? short(v * 1e3, "mm") : short(v, "m");
+}
+
+/** What the extension takes away of the error. */
+export function gained(g: HeldOut): string {
+  const removed = g.excess_removed === null ? "nothing was to be removed" : `${(100 * Math.min(1, g.excess_removed)).toFixed(1)} % of the excess gone`;
+  return `${metres(g.base_rmse)} before, ${metres(g.extended_rmse)} after; noise ${metres(g.floor_rmse)}: ${removed}`;
+}
+
+/** Settings of which each size is said; of more the range is. */
+const FEW = 3;
+
+/** Sizes of effects in short. */
+export function sizes(effects: readonly Effect[]): string {
+  const one = (e: Effect, p: Parameter): string => {
+    const known = p.ci95[0] !== null && p.ci95[1] !== null ? ` (${interval(p.ci95)})` : "";
+    const name = effects.length > 1 ? `${title(e.name)} ${p.name}` : p.name;
+    return `${name}${p.setting === null ? "" : ` of ${p.setting}`} = ${digits(p.value)}${known} ${symbol(p.unit)}`.trimEnd();
+  };
+  const many = (e: Effect, name: string, own: Parameter[]): string => {
+    const values = own.map((p) => p.value);
+    return `${effects.length > 1 ? `${title(e.name)} ` : ""}${name} from ${digits(Math.min(...values))} to ${digits(Math.max(...values))} ${symbol(own[0]!.unit)}`.trimEnd() + ` in ${own.length} settings`;
+  };
+  const all = effects.flatMap((e) =>
+    [...new Set(e.parameters.map((p) => p.name))].flatMap((name) => {
+      const own = e.parameters.filter((p) => p.name === name);
+      return own.length > FEW ? [many(e, name, own)] : own.map((p) => one(e, p));
+    }),
+  );
+  return all.join("; ");
+}
+
+/** The predictive check in a sentence or two. */
+export function checked(found: NonNullable<Report["predictive"]>): string {
+  const n = found.launches.length;
+  const outside = Math.round(found.outside_share * n);
+  const further = found.further_off.length ? `further off than predicted: ${found.further_off.join(", ")}` : "none is further off than predicted";
+  return `Each launch beside what the others predict of it: ${outside} of ${n} are outside the 95 % range, where ${(0.05 * n).toFixed(1)} are expected; ${further}. The usual launch is ${found.usual_ratio.toFixed(2)} times as far off as predicted.`;
+}

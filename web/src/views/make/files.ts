@@ -1,0 +1,116 @@
+// Scenes in and out: new, opened, saved, copied as commands, handed to Play. A draft outlives a reload of the tab.
+
+import { api, ok } from "../../api/client";
+import { FileError, ProblemError } from "../../api/problem";
+import { token } from "../../api/token";
+import { fresh, h } from "../../dom";
+import { give } from "../../scene/handoff";
+import type { Scene } from "../../scene/types";
+import { type Context, link } from "../../view";
+import { gallery, load, read } from "../play/tasks";
+import { curl, filename, pretty, python } from "./share";
+
+const KEY = "iplw-draft";
+
+/** A scene with nothing in it. */
+export function empty(): Scene {
+  return { format: "iplw.scene/1", gravity: [0, -9.8], bodies: [], statics: [] };
+}
+
+/** The draft of this tab, if there is one. */
+export function kept(): Scene | null {
+  const text = sessionStorage.getItem(KEY);
+  return text ? (JSON.parse(text) as Scene) : null;
+}
+
+export function keep(scene: Scene): void {
+  sessionStorage.setItem(KEY, JSON.stringify(scene));
+}
+
+/** Buttons for all of it; `opened` is given a scene that is to be drawn on, `scene` says which one is drawn. */
+export async function files(
+  scene: () => Scene,
+  opened: (scene: Scene) => void,
+  said: (text: string) => void,
+  context: Context,
+): Promise<{ element: HTMLElement; drop: (file: File) => void }> {
+  const { families } = await ok(api.GET("/v1/tasks", { signal: context.signal }));
+  const { button: task, dialog } = gallery(families, (id) => void load(id, context.signal).then((one) => opened(one.scene)).catch(context.fail), context);
+  const take = (file: File): void => {
+    context.fail(null);
+    read(file).then((one) => drawable(one, file.name, context.signal)).then(opened).catch(context.fail);
+  };
+  const id = fresh("file");
+  const input = h("input", { id, type: "file", accept: ".json,application/json", class: "unseen" });
+  input.addEventListener("change", () => {
+    const one = input.files?.[0];
+    if (one) take(one);
+    input.value = "";
+  });
+  const copy = (what: string, text: () => string): HTMLElement =>
+    button(`Copy as ${what}`, () => void copied(text(), what).then((done) => said(`${done} ${lacking(scene())}`)).catch(context.fail));
+  const element = h(
+    "div",
+    { class: "row make-files", role: "group", "aria-label": "File" },
+    button("New", () => opened(empty())),
+    task,
+    h("span", { class: "file" }, input, h("label", { for: id, class: "button" }, "Open a scene file")),
+    button("Save", () => save(scene())),
+    copy("curl", () => curl(scene(), location.origin, token() !== null)),
+    copy("Python", () => python(scene(), location.origin)),
+    button("Play in it", () => {
+      give(scene());
+      location.hash = link("play", ["scene"]);
+    }, "main"),
+    dialog,
+  );
+  return { element, drop: take };
+}
+
+/** The scene, if it can be drawn: what the server cannot even read is refused in its words. Wrong values can be mended here. */
+async function drawable(scene: Scene, name: string, signal: AbortSignal): Promise<Scene> {
+  try {
+    await ok(api.POST("/v1/simulate", { body: { scene: { ...scene, steps: 1 } as unknown as Record<string, never> }, signal }));
+  } catch (e) {
+    if (!(e instanceof ProblemError)) throw e;
+    if (e.problem.status === 400) throw new FileError(name, `it cannot be read as a scene: ${e.problem.detail}`);
+    if (e.problem.status !== 422) throw e;
+  }
+  return scene;
+}
+
+/** What the server would miss. */
+function lacking(scene: Scene): string {
+  const missing = [scene.goal ? "" : "a goal", scene.action ? "" : "an action space"].filter(Boolean);
+  return missing.length ? `The server makes a world of it when it has ${missing.join(" and ")}.` : "";
+}
+
+function save(scene: Scene): void {
+  const url = URL.createObjectURL(new Blob([pretty(scene)], { type: "application/json" }));
+  h("a", { href: url, download: filename(scene) }).click();
+  URL.revokeObjectURL(url);
+}
+
+/** Into the clipboard; where the browser has none (plain HTTP elsewhere), shown to be copied by hand. */
+async function copied(text: string, what: string): Promise<string> {
+  try {
+    await navigator.clipboard.writeText(text);
+    return `Copied: a world of this scene, as ${what}.`;
+  } catch {
+    const close = h("button", { type: "button" }, "Close");
+    const area = h("textarea", { rows: 14, readonly: true, "aria-label": `The scene as ${what}` }, text);
+    const why = h("p", {}, "The browser does not let this page copy: select the text and copy it.");
+    const dialog = h("dialog", { class: "copy", "aria-label": `Copy as ${what}` }, why, area, close);
+    close.addEventListener("click", () => (dialog.close(), dialog.remove()));
+    document.body.append(dialog);
+    dialog.showModal();
+    area.select();
+    return "";
+  }
+}
+
+function button(title: string, act: () => void, look = ""): HTMLButtonElement {
+  const made = h("button", { type: "button", class: look || null }, title);
+  made.addEventListener("click", act);
+  return made;
+}

@@ -1,0 +1,164 @@
+// Fields of a form over a draft: each shows what stands at its path, writes there what is typed, and can be marked wrong.
+
+import { fresh, h, put, set } from "../../dom";
+import type { Scene } from "../../scene/types";
+import { meant, read, write } from "./path";
+
+/** The draft that a form is about. */
+export interface Draft {
+  scene: () => Scene;
+  /** Another scene; changes with the same key are undone together. */
+  change: (scene: Scene, key: string | null) => void;
+}
+
+export interface Field {
+  element: HTMLElement;
+  /** As the server names it. */
+  path: string;
+  show: (scene: Scene) => void;
+  /** Marks it wrong and says why, where it is not said elsewhere; `null` takes that away. */
+  mark: (why: string | null, said?: boolean) => void;
+}
+
+/** What stands at a path that the scene leaves out, and what happens where nothing is typed. */
+export interface Asked {
+  label: string;
+  path: string;
+  unit?: string;
+  /** What an empty field means; a field without it cannot be empty. */
+  empty?: string;
+  /** The whole pair where a path is one of two numbers, and the scene has none. */
+  pair?: [number, number];
+  whole?: boolean;
+  /** What else the form calls it, for screen readers: of which corner, say. */
+  of?: string;
+}
+
+/** A number, in SI units. */
+export function number(draft: Draft, asked: Asked): Field {
+  const input = h("input", { type: "number", step: "any", inputmode: "decimal", placeholder: asked.empty });
+  return field(draft, asked, input, (scene) => {
+    const now = read(scene, asked.path);
+    // Ninths of a millionth are rounding: they stay in the scene, and out of sight.
+    return typeof now === "number" ? String(Number(now.toPrecision(9))) : "";
+  }, (text) => {
+    const value = text === "" ? undefined : Number(text);
+    if (value === undefined && asked.empty === undefined) return "A number is needed here.";
+    if (value !== undefined && !Number.isFinite(value)) return "This is no number.";
+    draft.change(written(draft.scene(), asked, value), `type-${asked.path}`);
+    return null;
+  }, "input");
+}
+
+/** A text; `changed` makes the scene of it, or says why it cannot be. */
+export function text(draft: Draft, asked: Asked, changed: (scene: Scene, value: string) => Scene | string): Field {
+  const input = h("input", { type: "text", autocomplete: "off", spellcheck: "false" });
+  return field(draft, asked, input, (scene) => String(read(scene, asked.path) ?? ""), (value) => {
+    const next = changed(draft.scene(), value);
+    if (typeof next === "string") return next;
+    draft.change(next, `type-${asked.path}`);
+    return null;
+  }, "input");
+}
+
+/** One of a list; `of` says which stands in the scene, `changed` makes the scene of another one. */
+export function choice(
+  draft: Draft,
+  asked: Asked,
+  options: readonly [string, string][],
+  of: (scene: Scene) => string,
+  changed: (scene: Scene, value: string) => Scene,
+): Field {
+  const input = h("select", {}, ...options.map(([value, title]) => h("option", { value }, title)));
+  const show = (scene: Scene): string => {
+    const now = of(scene);
+    // A name that no thing has (any more) is shown, and the server says so.
+    if (![...input.options].some((o) => o.value === now)) input.append(h("option", { value: now }, now || "none"));
+    return now;
+  };
+  return field(draft, asked, input, show, (value) => {
+    draft.change(changed(draft.scene(), value), null);
+    return null;
+  }, "change");
+}
+
+/** A name among others at a path. */
+export function named(draft: Draft, asked: Asked, names: readonly string[]): Field {
+  const options = names.map((n): [string, string] => [n, n]);
+  return choice(draft, asked, options, (scene) => String(read(scene, asked.path) ?? ""), (scene, value) => write(scene, asked.path, value));
+}
+
+/** Fields side by side under a title. */
+export function group(title: string, ...parts: (Field | HTMLElement)[]): HTMLElement {
+  return h("fieldset", { class: "fields" }, h("legend", {}, title), ...parts.map((p) => ("path" in p ? p.element : p)));
+}
+
+/** Marks the fields that a problem is about; whether there were any. */
+export function marked(fields: readonly Field[], problem: { field: string; why: string } | null): Field[] {
+  const paths = problem ? meant(fields.map((f) => f.path), problem.field) : [];
+  const wrong = fields.filter((f) => paths.includes(f.path));
+  // Said once, at the first.
+  for (const f of fields) f.mark(wrong.includes(f) ? problem!.why : null, f === wrong[0]);
+  return wrong;
+}
+
+/** The scene with a number at a path; of a pair that the scene leaves out, the other is as it is understood. */
+export function written(scene: Scene, { path, pair, empty }: Asked, value: number | undefined): Scene {
+  const [, parent, index] = /^(.*)\[(\d)\]$/.exec(path) ?? [];
+  if (!pair || parent === undefined) return write(scene, path, value);
+  const now = (read(scene, parent) as [number, number] | null | undefined) ?? pair;
+  // Half a pair cannot be left out.
+  if (value === undefined) return empty === undefined ? scene : write(scene, parent, undefined);
+  return write(scene, parent, index === "0" ? [value, now[1]] : [now[0], value]);
+}
+
+function field(
+  draft: Draft,
+  asked: Asked,
+  input: HTMLInputElement | HTMLSelectElement,
+  of: (scene: Scene) => string,
+  typed: (text: string) => string | null,
+  event: "input" | "change",
+): Field {
+  const [id, whyId] = [fresh("field"), fresh("why")];
+  const why = h("p", { class: "why", id: whyId });
+  const whose = asked.of ? h("span", { class: "unseen" }, ` ${asked.of}`) : null;
+  const title = h("label", { for: id }, asked.label, whose, asked.unit ? h("span", { class: "soft" }, ` ${asked.unit}`) : null);
+  set(input, { id, "data-field": asked.path });
+  const element = h("div", { class: "field" }, title, input);
+  const mark = (text: string | null, said = true): void => {
+    const words = said ? text : null;
+    set(input, { "aria-invalid": text === null ? null : "true", "aria-describedby": words === null ? null : whyId });
+    put(why, words);
+    if (words === null) return why.remove();
+    // Across all columns, where there are some.
+    const row = element.closest(".fields, .corner") ?? element;
+    if (why.parentElement !== row) row.append(why);
+  };
+  let [own, unused] = [false, false];
+  input.addEventListener(event, () => {
+    // Half a number ("-") is waited for.
+    const wrong = input.validity.badInput ? null : typed(input.value);
+    own = wrong !== null;
+    unused = own || input.validity.badInput;
+    if (own) mark(wrong);
+  });
+  const show = (scene: Scene): void => {
+    if (document.activeElement === input && event === "input") return;
+    own = false;
+    input.value = of(scene);
+  };
+  // What could not be used is not left standing.
+  input.addEventListener("blur", () => {
+    if (!unused) return;
+    [own, unused] = [false, false];
+    mark(null);
+    input.value = of(draft.scene());
+  });
+  return {
+    element,
+    path: asked.path,
+    show,
+    mark: (text, said) => own || mark(text, said),
+  };
+}

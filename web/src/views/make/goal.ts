@@ -1,0 +1,47 @@
+// The form of the goal: two things touch, or a body's centre is in a region.
+
+import { h } from "../../dom";
+import { everything, type Goal, type Scene } from "../../scene/types";
+import { choice, group, named, number } from "./form";
+import type { Desk, Panel } from "./panels";
+import { write } from "./path";
+import { corners } from "./thing";
+
+const KINDS: readonly [string, string][] = [
+  ["", "none"],
+  ["contact", "two things touch"],
+  ["inside", "a body's centre is in a region"],
+];
+
+export function goalPanel(desk: Desk): Panel {
+  const { goal } = desk.scene();
+  const names = everything(desk.scene()).map((b) => b.name);
+  const bodies = desk.scene().bodies.map((b) => b.name);
+  const type = choice(desk, { label: "Goal", path: "goal.type" }, KINDS, (scene) => scene.goal?.type ?? "", (scene, value) => write(scene, "goal", started(scene, value)));
+  type.element.classList.add("broad");
+  const hold = number(desk, { label: "Held for", path: "goal.hold_s", unit: "s", empty: "0" });
+  const note = h("p", { class: "soft" }, "The server makes worlds only of scenes with a goal and an action space.");
+  if (!goal) return { element: h("div", { class: "stack" }, type.element, note), fields: [type] };
+  if (goal.type === "contact") {
+    const parts = [
+      named(desk, { label: "One thing", path: "goal.bodies[0]" }, names),
+      named(desk, { label: "The other", path: "goal.bodies[1]" }, names),
+      number(desk, { label: "Tolerance", path: "goal.tolerance", unit: "m", empty: "0.0167" }),
+      hold,
+    ];
+    return { element: h("div", { class: "stack" }, type.element, group("Contact", ...parts)), fields: [type, ...parts] };
+  }
+  const body = named(desk, { label: "Body", path: "goal.body" }, bodies);
+  const region = corners(desk, "goal.region", "Region");
+  return { element: h("div", { class: "stack" }, type.element, group("Inside", body, hold), ...region.parts), fields: [type, body, hold, ...region.fields] };
+}
+
+/** A goal of a kind to begin with: about the first bodies. */
+function started(scene: Scene, type: string): Goal | undefined {
+  const names = [...scene.bodies, ...(scene.statics ?? [])].map((b) => b.name);
+  const hold = scene.goal?.hold_s === undefined ? {} : { hold_s: scene.goal.hold_s };
+  if (type === "contact") return { type, bodies: [names[0] ?? "", names[1] ?? ""], ...hold };
+  if (type !== "inside") return undefined;
+  const [x, y] = scene.bodies[0]?.position ?? [0, 0];
+  return { type, body: names[0] ?? "", region: [[x - 1, y - 1], [x + 1, y - 1], [x + 1, y + 1], [x - 1, y + 1]], ...hold };
+}

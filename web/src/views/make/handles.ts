@@ -1,0 +1,188 @@
+// Handles of what is selected: where they are, and what becomes of the scene when one is dragged.
+
+import { everything, type Body, type Box, type Point, type Scene } from "../../scene/types";
+import { write } from "./path";
+import { beside, far, inside, middle, outward, reach, round, rounded } from "./shapes";
+import { own, places, shifted, thing, turned } from "./things";
+
+export interface Handle {
+  /** Unique within what is selected. */
+  id: string;
+  look: "size" | "turn" | "move";
+  at: Point;
+  /** What it does, for people who point at it. */
+  about: string;
+}
+
+/** Handles of what is at a place; `gap` is how far the turning one stands off, m. */
+export function handles(scene: Scene, place: string, gap: number): Handle[] {
+  const one = thing(scene, place);
+  if (one) return !one.position && place.startsWith("bodies") ? [] : [...sizes(one), ...turn(one, gap)];
+  if (place === "goal" && scene.goal?.type === "inside") return scene.goal.region.map((at, i) => size(`${i}`, at, "Move this corner of the region"));
+  if (place === "action") return areas(scene).flatMap(({ id, box, about }) => rectangle(id, box, about));
+  return [];
+}
+
+/** The scene after a handle was dragged to a point, m. */
+export function dragged(scene: Scene, place: string, id: string, to: Point): Scene {
+  const one = thing(scene, place);
+  if (one) return write(scene, place, id === "turn" ? faced(one, to) : stretched(one, id, to));
+  if (place === "goal" && scene.goal?.type === "inside") return write(scene, `goal.region[${id}]`, rounded(to));
+  if (place === "action") return reshaped(scene, id, to);
+  return scene;
+}
+
+/** The scene with what is at a place moved, m. */
+export function moved(scene: Scene, place: string, by: Point): Scene {
+  const one = thing(scene, place);
+  if (one) return write(scene, place, shifted(one, by));
+  const shift = (p: Point): Point => rounded([p[0] + by[0], p[1] + by[1]]);
+  if (place === "goal" && scene.goal?.type === "inside") return write(scene, "goal.region", scene.goal.region.map(shift));
+  if (place !== "action") return scene;
+  return areas(scene).reduce((now, { id, box }) => placedArea(now, id, [...shift([box[0], box[1]]), ...shift([box[2], box[3]])] as Box), scene);
+}
+
+/** What is at a point: the topmost thing within `near`, m, the goal's region, or a side of where the action places things. */
+export function hit(scene: Scene, p: Point, near: number): string | null {
+  const drawn = places(scene).filter((at) => thing(scene, at)!.position || at.startsWith("statics"));
+  // Bodies lie over statics, later ones over earlier.
+  const order = [...drawn.filter((at) => at.startsWith("statics")), ...drawn.filter((at) => at.startsWith("bodies"))].reverse();
+  const distances = order.map((at) => far(thing(scene, at)!, p));
+  const under = order.find((_, i) => distances[i] === 0);
+  const closest = order.filter((_, i) => distances[i]! <= near).sort((a, b) => distances[order.indexOf(a)]! - distances[order.indexOf(b)]!)[0];
+  if (under ?? closest) return under ?? closest!;
+  if (areas(scene).some(({ box }) => sides(box).some(([a, b]) => beside(p, a, b) <= near))) return "action";
+  if (scene.goal?.type === "inside" && inside(scene.goal.region, p)) return "goal";
+  return null;
+}
+
+/** Where the action places things, and the box that they must stay in: rectangles of the world, m. */
+export function areas(scene: Scene): { id: string; box: Box; about: string; bounds: boolean }[] {
+  const { action } = scene;
+  if (!action) return [];
+  const things = new Map(everything(scene).map((b) => [b.name, b]));
+  const found = [...new Set(action.components.map((c) => c.target))].flatMap((target) => {
+    const [x, y] = (["x", "y"] as const).map((set) => action.components.find((c) => c.target === target && c.set === set));
+    if (!x && !y) return [];
+    const at = things.get(target)?.position ?? [0, 0];
+    const box: Box = [x?.low ?? at[0], y?.low ?? at[1], x?.high ?? at[0], y?.high ?? at[1]];
+    return [{ id: target, box, about: `where ${target} may be placed`, bounds: false }];
+  });
+  const { bounds } = action;
+  const limits: Box | null = !bounds ? null : Array.isArray(bounds) ? bounds : [...bounds.min, ...bounds.max];
+  return limits ? [...found, { id: BOUNDS, box: limits, about: "the bounds of what is placed", bounds: true }] : found;
+}
+
+/** No name of a thing: names have 1 to 100 characters. */
+const BOUNDS = "";
+
+function sizes(one: Body): Handle[] {
+  const { shape } = one;
+  const at = (p: Point): Point => outward(one, p);
+  switch (shape.type) {
+    case "disc":
+      return [size("radius", at([shape.radius, 0]), "Change the radius")];
+    case "box": {
+      const { half_width: w, half_height: h } = shape;
+      const corners: Point[] = [[-w, -h], [w, -h], [w, h], [-w, h]];
+      return corners.map((c, i) => size(`${i}`, at(c), "Change width and height"));
+    }
+    case "polygon":
+      return shape.vertices.map((v, i) => size(`${i}`, at(v), "Move this corner"));
+    case "segment":
+      return [size("from", at(shape.from), "Move this end"), size("to", at(shape.to), "Move this end")];
+    default:
+      return [];
+  }
+}
+
+function turn(one: Body, gap: number): Handle[] {
+  if (one.shape.type === "halfspace") return [];
+  const [x, y] = middle(one.shape);
+  return [{ id: "turn", look: "turn", at: outward(one, [x, y + reach(one.shape) + gap]), about: "Turn" }];
+}
+
+/** A thing turned so that its turning handle, above its middle, points to a place. */
+function faced(one: Body, to: Point): Body {
+  const at = outward(one, middle(one.shape));
+  const angle = Math.atan2(to[1] - at[1], to[0] - at[0]) - Math.PI / 2;
+  return turned(one, Math.round(near(angle, one.angle ?? 0) * 100) / 100);
+}
+
+/** The same direction with as few turns from another as can be. */
+function near(angle: number, other: number): number {
+  return angle + 2 * Math.PI * Math.round((other - angle) / (2 * Math.PI));
+}
+
+/** Smallest length that dragging makes, m. */
+const LEAST = 1e-3;
+
+function stretched(one: Body, id: string, to: Point): Body {
+  const { shape } = one;
+  const p = own(one, to);
+  switch (shape.type) {
+    case "disc":
+      return { ...one, shape: { ...shape, radius: Math.max(LEAST, round(Math.hypot(p[0], p[1]))) } };
+    case "box": {
+      // The corner opposite stays.
+      const [w, h] = [shape.half_width, shape.half_height];
+      const fixed: Point = ([[w, h], [-w, h], [-w, -h], [w, -h]] as Point[])[Number(id)]!;
+      const half: Point = [Math.max(LEAST, round(Math.abs(p[0] - fixed[0]) / 2)), Math.max(LEAST, round(Math.abs(p[1] - fixed[1]) / 2))];
+      const centre: Point = [fixed[0] + Math.sign(p[0] - fixed[0] || 1) * half[0], fixed[1] + Math.sign(p[1] - fixed[1] || 1) * half[1]];
+      return { ...one, shape: { ...shape, half_width: half[0], half_height: half[1] }, position: rounded(outward(one, centre)) };
+    }
+    case "polygon":
+      return { ...one, shape: { ...shape, vertices: shape.vertices.map((v, i) => (i === Number(id) ? p : v)) } };
+    case "segment":
+      return { ...one, shape: { ...shape, [id]: p } };
+    default:
+      return one;
+  }
+}
+
+function rectangle(id: string, box: Box, about: string): Handle[] {
+  const corners = sides(box).map(([a], i) => size(`${i}:${id}`, a, `Change ${about}`));
+  return [...corners, { id: `move:${id}`, look: "move", at: [(box[0] + box[2]) / 2, (box[1] + box[3]) / 2], about: `Move ${about}` }];
+}
+
+function reshaped(scene: Scene, handle: string, to: Point): Scene {
+  const [which = "", ...rest] = handle.split(":");
+  const id = rest.join(":");
+  const box = areas(scene).find((a) => a.id === id)?.box;
+  if (!box) return scene;
+  if (which === "move") {
+    const by: Point = [to[0] - (box[0] + box[2]) / 2, to[1] - (box[1] + box[3]) / 2];
+    return placedArea(scene, id, [box[0] + by[0], box[1] + by[1], box[2] + by[0], box[3] + by[1]]);
+  }
+  const corner = Number(which);
+  const [x, y] = [corner === 0 || corner === 3 ? 0 : 2, corner < 2 ? 1 : 3] as const;
+  const next: Box = [...box];
+  // A corner does not pass the one opposite.
+  next[x] = x === 0 ? Math.min(to[0], box[2]) : Math.max(to[0], box[0]);
+  next[y] = y === 1 ? Math.min(to[1], box[3]) : Math.max(to[1], box[1]);
+  return placedArea(scene, id, next);
+}
+
+/** The scene with another rectangle for what the action places. */
+function placedArea(scene: Scene, id: string, [left, bottom, right, top]: Box): Scene {
+  const { action } = scene;
+  if (!action) return scene;
+  const box: Box = [round(left), round(bottom), round(right), round(top)];
+  if (id === BOUNDS) return { ...scene, action: { ...action, bounds: box } };
+  const components = action.components.map((c) => {
+    if (c.target !== id || (c.set !== "x" && c.set !== "y")) return c;
+    return c.set === "x" ? { ...c, low: box[0], high: box[2] } : { ...c, low: box[1], high: box[3] };
+  });
+  return { ...scene, action: { ...action, components } };
+}
+
+/** The sides of a box, from its lower left corner counter-clockwise. */
+function sides([left, bottom, right, top]: Box): [Point, Point][] {
+  const corners: Point[] = [[left, bottom], [right, bottom], [right, top], [left, top]];
+  return corners.map((a, i) => [a, corners[(i + 1) % 4]!]);
+}
+
+function size(id: string, at: Point, about: string): Handle {
+  return { id, look: "size", at, about };
+}
+

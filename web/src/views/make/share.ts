@@ -1,0 +1,55 @@
+// A scene as a file, and as what one types to make a world of it.
+
+import type { Scene } from "../../scene/types";
+
+/** The scene as JSON that people can read: a line for each thing. */
+export function pretty(scene: Scene): string {
+  const lines = Object.entries(scene).map(([name, value]) => `  ${JSON.stringify(name)}: ${field(value)}`);
+  return `{\n${lines.join(",\n")}\n}\n`;
+}
+
+/** A name of a file for it. */
+export function filename(scene: Scene): string {
+  const plain = (scene.name ?? "").replaceAll(/[^\p{L}\p{N}._-]+/gu, "-").replaceAll(/^[-.]+|-+$/g, "");
+  return `${plain || "scene"}.json`;
+}
+
+/** A world of the scene, made by curl. With a token the shell's IPLW_TOKEN is used: it is not copied. */
+export function curl(scene: Scene, server: string, token: boolean): string {
+  const who = token ? `  -H "Authorization: Bearer $IPLW_TOKEN" \\\n` : "";
+  const body = pretty(scene).trimEnd().replaceAll("'", `'\\''`);
+  return `curl -s ${server}/v1/worlds -H 'Content-Type: application/json' \\\n${who}  -d '{"scene": ${body}}'\n`;
+}
+
+/** The same with the Python client, and a first step. */
+export function python(scene: Scene, server: string): string {
+  // Three quotes on end cannot stand in JSON: quotes in its texts have a backslash before them.
+  return [
+    "import json",
+    "",
+    "import iplw  # pip install -e clients/python",
+    "",
+    `scene = json.loads(r"""${pretty(scene).trimEnd()}""")`,
+    "",
+    `with iplw.Client(${JSON.stringify(server)}) as client, client.create_world(scene=scene) as world:  # a token: IPLW_TOKEN`,
+    "    world.reset(seed=1)",
+    "    observation, reward, terminated, truncated, info = world.step([0.5] * world.dimension)",
+    "    print(world.id, reward, info)",
+    "",
+  ].join("\n");
+}
+
+function field(value: unknown): string {
+  const many = Array.isArray(value) && value.some((v) => typeof v === "object" && v !== null);
+  if (!many) return inline(value);
+  return `[\n${(value as unknown[]).map((v) => `    ${inline(v)}`).join(",\n")}\n  ]`;
+}
+
+function inline(value: unknown): string {
+  if (Array.isArray(value)) return `[${value.map(inline).join(", ")}]`;
+  if (typeof value !== "object" || value === null) return JSON.stringify(value);
+  return `{${Object.entries(value)
+    .filter(([, v]) => v !== undefined)
+    .map(([name, v]) => `${JSON.stringify(name)}: ${inline(v)}`)
+    .join(", ")}}`;
+}

@@ -1,0 +1,107 @@
+// Tools: what a gesture in the picture draws.
+
+import { type Box, type Component, type Point, type Scene } from "../../scene/types";
+import { hull, round, rounded } from "./shapes";
+import { added, centred, components, moves, thing } from "./things";
+
+export type Tool = "select" | "disc" | "box" | "polygon" | "segment" | "goal" | "area" | "bounds";
+
+/** The tools, in the order of the row of buttons. */
+export const TOOLS: readonly { tool: Tool; title: string; key: string; hint: string }[] = [
+  { tool: "select", title: "Select", key: "v", hint: "Click a thing to select it, drag to move it; drag where nothing is to move the view." },
+  { tool: "disc", title: "Disc", key: "d", hint: "Drag from the centre outwards; Enter puts one in the middle of the view." },
+  { tool: "box", title: "Box", key: "b", hint: "Drag from corner to corner; Enter puts one in the middle of the view." },
+  { tool: "polygon", title: "Polygon", key: "p", hint: "Click the corners, then double-click or press Enter; what is made is their convex hull." },
+  { tool: "segment", title: "Segment", key: "s", hint: "Drag from end to end; Enter puts one in the middle of the view." },
+  { tool: "goal", title: "Goal region", key: "g", hint: "Drag a rectangle that a body's centre has to be in; Enter puts one in the middle of the view." },
+  { tool: "area", title: "Action area", key: "a", hint: "Drag a rectangle where the action may place the selected thing; Enter puts one in the middle of the view." },
+  { tool: "bounds", title: "Bounds", key: "w", hint: "Drag a rectangle that nothing placed may leave; Enter takes all that is in view." },
+];
+
+/** Why a tool drew nothing. */
+export function nothing(scene: Scene, tool: Tool): string {
+  if (tool === "bounds" && !scene.action) return "Bounds are the action's: draw an action area first.";
+  if (tool === "goal" && !scene.bodies.length) return "Draw a body first: a goal region is where its centre has to be.";
+  if (tool === "area" && !scene.bodies.length) return "Draw a thing first: an action area is where it may be placed.";
+  return "Nothing was drawn: it has no size.";
+}
+
+/** A scene after a gesture, and what is selected then. */
+export interface Drawn {
+  scene: Scene;
+  place: string;
+}
+
+/** What a drag from one point to another draws; `moving`: things that move. `view` is what is seen, m. */
+export function drawn(scene: Scene, tool: Tool, from: Point, to: Point, moving: boolean, view: Box, selected: string): Drawn | null {
+  const box: Box = [Math.min(from[0], to[0]), Math.min(from[1], to[1]), Math.max(from[0], to[0]), Math.max(from[1], to[1])];
+  const [w, h] = [round((box[2] - box[0]) / 2), round((box[3] - box[1]) / 2)];
+  const centre = rounded([(box[0] + box[2]) / 2, (box[1] + box[3]) / 2]);
+  switch (tool) {
+    case "disc": {
+      const radius = round(Math.hypot(to[0] - from[0], to[1] - from[1]));
+      return radius > 0 ? added(scene, { name: "disc", shape: { type: "disc", radius }, position: rounded(from) }, moving) : null;
+    }
+    case "box":
+      return w > 0 && h > 0 ? added(scene, { name: "box", shape: { type: "box", half_width: w, half_height: h }, position: centre }, moving) : null;
+    case "segment": {
+      if (from[0] === to[0] && from[1] === to[1]) return null;
+      // What moves has to have a thickness.
+      const radius = moving ? round((view[2] - view[0]) * THICK) : 0;
+      return added(scene, centred({ name: "segment", shape: { type: "segment", from, to, radius } }), moving);
+    }
+    case "goal":
+      return w > 0 && h > 0 && scene.bodies.length ? { scene: goal(scene, box, selected), place: "goal" } : null;
+    case "area":
+      return w > 0 || h > 0 ? area(scene, box, selected) : null;
+    case "bounds":
+      return w > 0 && h > 0 && scene.action ? { scene: { ...scene, action: { ...scene.action, bounds: box.map(round) as Box } }, place: "action" } : null;
+    default:
+      return null;
+  }
+}
+
+/** What corners that were clicked draw. */
+export function closed(scene: Scene, corners: readonly Point[], moving: boolean): Drawn | null {
+  const vertices = hull(corners);
+  return vertices.length < 3 ? null : added(scene, centred({ name: "polygon", shape: { type: "polygon", vertices } }), moving);
+}
+
+/** A gesture that draws something of a usual size in the middle of the view: for a click, and for the keyboard. */
+export function usual(scene: Scene, tool: Tool, at: Point, moving: boolean, view: Box, selected: string, step: number): Drawn | null {
+  const r = Math.max(step, Math.round((view[2] - view[0]) / 20 / step) * step);
+  const around = (w: number, h: number): Drawn | null => drawn(scene, tool, [at[0] - w, at[1] - h], [at[0] + w, at[1] + h], moving, view, selected);
+  if (tool === "disc") return drawn(scene, tool, at, [at[0] + r, at[1]], moving, view, selected);
+  if (tool === "polygon") return closed(scene, [[at[0] - r, at[1] - r], [at[0] + r, at[1] - r], [at[0], at[1] + r]], moving);
+  if (tool === "segment") return around(4 * r, 0);
+  if (tool === "bounds") return drawn(scene, tool, [view[0], view[1]], [view[2], view[3]], moving, view, selected);
+  return tool === "box" ? around(r, r) : around(2 * r, r);
+}
+
+/** Half the thickness of a segment that moves, share of the view's width. */
+const THICK = 0.006;
+
+function goal(scene: Scene, [left, bottom, right, top]: Box, selected: string): Scene {
+  const region = ([[left, bottom], [right, bottom], [right, top], [left, top]] as Point[]).map(rounded);
+  if (scene.goal?.type === "inside") return { ...scene, goal: { ...scene.goal, region } };
+  const body = (moves(selected) ? thing(scene, selected)?.name : undefined) ?? scene.bodies[0]?.name ?? "";
+  return { ...scene, goal: { type: "inside", body, region } };
+}
+
+function area(scene: Scene, [left, bottom, right, top]: Box, selected: string): Drawn | null {
+  const target = (thing(scene, selected) ?? scene.bodies[0])?.name;
+  if (target === undefined) return null;
+  const own: Component[] = [
+    { target, set: "x", low: round(left), high: round(right) },
+    { target, set: "y", low: round(bottom), high: round(top) },
+  ];
+  return { scene: own.reduce(withComponent, scene), place: "action" };
+}
+
+/** The scene with a component of the action in the place of the one that sets the same, or as one more. */
+export function withComponent(scene: Scene, one: Component): Scene {
+  const action = scene.action ?? { components: [] };
+  const index = action.components.findIndex((c) => c.target === one.target && c.set === one.set);
+  const list = index < 0 ? [...action.components, one] : action.components.map((c, i) => (i === index ? { ...c, ...one } : c));
+  return components({ ...scene, action }, list);
+}

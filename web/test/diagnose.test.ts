@@ -1,0 +1,186 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { marks, range } from "../src/parts/plot";
+import { column } from "../src/views/diagnose/columns";
+import { cut, sent, split, tracks, usual } from "../src/views/diagnose/file";
+import { cells } from "../src/views/diagnose/fields";
+import { cutAt } from "../src/views/diagnose/paths";
+import { means } from "../src/views/diagnose/plots";
+import { around, launched, plainReport, type Report, way } from "../src/views/diagnose/report";
+import { body, columnsOf, empty, guess, missing, pixelByFall, tracksOf } from "../src/views/diagnose/setup";
+import { glance, read, SILENT, touches } from "../src/views/diagnose/tracks";
+import { gained, interval, plain, sizes, verdict } from "../src/views/diagnose/words";
+
+/** Names and what the server takes them for (src/reality/columns.rs has the same list). */
+test("names of columns are understood as the server does", () => {
+  const cases: [string, string | null, string | null, string | null][] = [
+    ["t", "time", null, null],
+    ["Time (s)", "time", "s", null],
+    ["time_ms", "time", "ms", null],
+    ["Milliseconds", "time", "ms", null],
+    ["\ufeffframe", "frame", null, null],
+    ["Frame Number", "frame", null, null],
+    ["X [m]", "x", "m", null],
+    ["y (CM)", "y", "cm", null],
+    ["x/mm", "x", "mm", null],
+    ["pos_x", "x", null, null],
+    ["Position Y (px)", "y", "px", null],
+    ["x_px", "x", "px", null],
+    ["pixely", "y", "px", null],
+    ["Ball/0/X", "x", null, "Ball/0"],
+    ["P1_y", "y", null, "P1"],
+    ["A_x", "x", null, "A"],
+    ["track_id", "trial", null, null],
+    ["object", "body", null, null],
+  ];
+  for (const [name, quantity, unit, track] of cases) {
+    const found = column(name);
+    assert.deepEqual([found.quantity, found.unit?.name ?? null, found.track], [quantity, unit, track], name);
+  }
+  for (const name of ["", "Unnamed: 0", "step", "v_x", "v_{x}", "vx", "a.y", "r", "θr", "angle", "x (s)", "t [m]", "xy", "unused3"]) {
+    assert.equal(column(name).quantity, null, name);
+  }
+});
+
+/** A parabola in cells: 20 samples a launch. */
+function fall(head: string, row: (t: number, y: number) => string, launches = 1): string {
+  const rows = Array.from({ length: 20 * launches }, (_, i) => {
+    const t = 0.02 * (i % 20);
+    return row(t, 1 + t - 0.5 * 9.81 * t * t);
+  });
+  return [head, ...rows].join("\n");
+}
+
+test("files are cut whatever separates them, with what stands above", () => {
+  assert.deepEqual(split('"1,5",2', ","), ["1,5", "2"]);
+  const files = [
+    fall("t,x,y", (t, y) => `${t},0,${y}`),
+    `\ufeffmass A\n${fall("t;x;y", (t, y) => `${t};0;${y}`).replaceAll(".", ",")}`,
+    fall("#T X_m Y_m", (t, y) => `${t} 0 ${y}`),
+    fall("Time (ms)\tx (mm)\ty (mm)", (t, y) => `${t * 1e3}\t0\t${y * 1e3}`).replaceAll("\n", "\r\n"),
+  ];
+  for (const text of files) {
+    const file = cut("a.csv", text);
+    const [track] = read(file, usual(file), SILENT);
+    assert.equal(track!.trial, "a");
+    assert.equal(track!.t.length, 20, text.slice(0, 20));
+    assert.ok(Math.abs(glance([track!]).upwards! + 9.81) < 1e-3, text.slice(0, 20));
+  }
+  assert.equal(cut("b", "hello world").named, false);
+});
+
+test("of several tracks one is read, and columns chosen by hand are said in the header that is sent", () => {
+  const two = cut("k.csv", "Time;Ball/0/X;Ball/0/Y;Hand/0/X;Hand/0/Y\n0;1;2;3;4\n1;2;3;4;5");
+  assert.deepEqual(tracks(two), ["Ball/0", "Hand/0"]);
+  assert.equal(usual(two, "hand/0").x, 3);
+  const odd = cut("o.csv", "when,left,height\n0,1,2\n1,2,3");
+  const chosen = { clock: 0, x: 1, y: 2, trial: -1, body: -1 };
+  assert.equal(sent(odd, chosen), "t,x,y\n0,1,2\n1,2,3");
+  assert.deepEqual(usual(cut("o.csv", sent(odd, chosen))), chosen);
+  const plainFile = cut("p.csv", "t,x,y\n0,1,2");
+  assert.equal(sent(plainFile, usual(plainFile)), "t,x,y\n0,1,2");
+  const both = cut("q.csv", "frame,t (s),x_px,y_px,x (cm),y (cm)\n0,0,1,2,3,4");
+  assert.equal(sent(both, { ...usual(both), clock: 0 }), "frame,unused1,unused2,unused3,x_cm,y_cm\n0,0,1,2,3,4");
+});
+
+test("a setup asks for what the file does not say, and guesses what the picture shows", () => {
+  const setup = { ...empty(), files: [cut("a.csv", fall("frame,x_px,y_px", (t, y) => `${t / 0.02},0,${-y / 0.002}`))] };
+  assert.match(missing(setup)!, /pixels/);
+  assert.equal(guess(setup).length, 1);
+  assert.equal(setup.said.yDown, true);
+  setup.said.fps = 50;
+  assert.ok(Math.abs(pixelByFall(setup)! - 0.002) < 1e-6);
+  setup.said.metresPerPixel = 0.002;
+  assert.equal(missing(setup), null);
+  assert.ok(Math.abs(glance(tracksOf(setup)).upwards! + 9.81) < 1e-6);
+  const asked = body(setup);
+  assert.deepEqual(asked.reading, { fps: 50, metres_per_pixel: 0.002, y_down: true });
+  assert.deepEqual(asked.ball, { radius: 0.02, gravity: 9.81 });
+  assert.equal(columnsOf(setup, setup.files[0]!).clock, 0);
+  const silent = { ...empty(), files: [cut("a.csv", fall("t,x,y", (t, y) => `${t},0,${y}`))] };
+  assert.deepEqual(guess(silent), []);
+  assert.equal("reading" in body(silent), false);
+});
+
+test("a floor is where bounces meet, and nothing that only flies has one", () => {
+  const rows = (id: number): string[] => {
+    const height = (t: number): number => 0.02 + Math.abs(((t + 0.013 * id) % 0.5) - 0.25) * 4;
+    return Array.from({ length: 60 }, (_, i) => `${id},${i / 100},0,${height(i / 100)}`);
+  };
+  const file = cut("b.csv", ["trial,t,x,y", ...rows(0), ...rows(1), ...rows(2)].join("\n"));
+  assert.ok(Math.abs(touches(read(file, usual(file), SILENT))! - 0.02) < 1e-9);
+  const air = cut("c.csv", fall("trial,t,x,y", (t, y) => `1,${t},0,${y}`));
+  assert.equal(touches(read(air, usual(air), SILENT)), null);
+});
+
+const columns = ["t", "body", "stretch", "x", "y", "before_x", "before_y", "after_x", "after_y", "sd_before_x", "sd_before_y", "sd_after_x", "sd_after_y"];
+
+function report(): Report {
+  const row = (t: number, stretch: number): (number | null)[] => [t, 0, stretch, 3 * t + 0.1, 1 + 2 * t - 5 * t * t, 0.5, 0, 0.1, 0, null, null, 0.01, 0.01];
+  const scene = { format: "iplw.scene/1", name: "one ball", bodies: [{ name: "ball", shape: { type: "disc", radius: 0.02 } }] };
+  const found = { verdict: "named", effects: [{ name: "quadratic_drag", acts_on: "motion", p_value: 0, parameters: [] }], rivals: [["quadratic_drag"]], launches: [{ trial: 4, name: "a", setting: null, sizes: [] }], paths: { columns, launches: [{ trial: 4, rows: [row(0, 0), row(0.1, 0), row(0.3, 0), row(0.4, 1)] }] }, extended_scene: scene, next_scene: null, evidence: {} };
+  return found as unknown as Report;
+}
+
+test("a launch's way has both models, and starts the extended scene", () => {
+  const own = way(report().paths, 4)!;
+  assert.deepEqual(own.begins, [3]);
+  assert.ok(Math.abs(own.after.at[1]![0] - 0.3) < 1e-12 && Math.abs(own.before.at[0]![0] + 0.4) < 1e-12);
+  assert.ok(Number.isNaN(own.before.sd[0]![0]));
+  assert.deepEqual(cutAt(own.t, own.begins), [[0, 0.1, 0.3], [0.4]]);
+  assert.equal(way(report().paths, 9), null);
+  const { position, velocity } = launched(report(), 4)!.bodies[0]!;
+  assert.deepEqual(position!.map((v) => Number(v.toFixed(9))), [0, 1]);
+  assert.deepEqual(velocity!.map((v) => Number(v.toFixed(9))), [3, 2]);
+  assert.equal("evidence" in plainReport(report()), false);
+  // Of another setting: its mass, and what the effect is there.
+  const found = report();
+  found.launches[0]!.setting = "light";
+  const of = (setting: string, value: number) => ({ name: "k", value, ci95: [0, 1] as [number, number], unit: "1/m", setting, spread: null });
+  found.effects[0]!.parameters = [of("heavy", 0.1), of("light", 0.3)];
+  Object.assign(found.extended_scene!, { effects: [{ name: "quadratic_drag", parameters: { k: 0.1 } }], settings: { light: { bodies: { ball: { mass: 0.01 } } } } });
+  const scene = launched(found, 4)!;
+  assert.equal(scene.bodies[0]!.mass, 0.01);
+  assert.deepEqual(scene.effects, [{ name: "quadratic_drag", parameters: { k: 0.3 } }]);
+  assert.equal(scene.settings, undefined);
+  const [left, bottom, right, top] = around(found)!;
+  assert.ok(left < 0.1 && right > 1.3 && bottom < 1 && top > 1.15);
+});
+
+test("a verdict is said in words", () => {
+  assert.equal(verdict(report()), "The simulation lacks quadratic drag");
+  assert.equal(verdict({ ...report(), verdict: "ambiguous", rivals: [["a_b"], []] }), "One of 2 is missing, and these trials cannot tell which: a b; none (the base model)");
+  assert.equal(plain("quadratic_drag wins; k_2 stays"), "Quadratic drag wins; k_2 stays.");
+  const k = (setting: string, value: number) => ({ name: "k", value, ci95: [0, 1] as [number, number], unit: "1/m", setting, spread: null });
+  const drag = (...parameters: ReturnType<typeof k>[]) => [{ name: "linear_drag", acts_on: "motion", p_value: 0, parameters }];
+  assert.equal(sizes(drag(k("a", 0.2))), "k of a = 0.2 (0 to 1) 1/m");
+  assert.equal(sizes(drag(k("a", 0.2), k("b", 0.1), k("c", 0.4), k("d", 0.3))), "k from 0.1 to 0.4 1/m in 4 settings");
+  assert.equal(interval([null, 1]), "no bound from these trials");
+  assert.match(gained({ trials: 3, base_rmse: 0.0712, extended_rmse: 0.003, floor_rmse: 0.002, excess_removed: 0.981 }), /71.2 mm before, 3.00 mm after; noise 2.00 mm: 98.1 %/);
+});
+
+test("plots have round marks within their range, and means of as many each", () => {
+  assert.deepEqual(marks(-0.2, 0.31, 6), [-0.2, -0.1, 0, 0.1, 0.2, 0.3]);
+  assert.deepEqual(marks(1, 1, 5).length, 1);
+  assert.deepEqual(range([3, Number.NaN, -1], [2]), [-1, 3]);
+  assert.equal(range([]), null);
+  const x = Array.from({ length: 48 }, (_, i) => i);
+  assert.deepEqual(means(x, x).y, [5.5, 17.5, 29.5, 41.5]);
+  const pushes = { columns: ["x", "y", "ax", "ay"], rows: [[0, 0, 1, 1], [0.01, 0, 3, 5], [1, 1, 2, 2], [1, null, 2, 2]] };
+  assert.deepEqual(cells(pushes, "ax", "ay"), [{ at: [0.005, 0], push: [2, 3] }, { at: [1, 1], push: [2, 2] }]);
+});
+
+test("a bounce early or late between two pictures is at the same height", () => {
+  const g = 9.81;
+  for (let phase = 0; phase < 10; phase++) {
+    // Falls from 0.5 m and comes back with 0.8 of its speed.
+    const hit = Math.sqrt(1 / g) + 0.001 * phase;
+    const height = (t: number): number => {
+      const [u, v] = [t - hit, Math.sqrt(g)];
+      return u < 0 ? -v * u - 0.5 * g * u * u : 0.8 * v * u - 0.5 * g * u * u;
+    };
+    const rows = [0, 1].flatMap((id) => Array.from({ length: 60 }, (_, i) => `${id},${i / 100},0,${height(i / 100)}`));
+    const file = cut("b.csv", ["trial,t,x,y", ...rows].join("\n"));
+    assert.ok(Math.abs(touches(read(file, usual(file), SILENT))!) < 1e-6, `phase ${phase}`);
+  }
+});
