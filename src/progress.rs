@@ -6,6 +6,9 @@ use crate::error::Result;
 pub trait Progress: Sync {
     /// `done` of `total` units of `stage` are finished.
     fn report(&self, stage: &str, done: u64, total: u64) -> Result<()>;
+
+    /// A figure to follow: `name` was `value` when `at` units of the stage were done. Told with the next report.
+    fn figure(&self, _name: &'static str, _at: u64, _value: f64) {}
 }
 
 /// Ignores progress and never cancels.

@@ -8,7 +8,7 @@ use std::time::Duration;
 use tokio::sync::watch as channel;
 
 use super::pace::Pace;
-use super::record::Job;
+use super::record::{Figure, Job};
 use super::work::Work;
 use crate::store::{JobRow, JobState};
 
@@ -24,6 +24,8 @@ pub struct Live {
     pub again: bool,
     pub pace: Pace,
     pub events: VecDeque<Event>,
+    /// Told by its work since the last event.
+    pub figures: Vec<Figure>,
     pub changed: channel::Sender<u64>,
     /// Of its row as JSON, bytes; known once it has ended.
     pub size: usize,
@@ -40,6 +42,7 @@ pub struct Event {
     done: u64,
     total: u64,
     left: Option<f64>,
+    figures: Vec<Figure>,
 }
 
 impl Live {
@@ -47,9 +50,10 @@ impl Live {
     pub fn new(row: JobRow, place: &str, work: Option<Work>) -> Live {
         Live {
             client: row.owner.clone().unwrap_or_else(|| place.to_string()),
-            events: VecDeque::from([Event::of(&row, None)]),
+            events: VecDeque::from([Event::of(&row, None, Vec::new())]),
             changed: channel::Sender::new(row.events),
             cancel: Arc::default(),
+            figures: Vec::new(),
             again: false,
             pace: Pace::default(),
             size: 0,
@@ -64,7 +68,7 @@ impl Live {
         if self.events.len() == KEPT_EVENTS {
             self.events.pop_front();
         }
-        self.events.push_back(Event::of(&self.row, left));
+        self.events.push_back(Event::of(&self.row, left, std::mem::take(&mut self.figures)));
         self.changed.send_replace(self.row.events);
     }
 
@@ -77,9 +81,9 @@ impl Live {
 }
 
 impl Event {
-    fn of(row: &JobRow, left: Option<f64>) -> Event {
+    fn of(row: &JobRow, left: Option<f64>, figures: Vec<Figure>) -> Event {
         let (stage, done, total) = (row.stage.clone(), row.done, row.total);
-        Event { id: row.events, state: row.state, stage, done, total, left }
+        Event { id: row.events, state: row.state, stage, done, total, left, figures }
     }
 
     /// The job as it was at this event.
@@ -95,6 +99,6 @@ impl Event {
             error: now.error.clone().filter(|_| ended),
             ..now.clone()
         };
-        Job { left: self.left, ..Job::of(row) }
+        Job { left: self.left, figures: self.figures.clone(), ..Job::of(row) }
     }
 }

@@ -22,7 +22,7 @@ mod watch;
 mod work;
 
 pub use live::KEPT_EVENTS;
-pub use record::{Deleted, Job, id};
+pub use record::{Deleted, Figure, Job, id};
 pub use runner::{New, Runner};
 pub use shared::{MOST_STARTS, RunnerConfig};
 pub use watch::Watcher;

@@ -12,6 +12,16 @@ pub struct Job {
     pub row: JobRow,
     /// How long it will still take, s, as far as that can be told.
     pub left: Option<f64>,
+    /// At an event: what its work told since the event before.
+    pub figures: Vec<Figure>,
+}
+
+/// A figure that work told on its way: `name` was `value` when `at` units of the stage were done.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Figure {
+    pub name: &'static str,
+    pub at: u64,
+    pub value: f64,
 }
 
 /// What deleting a job did.
@@ -26,7 +36,7 @@ pub enum Deleted {
 impl Job {
     /// What is known of it, and nothing of its pace.
     pub(super) fn of(row: JobRow) -> Job {
-        Job { id: id(row.number), row, left: None }
+        Job { id: id(row.number), row, left: None, figures: Vec::new() }
     }
 }
 

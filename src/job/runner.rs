@@ -116,7 +116,7 @@ impl Runner {
     /// At most `limit` jobs, oldest first, those after number `after`; one owner's, or everybody's.
     pub fn list(
         &self,
-        list: JobList,
+        list: &JobList,
         after: Option<i64>,
         limit: usize,
         owner: Option<&str>,

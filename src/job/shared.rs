@@ -10,7 +10,7 @@ use serde_json::Value;
 
 use super::live::Live;
 use super::pace::Pace;
-use super::record::id;
+use super::record::{Figure, id};
 use super::work::{Context, Outcome, Recipes, Stage, Work};
 use crate::error::{Error, Result};
 use crate::store::{JobRow, JobState, Level, Store};
@@ -219,6 +219,7 @@ impl Shared {
                     live.row.state = JobState::Running;
                     live.again = false;
                     live.pace = Pace::default();
+                    live.figures.clear();
                     live.emit(None);
                     self.line(number, "begun");
                     if let Err(e) = self.store.begin_job(number) {
@@ -297,6 +298,9 @@ const KEPT_JOBS: usize = 64;
 /// What they may take with their plans and results, bytes as JSON; the latest is kept whatever it takes.
 const KEPT_BYTES: usize = 8 * 1024 * 1024;
 
+/// Figures between two events of a job; work that tells more than an eye can follow is cut short.
+const MOST_FIGURES: usize = 256;
+
 /// A job under way.
 struct Running<'a> {
     shared: &'a Shared,
@@ -342,6 +346,14 @@ impl Stage for Running<'_> {
 
     fn warn(&self, text: &str) {
         self.shared.store.note_line(self.number, Level::Warning, text);
+    }
+
+    fn figure(&self, figure: Figure) {
+        if let Some(live) = self.shared.state().live.get_mut(&self.number)
+            && live.figures.len() < MOST_FIGURES
+        {
+            live.figures.push(figure);
+        }
     }
 
     fn round(&self, done: u64, total: u64) {

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde_json::Value;
 
+use super::record::Figure;
 use crate::budget::Budget;
 use crate::error::Result;
 use crate::progress::Progress;
@@ -44,6 +45,8 @@ pub(super) trait Stage: Sync {
     fn report(&self, stage: &str, done: u64, total: u64) -> Result<()>;
     /// Something that its owner should know.
     fn warn(&self, text: &str);
+    /// A figure, told with the next event.
+    fn figure(&self, figure: Figure);
     /// How many of its rounds are finished.
     fn round(&self, done: u64, total: u64);
 }
@@ -51,6 +54,10 @@ pub(super) trait Stage: Sync {
 impl Progress for Context<'_> {
     fn report(&self, stage: &str, done: u64, total: u64) -> Result<()> {
         self.stage.report(stage, done, total)
+    }
+
+    fn figure(&self, name: &'static str, at: u64, value: f64) {
+        self.stage.figure(Figure { name, at, value });
     }
 }
 

@@ -27,7 +27,7 @@ pub use fit::{TrainConfig, TrainLog};
 
 use super::features::{self, Features};
 use super::weights::{self, Layer};
-use super::{CHUNK, Dataset, Policy};
+use super::{CHUNK, Check, Dataset, Policy, Validation};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::task::{Learning, Task, ValidAction};
@@ -43,10 +43,20 @@ pub struct Dqn {
 
 /// Trains a new policy on labelled actions of tasks of one family.
 pub fn train(data: &Dataset, config: &TrainConfig, progress: &dyn Progress) -> Result<(Dqn, TrainLog)> {
+    train_validated(data, None, config, progress)
+}
+
+/// The same; looks at AUCCESS on held-out tasks along the way, which changes nothing of what is learned.
+pub fn train_validated(
+    data: &Dataset,
+    validation: Option<&Validation>,
+    config: &TrainConfig,
+    progress: &dyn Progress,
+) -> Result<(Dqn, TrainLog)> {
     config.validate()?;
     data.validate()?;
     let first = data.tasks.first().ok_or_else(|| Error::input("tasks", "none", "at least one task"))?;
-    Dqn::untrained(first, config.hidden, config.seed)?.learn_more(data, config, progress)
+    Dqn::untrained(first, config.hidden, config.seed)?.learn(data, validation, config, progress)
 }
 
 impl Dqn {
@@ -73,13 +83,34 @@ impl Dqn {
         config: &TrainConfig,
         progress: &dyn Progress,
     ) -> Result<(Dqn, TrainLog)> {
+        self.learn(data, None, config, progress)
+    }
+
+    fn learn(
+        &self,
+        data: &Dataset,
+        validation: Option<&Validation>,
+        config: &TrainConfig,
+        progress: &dyn Progress,
+    ) -> Result<(Dqn, TrainLog)> {
         config.validate()?;
         data.validate()?;
         for task in &data.tasks {
             self.fits(task)?;
         }
         let mut learned = self.clone();
-        let log = fit(&mut learned.layers, data, config, progress)?;
+        let mut checks = Vec::new();
+        let mut look = |batches: usize, layers: &[Layer]| {
+            let Some(validation) = validation.filter(|v| v.due(batches, config.batches)) else {
+                return Ok(());
+            };
+            let auccess = validation.auccess(&Dqn { card: self.card.clone(), layers: layers.to_vec() })?;
+            progress.figure("validation", batches as u64, auccess);
+            checks.push(Check { batches, auccess });
+            Ok(())
+        };
+        let loss = fit(&mut learned.layers, data, config, &mut look, progress)?;
+        let log = TrainLog { loss, validation: checks };
         learned.card.trained.push(TrainConfig { hidden: self.hidden(), ..config.clone() });
         Ok((learned, log))
     }

@@ -8,6 +8,7 @@
 //! | `features` | task and action -> numbers |
 //! | `data` | labels actions by simulating them |
 //! | `dqn` | learns to score from labelled actions |
+//! | `validate` | AUCCESS along a training, on tasks not learned from |
 //! | `random` | the floor every policy must beat |
 //! | `evaluate` `auccess` | tries actions in a policy's order and condenses the outcome |
 
@@ -17,6 +18,7 @@ pub mod dqn;
 pub mod evaluate;
 pub mod features;
 pub mod random;
+pub mod validate;
 mod weights;
 
 use std::cmp::Ordering;
@@ -26,9 +28,10 @@ use rayon::prelude::*;
 use crate::error::Result;
 use crate::task::{Task, ValidAction};
 pub use data::{Dataset, Example, LabelConfig, Training, label};
-pub use dqn::{Dqn, TrainConfig, TrainLog, train};
+pub use dqn::{Dqn, TrainConfig, TrainLog, train, train_validated};
 pub use evaluate::{EvaluateConfig, Evaluation, evaluate, evaluate_orders};
 pub use random::Random;
+pub use validate::{Check, Validation};
 
 /// Scores actions for success; the higher, the likelier.
 pub trait Policy: Send + Sync {

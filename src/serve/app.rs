@@ -261,7 +261,7 @@ impl Jobs<'_> {
     }
 
     /// See [`crate::job::Runner::list`].
-    pub fn list(&self, list: JobList, after: Option<i64>, limit: usize) -> Result<Vec<Job>> {
+    pub fn list(&self, list: &JobList, after: Option<i64>, limit: usize) -> Result<Vec<Job>> {
         self.0.shared.jobs.list(list, after, limit, self.0.who.sees())
     }
 

@@ -70,8 +70,8 @@ fn told(store: &Store) -> BTreeMap<String, Result<String>> {
     }
     ask("worlds".into(), debug(store.worlds()));
     ask("unfinished".into(), debug(store.unfinished()));
-    ask("jobs".into(), debug(store.jobs(JobList::default(), None, 1000, None)));
-    ask("jobs of ann".into(), debug(store.jobs(JobList::default(), None, 1000, Some("ann"))));
+    ask("jobs".into(), debug(store.jobs(&JobList::default(), None, 1000, None)));
+    ask("jobs of ann".into(), debug(store.jobs(&JobList::default(), None, 1000, Some("ann"))));
     ask("states".into(), debug(store.jobs_by_state()));
     ask("ended".into(), debug(store.ended_before(1 << 40)));
     ask("policies".into(), debug(store.policies(0, 1000, None)));

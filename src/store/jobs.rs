@@ -39,12 +39,14 @@ pub struct JobRow {
 }
 
 /// Which jobs are listed, and in which order.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct JobList {
     /// The newest first, instead of the oldest.
     pub newest: bool,
     /// Only those in this state.
     pub state: Option<JobState>,
+    /// Only those of this kind.
+    pub kind: Option<String>,
 }
 
 impl JobRow {
@@ -164,7 +166,7 @@ impl Store {
     /// At most `limit` jobs, one owner's or everybody's, that come after number `after` in the order asked for.
     pub fn jobs(
         &self,
-        list: JobList,
+        list: &JobList,
         after: Option<i64>,
         limit: usize,
         owner: Option<&str>,
@@ -172,14 +174,14 @@ impl Store {
         let which = match list.newest {
             false => {
                 "WHERE (?1 IS NULL OR number > ?1) AND (?3 IS NULL OR owner = ?3) \
-                      AND (?4 IS NULL OR state = ?4) ORDER BY number LIMIT ?2"
+                      AND (?4 IS NULL OR state = ?4) AND (?5 IS NULL OR kind = ?5) ORDER BY number LIMIT ?2"
             }
             true => {
                 "WHERE (?1 IS NULL OR number < ?1) AND (?3 IS NULL OR owner = ?3) \
-                     AND (?4 IS NULL OR state = ?4) ORDER BY number DESC LIMIT ?2"
+                     AND (?4 IS NULL OR state = ?4) AND (?5 IS NULL OR kind = ?5) ORDER BY number DESC LIMIT ?2"
             }
         };
-        self.select(which, params![after, limit as i64, owner, list.state.map(JobState::name)])
+        self.select(which, params![after, limit as i64, owner, list.state.map(JobState::name), list.kind])
     }
 
     /// Every job that has not ended, in order of number.
@@ -319,13 +321,15 @@ mod tests {
         let counts = store.jobs_by_state().unwrap();
         assert_eq!(counts, BTreeMap::from([("succeeded".into(), 1), ("waiting".into(), 1)]));
         let list = JobList::default();
-        let newest = JobList { newest: true, ..list };
-        assert_eq!(store.jobs(list, None, 1, None).unwrap(), std::slice::from_ref(&done));
-        assert_eq!(store.jobs(list, Some(1), 9, None).unwrap(), std::slice::from_ref(&open));
-        assert_eq!(store.jobs(newest, None, 1, None).unwrap(), std::slice::from_ref(&open));
-        assert_eq!(store.jobs(newest, Some(2), 9, None).unwrap(), std::slice::from_ref(&done));
-        let waiting = JobList { state: Some(JobState::Waiting), ..list };
-        assert_eq!(store.jobs(waiting, None, 9, None).unwrap(), [open]);
+        let newest = JobList { newest: true, ..list.clone() };
+        assert_eq!(store.jobs(&list, None, 1, None).unwrap(), std::slice::from_ref(&done));
+        assert_eq!(store.jobs(&list, Some(1), 9, None).unwrap(), std::slice::from_ref(&open));
+        assert_eq!(store.jobs(&newest, None, 1, None).unwrap(), std::slice::from_ref(&open));
+        assert_eq!(store.jobs(&newest, Some(2), 9, None).unwrap(), std::slice::from_ref(&done));
+        let waiting = JobList { state: Some(JobState::Waiting), ..list.clone() };
+        assert_eq!(store.jobs(&waiting, None, 9, None).unwrap(), std::slice::from_ref(&open));
+        let trainings = JobList { kind: Some("train".into()), ..list };
+        assert_eq!(store.jobs(&trainings, None, 9, None).unwrap(), [open]);
     }
 
     #[test]

@@ -866,6 +866,39 @@ fn policies_are_trained_with_the_batch_size_of_their_family() {
 }
 
 #[test]
+fn a_training_tells_its_loss_and_its_validation_on_the_way() {
+    let server = Running::start();
+    let body = json!({"task": "basketball:000", "batches": 12, "batch_size": 4, "validations": 3, "seed": 3});
+    let job = server.post("/v1/policies", &body, 202);
+    let events = server.events(job["id"].as_str().unwrap(), None);
+    let done = &events.last().unwrap().2;
+    assert_eq!(done["state"], "succeeded", "{done}");
+    let told = |name: &str| -> Vec<(u64, f64)> {
+        let all =
+            events.iter().flat_map(|e| e.2["progress"]["figures"].as_array().cloned().unwrap_or_default());
+        let of = all.filter(|f| f["name"] == name);
+        of.map(|f| (f["at"].as_u64().unwrap(), f["value"].as_f64().unwrap())).collect()
+    };
+    let loss = done["result"]["loss"].as_array().unwrap();
+    let losses: Vec<(u64, f64)> = (1..).zip(loss.iter().map(|v| v.as_f64().unwrap())).collect();
+    assert!(told("loss").iter().zip(&losses).all(|(a, b)| a.0 == b.0 && (a.1 - b.1).abs() < 1e-6));
+    assert_eq!((told("loss").len(), losses.len()), (12, 12));
+    let checks = done["result"]["validation"].as_array().unwrap();
+    let checks: Vec<(u64, f64)> =
+        checks.iter().map(|c| (c["batches"].as_u64().unwrap(), c["auccess"].as_f64().unwrap())).collect();
+    assert_eq!(checks.iter().map(|c| c.0).collect::<Vec<_>>(), [0, 4, 8, 12]);
+    assert!(checks.iter().all(|c| (0.0..=1.0).contains(&c.1)), "{checks:?}");
+    assert_eq!(told("validation"), checks);
+    // In events alone: what is asked for later has the result.
+    assert_eq!(
+        server.get(&format!("/v1/jobs/{}", job["id"].as_str().unwrap()))["progress"].get("figures"),
+        None
+    );
+    let many = json!({"task": "basketball:000", "validations": 101}).to_string();
+    problem(server.send(Method::POST, "/v1/policies", many), 422, "invalid-value");
+}
+
+#[test]
 fn policies_are_trained_act_are_evaluated_and_travel() {
     let server = Running::start();
     let body = json!({"task": "bowling:000", "batches": 20, "latents": {"friction": 0.7}, "seed": 3});

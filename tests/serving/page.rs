@@ -116,7 +116,7 @@ fn places_are_told_without_simulating() {
 }
 
 #[test]
-fn jobs_are_listed_in_either_order_and_by_state() {
+fn jobs_are_listed_in_either_order_by_state_and_by_kind() {
     let server = running();
     for seed in 1..=3 {
         let asked = json!({"task": "bowling", "rounds": 1, "actions": 1, "samples": 10, "seed": seed});
@@ -130,12 +130,13 @@ fn jobs_are_listed_in_either_order_and_by_state() {
     assert_eq!(ids("order=newest"), ["job-3", "job-2", "job-1"]);
     assert_eq!(ids("order=oldest&state=succeeded"), ["job-1", "job-2", "job-3"]);
     assert!(ids("state=failed").is_empty());
+    assert_eq!((ids("kind=iplw&state=succeeded").len(), ids("kind=train").len()), (3, 0));
     let first = server.get("/v1/jobs?order=newest&limit=2");
     let next = first["next"].as_str().unwrap();
     assert_eq!(ids(&format!("order=newest&cursor={next}")), ["job-1"]);
     // A cursor goes on with the list it came from.
     problem(server.send(Method::GET, &format!("/v1/jobs?cursor={next}"), ""), 422, "invalid-value");
-    for query in ["order=up", "state=done", "order=newest&order=oldest"] {
+    for query in ["order=up", "state=done", "kind=training", "order=newest&order=oldest"] {
         problem(server.send(Method::GET, &format!("/v1/jobs?{query}"), ""), 422, "invalid-value");
     }
     ok(server.send(Method::GET, "/v1/jobs", ""), 200);

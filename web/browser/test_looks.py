@@ -9,6 +9,7 @@ from conftest import ROOT
 from playwright.sync_api import Page, expect
 from test_diagnose import drop
 from test_jobs import SHORT
+from test_train import compared
 from thrown import LOW, csv, launches
 from test_live import act
 
@@ -117,6 +118,7 @@ VIEWS: dict[str, tuple[str, Callable[[Page, Any], None]]] = {
     "calibrate": ("#/calibrate", started),
     "calibrate-run": ("#/calibrate", calibrated),
     "calibrate-rig": ("#/calibrate", asked),
+    "train": ("#/train/job-2", compared),
     "jobs": ("#/jobs", listed),
     "job": ("#/jobs/job-1", shown),
     "live": ("#/live", peopled),

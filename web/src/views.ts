@@ -6,8 +6,9 @@ import { jobs } from "./views/jobs";
 import { live } from "./views/live";
 import { make } from "./views/make";
 import { play } from "./views/play";
+import { train } from "./views/train";
 import type { View } from "./view";
 
 import type { View } from "./view";
 
-export const VIEWS: readonly View[] = [play, make, calibrate, diagnose, live, jobs];
+export const VIEWS: readonly View[] = [play, make, calibrate, diagnose, train, live, jobs];

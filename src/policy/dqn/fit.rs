@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 use super::adam::Adam;
 use super::net::{Net, matrix};
 use crate::error::{Error, Result};
-use crate::policy::Dataset;
 use crate::policy::weights::Layer;
+use crate::policy::{Check, Dataset};
 use crate::progress::Progress;
 use crate::rng;
 use crate::task::Learning;
@@ -35,6 +35,8 @@ pub struct TrainConfig {
 pub struct TrainLog {
     /// (batches,) binary cross-entropy of each batch before its update, nats.
     pub loss: Vec<f32>,
+    /// AUCCESS on held-out tasks on the way, if it was looked at.
+    pub validation: Vec<Check>,
 }
 
 impl TrainConfig {
@@ -69,14 +71,19 @@ impl TrainConfig {
 /// Most units and features that a file may ask memory for.
 pub(super) const MOST_UNITS: usize = 4096;
 
-/// Trains `layers` in place, on one thread: batches are too small to gain from more, and one thread cannot
-/// change the order in which products are summed.
+/// Losses told along a training, at most: a curve as fine as a screen shows.
+const TOLD: usize = 200;
+
+/// Trains `layers` in place and returns the loss of each batch; `look` sees the layers at the start and after each
+/// batch. On one thread: batches are too small to gain from more, and one thread cannot change the order in which
+/// products are summed.
 pub(super) fn fit(
     layers: &mut [Layer],
     data: &Dataset,
     config: &TrainConfig,
+    look: &mut (dyn FnMut(usize, &[Layer]) -> Result<()> + Send),
     progress: &dyn Progress,
-) -> Result<TrainLog> {
+) -> Result<Vec<f32>> {
     let pairs = Pairs::new(data)?;
     let (scenes, actions) = data.features();
     let pool = rayon::ThreadPoolBuilder::new()
@@ -87,7 +94,8 @@ pub(super) fn fit(
         let mut rng = rng::stream(config.seed, "dqn batches");
         let mut adam = Adam::new(layers);
         let device = Cpu::default();
-        let mut log = TrainLog::default();
+        let (mut losses, every): (Vec<f32>, usize) = (Vec::new(), config.batches.div_ceil(TOLD));
+        look(0, layers)?;
         for batch in 0..config.batches {
             if batch % 20 == 0 {
                 progress.report("train", batch as u64, config.batches as u64)?;
@@ -102,7 +110,7 @@ pub(super) fn fit(
             let scores = net.forward::<OwnedTape<f32, Cpu>>(scene.leaky_traced(), action.leaky_traced());
             let loss = binary_cross_entropy_with_logits_loss(scores, solved);
             let value = loss.array();
-            log.loss.push(value);
+            losses.push(value);
             let share = batch as f64 / config.batches as f64;
             let rate = config.learning_rate * 0.5 * (1.0 + libm::cos(std::f64::consts::PI * share));
             adam.update(layers, &net, &loss.backward(), rate as f32);
@@ -114,9 +122,16 @@ pub(super) fn fit(
                     config.learning_rate
                 )));
             }
+            let done = batch + 1;
+            if done % every == 0 || done == config.batches {
+                let since = &losses[batch / every * every..];
+                let mean = since.iter().map(|v| f64::from(*v)).sum::<f64>() / since.len() as f64;
+                progress.figure("loss", done as u64, mean);
+            }
+            look(done, layers)?;
         }
         progress.report("train", config.batches as u64, config.batches as u64)?;
-        Ok(log)
+        Ok(losses)
     })
 }
 

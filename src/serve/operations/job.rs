@@ -1,5 +1,6 @@
 //! Jobs of all kinds.
 
+use super::OPERATIONS;
 use crate::error::{Error, Result};
 use crate::job::{Deleted, Watcher};
 use crate::serve::app::App;
@@ -55,6 +56,7 @@ impl Input for Listed {
     fn describe(to: &mut Described) {
         to.query::<String>("order", "`oldest` (default) or `newest` first");
         to.query::<String>("state", "Only jobs in this state");
+        to.query::<String>("kind", "Only jobs of this kind: `train`, `evaluate`, ...");
         Page::describe(to);
     }
 
@@ -78,14 +80,20 @@ impl Input for Listed {
                 Error::input("state", format!("{name:?}"), format!("one of {all}"))
             })?),
         };
-        Ok(Listed(JobList { newest, state }, Page::from_query(&query)?))
+        let kinds: Vec<&str> = OPERATIONS.iter().filter_map(|o| o.job).map(|(kind, _)| kind).collect();
+        let kind = taken("kind");
+        if let Some(unknown) = kind.as_ref().filter(|k| !kinds.contains(&k.as_str())) {
+            let allowed = format!("one of {}", kinds.join(", "));
+            return Err(Error::input("kind", format!("{unknown:?}"), allowed).into());
+        }
+        Ok(Listed(JobList { newest, state, kind }, Page::from_query(&query)?))
     }
 }
 
 fn list(app: &App, Listed(list, page): Listed) -> Result<Jobs> {
     // A cursor goes on with the list it came from.
     let name = if list.newest { "jobs-newest" } else { "jobs" };
-    let mut all = app.jobs().list(list, page.after(name)?, page.fetch())?;
+    let mut all = app.jobs().list(&list, page.after(name)?, page.fetch())?;
     let next = page.cut(name, &mut all, |j| j.row.number);
     Ok(Jobs { jobs: all.into_iter().map(JobOut::from).collect(), next })
 }

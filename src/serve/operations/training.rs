@@ -9,14 +9,15 @@ use super::estimation::explored;
 use super::stored::{free_id, row};
 use super::text::json;
 use crate::error::{Error, Result};
-use crate::job::{New, Outcome, Work};
+use crate::job::{Context, New, Outcome, Work};
 use crate::json::from_value;
-use crate::policy::{LabelConfig, Policy, TrainConfig, Training, label, train};
+use crate::policy::{LabelConfig, Policy, TrainConfig, Training, Validation, label, train_validated};
 use crate::serve::app::App;
 use crate::serve::operation::{ACT, Keep, Kept, Operation, post};
 use crate::serve::shared::Base;
 use crate::serve::wire::{JobOut, Object, TrainIn, TrainingIn, effects};
 use crate::store::PolicyRow;
+use crate::task::{Labels, Split, split};
 use crate::world::Latents;
 
 /// Training.
@@ -40,6 +41,8 @@ struct Plan {
     schooling: Training,
     labels: LabelConfig,
     setup: TrainConfig,
+    #[serde(default)]
+    validations: usize,
     /// As asked for; kept with the policy.
     config: Value,
 }
@@ -84,9 +87,11 @@ fn begin(app: &App, Kept(body, config): Kept<TrainIn>, keep: Keep<JobOut>) -> Re
         ..paper
     };
     setup.validate()?;
+    let validations = whole("validations", body.validations, 0, 100)?;
     let labels = LabelConfig::preset(&usual.labels, seed);
     let training = name.into();
-    let plan = Plan { task: body.task, training, schooling, labels, setup, config: config.clone() };
+    let asked = config.clone();
+    let plan = Plan { task: body.task, training, schooling, labels, setup, validations, config: asked };
     let new = New { kind: KIND, config: &config, plan: &json(&plan)?, seed };
     Ok(app.jobs().submit(new, &|job| keep(&job.into()))?.into())
 }
@@ -99,7 +104,8 @@ fn work(base: &Arc<Base>, plan: &Value) -> Result<Work> {
         let tasks = explored(&base.catalogue.named(&plan.task)?);
         let data = label(&tasks, &plan.schooling, &plan.labels, context)?;
         base.metrics.simulated(data.rows.len() as u64);
-        let (dqn, log) = train(&data, &plan.setup, context)?;
+        let validation = validation(&base, &plan, context)?;
+        let (dqn, log) = train_validated(&data, validation.as_ref(), &plan.setup, context)?;
         let weights =
             dqn.to_safetensors().ok_or_else(|| Error::Failed("the policy has no weights".into()))?;
         let id = free_id(&base.store, context.id)?;
@@ -115,6 +121,7 @@ fn work(base: &Arc<Base>, plan: &Value) -> Result<Work> {
         Ok(Outcome::Done(json!({
             "policy": id,
             "loss": log.loss,
+            "validation": json(&log.validation)?,
             "examples": data.rows.len(),
             "solving": data.solving(),
             "training": json(&plan.schooling)?,
@@ -122,4 +129,18 @@ fn work(base: &Arc<Base>, plan: &Value) -> Result<Work> {
             "config": json(&plan.setup)?,
         })))
     }))
+}
+
+/// The validation that was asked for: the family's validation tasks, labelled in the training's simulation. Tasks that few
+/// actions solve are not searched longer; it is a look, and not learned from.
+fn validation(base: &Base, plan: &Plan, context: &Context) -> Result<Option<Validation>> {
+    if plan.validations == 0 {
+        return Ok(None);
+    }
+    let family = plan.task.split(':').next().unwrap_or_default();
+    let tasks = split(&base.catalogue.family(family)?.tasks, Split::Validation);
+    let labels = Labels { per_task: plan.labels.per_task, enough_solving: 0, stretch: 1 };
+    let data = label(&tasks, &plan.schooling, &LabelConfig::preset(&labels, plan.labels.seed), context)?;
+    base.metrics.simulated(data.rows.len() as u64);
+    Validation::new(&data, plan.validations).map(Some)
 }

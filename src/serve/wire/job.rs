@@ -13,7 +13,7 @@ use utoipa::{PartialSchema, ToSchema};
 use super::bulk::Bulk;
 use super::physics::{EffectIn, LatentsIn};
 use super::strict::Object;
-use crate::job::Job;
+use crate::job::{Figure, Job};
 use crate::serve::problem::Problem;
 
 /// An estimation to run. The real world is `world` (its interactions are counted there), one made for this job from
@@ -116,6 +116,19 @@ pub struct ProgressOut {
     /// Seconds left at the rate so far: of all rounds for an estimation (once one is finished), else of the stage;
     /// `null` while not known.
     pub eta_s: Option<f64>,
+    /// In events: what the work told since the event before. `loss`: binary cross-entropy, nats, the mean of the batches
+    /// since the last one told; `validation`: AUCCESS on tasks not learned from.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub figures: Vec<FigureOut>,
+}
+
+/// A figure on the way.
+#[derive(Serialize, ToSchema)]
+pub struct FigureOut {
+    pub name: &'static str,
+    /// Units of the stage that were done.
+    pub at: u64,
+    pub value: f64,
 }
 
 /// All jobs.
@@ -161,13 +174,25 @@ impl From<Job> for JobOut {
             id: job.id,
             kind: row.kind,
             state: row.state.name(),
-            progress: ProgressOut { stage: row.stage, done: row.done, total: row.total, eta_s: job.left },
+            progress: ProgressOut {
+                stage: row.stage,
+                done: row.done,
+                total: row.total,
+                eta_s: job.left,
+                figures: job.figures.into_iter().map(FigureOut::from).collect(),
+            },
             config: row.config,
             result: row.result,
             error: row.error,
             seed: row.seed,
             version: row.version,
         }
+    }
+}
+
+impl From<Figure> for FigureOut {
+    fn from(Figure { name, at, value }: Figure) -> FigureOut {
+        FigureOut { name, at, value }
     }
 }
 

@@ -28,6 +28,9 @@ pub struct TrainIn {
     pub batches: Option<u64>,
     /// Examples per update; the family's own number if absent.
     pub batch_size: Option<u64>,
+    /// How often AUCCESS on the family's validation tasks is looked at along the way, in the same simulation, up to 100;
+    /// default 0. Told in the job's events (`validation`) and result.
+    pub validations: Option<u64>,
     pub seed: Option<u64>,
 }
 

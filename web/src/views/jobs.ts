@@ -194,7 +194,7 @@ function text(label: string, value: unknown): HTMLElement {
 }
 
 /** The views that show jobs of a kind as what they are, beside the list of everything. */
-const VIEWS: Record<string, string> = { diagnose: "diagnose" };
+const VIEWS: Record<string, string> = { iplw: "calibrate", diagnose: "diagnose", train: "train", learn: "train", evaluate: "train" };
 
 /** Where a job is seen as what it is; `null` where only here. */
 function seenAt(job: Job): string | null {
@@ -211,15 +211,10 @@ const KINDS: Record<string, string> = {
   evaluate: "Evaluation",
 };
 
-/** Views that show a kind of job at their `#/VIEW/job-3`. */
-const SHOWN_BY: Record<string, string> = {
-  iplw: "calibrate",
-};
-
 /** What kind of job it is, leading to the view that shows it. */
 function kind(job: Job): HTMLElement {
-  const [named, view] = [KINDS[job.kind] ?? job.kind, SHOWN_BY[job.kind]];
-  return h("strong", {}, view ? h("a", { href: link(view, [job.id]) }, named) : named);
+  const [named, at] = [KINDS[job.kind] ?? job.kind, seenAt(job)];
+  return h("strong", {}, at ? h("a", { href: at }, named) : named);
 }
 
 function about(job: Job): string {

@@ -1,4 +1,5 @@
-// Play: place something, let go, and see how far simulation and reality go together.
+// Play: place something, let go, and see how far simulation and reality go together. `#/play/bowling:003` is a task,
+// `#/play/bowling:003?action=0.2,0.7,0.5` one with an action.
 
 import { all, api, ok, type Schema } from "../api/client";
 import { h, put } from "../dom";
@@ -30,12 +31,15 @@ async function open(place: HTMLElement, context: Context): Promise<void> {
     all((cursor) => ok(api.GET("/v1/effects", { params: { query: cursor ? { cursor } : {} }, signal })), (page) => page.effects),
   ]);
   let now: Table | null = null;
+  const given = context.query.get("action");
+  const asked = given ? { task: context.rest[0], action: given.split(",").map(Number) } : null;
   const real = reality(() => now?.action() ?? [], (ran) => now?.ran(ran.film, ran.solved), context);
   const [front, side] = [h("div", { class: "front" }), h("div", { class: "side" })];
   const show = (task: Task): void => {
     context.fail(null);
     now?.close();
-    now = table(task, library, (placeable) => real.ready(placeable), context);
+    const action = asked?.task === task.id ? asked.action : null;
+    now = table(task, library, action, (placeable) => real.ready(placeable), context);
     put(front, now.stage);
     put(side, now.controls);
     now.start().catch(context.fail);
@@ -60,7 +64,7 @@ interface Table {
   close: () => void;
 }
 
-function table(task: Task, library: Schema<"EffectOut">[], ready: (placeable: boolean) => void, outer: Context): Table {
+function table(task: Task, library: Schema<"EffectOut">[], first: readonly number[] | null, ready: (placeable: boolean) => void, outer: Context): Table {
   // What is under way for a task that was put away is of no use.
   const own = new AbortController();
   const context: Context = { ...outer, signal: AbortSignal.any([outer.signal, own.signal]) };
@@ -86,7 +90,7 @@ function table(task: Task, library: Schema<"EffectOut">[], ready: (placeable: bo
     shown.real(null, null);
     shown.place(action, null);
     simulate(true);
-  }, context);
+  }, context, first);
   const physics = h("div", {});
   const start = async (): Promise<void> => {
     asked.latents = task.family ? await prior(task.family, context.signal) : {};

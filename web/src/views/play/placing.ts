@@ -24,8 +24,8 @@ export interface Placing {
 /** What a request is about: a task by id, or a scene. */
 export type Subject = { task: string } | { scene: Record<string, never> };
 
-/** Sets up placing in a picture; `moved` is called with every new action, and once at the start. */
-export function placing(scene: Scene, subject: Subject, at: Picture, moved: (action: number[]) => void, context: Context): Placing {
+/** Sets up placing in a picture; `moved` is called with every new action, and once at the start, with `first` if it is one. */
+export function placing(scene: Scene, subject: Subject, at: Picture, moved: (action: number[]) => void, context: Context, first: readonly number[] | null = null): Placing {
   const components = scene.action?.components ?? [];
   const names = targets(scene);
   let active = names[0] ?? "";
@@ -63,6 +63,10 @@ export function placing(scene: Scene, subject: Subject, at: Picture, moved: (act
   byMouse(at, () => nearest(scene, action, names), (name) => (active = name), () => map(null), to);
   byKeys(at.svg, components, action, () => active, (name) => (active = name), names, change);
   const start = async (): Promise<void> => {
+    if (first?.length === action.length && first.every(Number.isFinite)) {
+      change(first.map((v, i) => [i, v]));
+      return map(null);
+    }
     const free = await mapped(scene, subject, action, axes(components, active), shade, context);
     const { x, y } = axes(components, active);
     if (free) change([[x, free[0]] as [number, number], [y, free[1]] as [number, number]].filter(([i]) => i >= 0));

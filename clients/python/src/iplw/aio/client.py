@@ -218,12 +218,14 @@ class AsyncClient:
         effects: Sequence[Mapping[str, Any]] | None = None,
         batches: int | None = None,
         batch_size: int | None = None,
+        validations: int | None = None,
         seed: int | None = None,
         key: str | None = None,
     ) -> AsyncJob:
         """Trains a policy in simulation, as a job; its result's `policy` is the policy's id.
 
-        `training` is `fixed` (these latents) or `randomised` (latents drawn anew for each task).
+        `training` is `fixed` (these latents) or `randomised` (latents drawn anew for each task). `validations`
+        looks so often at AUCCESS on validation tasks, told in the result.
         """
         body = given(
             task=task,
@@ -232,6 +234,7 @@ class AsyncClient:
             effects=effects,
             batches=batches,
             batch_size=batch_size,
+            validations=validations,
             seed=seed,
         )
         return self._job(await self._line.do(calls.post("train_policy", body, key)))

@@ -216,12 +216,14 @@ class Client:
         effects: Sequence[Mapping[str, Any]] | None = None,
         batches: int | None = None,
         batch_size: int | None = None,
+        validations: int | None = None,
         seed: int | None = None,
         key: str | None = None,
     ) -> Job:
         """Trains a policy in simulation, as a job; its result's `policy` is the policy's id.
 
-        `training` is `fixed` (these latents) or `randomised` (latents drawn anew for each task).
+        `training` is `fixed` (these latents) or `randomised` (latents drawn anew for each task). `validations`
+        looks so often at AUCCESS on validation tasks, told in the result.
         """
         body = given(
             task=task,
@@ -230,6 +232,7 @@ class Client:
             effects=effects,
             batches=batches,
             batch_size=batch_size,
+            validations=validations,
             seed=seed,
         )
         return self._job(self._line.do(calls.post("train_policy", body, key)))

@@ -1,0 +1,161 @@
+// Policies beside each other and beside chance: evaluated in one world, solved against attempts, with bands.
+
+import { api, ok, type Schema } from "../../api/client";
+import { h, put, set } from "../../dom";
+import { key } from "../../parts/series";
+import { type Context, link } from "../../view";
+import { evaluations } from "./evaluations";
+import { choice, type Field, given, named, number, refused } from "./fields";
+import { figures } from "./figures";
+import { asked, ATTEMPTS, auccess, better, CHANCE, curve, type Evaluation, type Interval, interval, schooling, type Setting } from "./scores";
+
+type Job = Schema<"JobOut">;
+
+/** What is compared. */
+export interface Compared {
+  family: string;
+  policies: Schema<"PolicyOut">[];
+  worlds: Schema<"WorldOut">[];
+  /** Evaluations and steps of learning on, ended or not. */
+  evaluations: Job[];
+  learnt: Job[];
+  /** Where to begin: an evaluation, or a policy. */
+  job: Job | null;
+  policy: string | null;
+  /** What was chosen before it was built anew. */
+  kept: Kept | null;
+}
+
+/** What somebody chose in a comparison. */
+export interface Kept {
+  setting: Setting;
+  ticked: string[];
+}
+
+export interface Comparison {
+  element: HTMLElement;
+  kept: () => Kept;
+}
+
+/** The comparison. */
+export function compare(of: Compared, context: Context): Comparison {
+  const start = of.kept?.setting ?? (of.job ? { ...asked(of.job), seed: of.job.seed } : null);
+  const { fields, setting } = controls(of.worlds, start);
+  const rows = [CHANCE, ...of.policies.filter((p) => p.task === of.family).map((p) => p.id)].map((id, look) => row(id, look, of.policies.find((p) => p.id === id) ?? null));
+  const told = figures();
+  const button = h("button", { type: "button", class: "main" }, "Evaluate what is ticked");
+  const spent = h("p", { class: "soft", role: "status" });
+  const runs = evaluations(of.evaluations, (over) => (show(), over && refresh().catch(context.fail)), context);
+  const found = (id: string): Evaluation | undefined => runs.found(id, setting());
+  const world = (): Schema<"WorldOut"> | undefined => of.worlds.find((w) => w.id === setting().world);
+  const show = (): void => {
+    const chance = found(CHANCE);
+    for (const one of rows) fill(one, found(one.id), chance, runs.running(one.id));
+    const ticked = rows.filter((one) => one.tick.checked);
+    const drawn = ticked.flatMap((one) => {
+      const e = found(one.id);
+      return e ? [{ id: one.id, look: one.look, training: one.training, schooling: schooling(of.policies, one.id), evaluation: e, curve: curve(e.solvedAt, e.attempts), auccess: auccess(e.solvedAt) }] : [];
+    });
+    told.draw(drawn, chance, of.learnt, world()?.kind === "real");
+    const lacking = ticked.filter((one) => !found(one.id) && !runs.running(one.id)).length;
+    button.disabled = lacking === 0;
+    put(spent, ...counted(world(), lacking, setting().attempts));
+  };
+  const refresh = async (): Promise<void> => {
+    const id = setting().world;
+    if (!id) return;
+    const now = await ok(api.GET("/v1/worlds/{id}", { params: { path: { id } }, signal: context.signal }));
+    of.worlds = of.worlds.map((w) => (w.id === now.id ? now : w));
+    show();
+  };
+  button.addEventListener("click", () => {
+    button.disabled = true;
+    context.fail(null);
+    for (const one of fields) one.refuse(null);
+    runs
+      .ask(rows.filter((one) => one.tick.checked).map((one) => one.id), setting())
+      .catch((e: unknown) => refused(fields, e) || context.fail(e))
+      .finally(show);
+  });
+  for (const one of fields) one.input.addEventListener("change", () => (show(), refresh().catch(context.fail)));
+  for (const one of rows) {
+    const first = one.id === CHANCE || (of.job !== null && one.id === asked(of.job).policy) || Boolean(found(one.id) ?? runs.running(one.id));
+    one.tick.checked = one.id === of.policy || (of.kept ? of.kept.ticked.includes(one.id) : first);
+    one.tick.addEventListener("change", show);
+  }
+  runs.start();
+  show();
+  refresh().catch(context.fail);
+  const left = h("div", {}, h("div", { class: "wide" }, table(of.family, rows)), h("div", { class: "row" }, button, spent));
+  const element = h("div", { class: "stack" }, h("div", { class: "four" }, ...fields.map((one) => one.element)), h("div", { class: "train-sides" }, left, told.element));
+  return { element, kept: () => ({ setting: setting(), ticked: rows.filter((one) => one.tick.checked).map((one) => one.id) }) };
+}
+
+/** In which world, on which tasks, with how many attempts. */
+function controls(worlds: readonly Schema<"WorldOut">[], start: Partial<Setting> | null): { fields: Field<HTMLInputElement | HTMLSelectElement>[]; setting: () => Setting } {
+  const world = choice("World", "world", worlds.map((w) => [w.id, named(w)]));
+  const split = choice("Tasks", "split", [["test", "test"], ["validation", "validation"], ["train", "training"]]);
+  const attempts = number("Attempts a task", "attempts", { value: start?.attempts ?? ATTEMPTS });
+  const seed = number("Candidates' seed", "seed", { value: start?.seed ?? 0 });
+  if (start?.world && worlds.some((w) => w.id === start.world)) world.input.value = start.world;
+  if (start?.split) split.input.value = start.split;
+  const setting = (): Setting => ({ world: world.input.value, split: split.input.value, attempts: given(attempts) ?? ATTEMPTS, seed: given(seed) ?? 0 });
+  return { fields: [world, split, attempts, seed], setting };
+}
+
+function table(family: string, rows: readonly Row[]): HTMLElement {
+  const heads = ["Show", "Policy", "AUCCESS", "Over chance", "At 1", "Within 10", "Spent"].map((t) => h("th", { scope: "col" }, t));
+  const caption = h("caption", { class: "unseen" }, `Policies of ${family}, as evaluated in the world chosen`);
+  return h("table", { class: "policies" }, caption, h("thead", {}, h("tr", {}, ...heads)), h("tbody", {}, ...rows.map((one) => one.element)));
+}
+
+/** What was spent in a world, and what an evaluation would. */
+function counted(world: Schema<"WorldOut"> | undefined, lacking: number, attempts: number): (HTMLElement | string)[] {
+  if (!world) return [];
+  const what = world.kind === "real" ? "Real interactions" : "Interactions";
+  return [`${what} spent in ${world.id}: `, h("strong", {}, world.interactions), lacking ? `. An evaluation spends up to ${attempts} a task.` : "."];
+}
+
+interface Row {
+  id: string;
+  look: number;
+  training: string;
+  element: HTMLTableRowElement;
+  tick: HTMLInputElement;
+  cells: HTMLElement[];
+}
+
+function row(id: string, look: number, policy: Schema<"PolicyOut"> | null): Row {
+  const tick = h("input", { type: "checkbox", "aria-label": `Show ${id}` });
+  const cells = Array.from({ length: 5 }, () => h("td"));
+  const named = policy ? h("a", { href: link("train", [id]) }, id) : h("strong", {}, id);
+  const about = policy ? `${policy.training.replaceAll("_", " ")}; ${policy.about.replace(/^.*hidden units, /, "")}` : "any order: what every policy must beat";
+  const name = h("th", { scope: "row" }, h("span", { class: "name" }, key(look), named), " ", h("span", { class: "soft" }, about));
+  const element = h("tr", { "data-policy": id }, h("td", {}, tick), name, ...cells);
+  return { id, look, training: policy?.training ?? "none", element, tick, cells };
+}
+
+/** What is known of a policy in the setting chosen, or how far its evaluation is. */
+function fill(row: Row, e: Evaluation | undefined, chance: Evaluation | undefined, job: Job | undefined): void {
+  if (!e) {
+    const { done, total } = job?.progress ?? { done: 0, total: 0 };
+    const bar = job ? h("progress", { max: Math.max(1, total), value: done, "aria-label": `Progress of ${job.id}` }) : h("span", { class: "soft" }, "not evaluated");
+    row.cells.forEach((cell, i) => put(cell, i === 0 ? bar : null));
+    return;
+  }
+  const solved = curve(e.solvedAt, e.attempts);
+  const ahead = chance && e !== chance ? better(e.solvedAt, chance.solvedAt) : null;
+  const words = [within(auccess(e.solvedAt)), ahead ? within(ahead, true) : "", percent(solved[0]), percent(solved[9]), e.interactions];
+  const labels = ["AUCCESS", "over chance", "solved at 1", "within 10", "spent"];
+  row.cells.forEach((cell, i) => put(set(cell, { "data-label": labels[i]! }), words[i] === "" ? null : words[i]));
+}
+
+/** A value, and under it between what it lies. */
+function within(of: Interval, signed = false): HTMLElement {
+  const [value, ...rest] = interval(of, signed).split(" ");
+  return h("span", { class: "within" }, value, h("span", { class: "soft" }, ` ${rest.join(" ")}`));
+}
+
+function percent(share: Interval | undefined): string {
+  return share ? `${Math.round(100 * share.value)} %` : "";
+}

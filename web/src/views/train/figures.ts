@@ -1,0 +1,103 @@
+// What a comparison shows: solved tasks against attempts, jump starts, and AUCCESS as policies learn on in a world.
+
+import type { Schema } from "../../api/client";
+import { fresh, h, put } from "../../dom";
+import { key, plotted, type Series } from "../../parts/series";
+import { averaged, better, chains, type Evaluation, type Interval, interval, type Learner, mean } from "./scores";
+
+/** An evaluated policy. */
+export interface Drawn {
+  id: string;
+  look: number;
+  /** As the server calls it: `fixed`, `learned_on`, ... */
+  training: string;
+  evaluation: Evaluation;
+  curve: Interval[];
+  auccess: Interval;
+  /** What it shares with policies that differ by their seed alone. */
+  schooling: string;
+}
+
+/** Trainings that never saw a real world. */
+const SIMULATED = ["fixed", "randomised"];
+
+export interface Figures {
+  element: HTMLElement;
+  draw: (drawn: readonly Drawn[], chance: Evaluation | undefined, learnt: readonly Schema<"JobOut">[], real: boolean) => void;
+}
+
+/** The figures, empty at first. */
+export function figures(): Figures {
+  const success = plotted({ about: "Share of tasks solved within so many attempts", x: "attempts", y: "tasks solved", log: true, steps: true, most: 1 });
+  const learning = plotted({ about: "AUCCESS over attempts learned from in a world", x: "attempts learned from", y: "AUCCESS", most: 1, marked: true });
+  const legend = h("figcaption", { class: "row" });
+  const none = h("p", { class: "soft" }, "Nothing to draw yet: tick policies and evaluate them.");
+  const one = h("input", { type: "checkbox", id: fresh("seeds") });
+  const seeds = h("p", { class: "seeds" }, one, h("label", { for: one.id }, "One curve for policies that differ by their seed alone: mean and its interval, 95 %"));
+  const bandsOf = h("p", { class: "soft" });
+  const curves = h("figure", { class: "solved" }, legend, success.svg, bandsOf, seeds);
+  const starts = h("dl", {});
+  const jumped = h("section", { class: "starts", "aria-label": "Jump starts" }, h("h3", {}, "Jump start ", h("span", { class: "soft" }, "AUCCESS before any learning in the real world")), starts);
+  const further = h("figure", {}, h("figcaption", {}, "Learning on in a world"), learning.svg);
+  let again = (): void => undefined;
+  one.addEventListener("change", () => again());
+  const draw: Figures["draw"] = (all, chance, learnt, real) => {
+    again = () => draw(all, chance, learnt, real);
+    const groups = [...new Set(all.map((d) => d.schooling))].map((alike) => all.filter((d) => d.schooling === alike));
+    seeds.hidden = groups.length === all.length;
+    const together = one.checked && !seeds.hidden;
+    const drawn = together ? groups.map(grouped) : all;
+    put(bandsOf, together ? "The area under a curve is its AUCCESS." : "The area under a curve is its AUCCESS. Bands: where the share of such tasks lies, 95 % (Wilson).");
+    [curves.hidden, none.hidden] = [!drawn.length, drawn.length > 0];
+    put(legend, ...drawn.map((one) => h("span", { class: "name", "data-curve": one.id }, key(one.look), `${one.id} ${one.auccess.value.toFixed(2)}`)));
+    success.draw(drawn.map(line), Math.max(2, ...drawn.map((one) => one.evaluation.attempts)));
+    const jumps = real ? all.filter((one) => SIMULATED.includes(one.training)) : [];
+    jumped.hidden = !jumps.length;
+    put(starts, ...jumps.flatMap((one) => jump(one, chance)));
+    const ways = learned(all, learnt);
+    further.hidden = !ways.length;
+    learning.draw(ways);
+  };
+  return { element: h("div", { class: "stack" }, none, curves, jumped, further), draw };
+}
+
+/** Policies that differ by their seed, as one. */
+function grouped(of: Drawn[]): Drawn {
+  const [first] = of as [Drawn];
+  if (of.length === 1) return first;
+  const id = `${first.id} and ${of.length - 1} other ${of.length === 2 ? "seed" : "seeds"}`;
+  return { ...first, id, curve: averaged(of.map((d) => d.curve)), auccess: mean(of.map((d) => d.auccess.value)) };
+}
+
+function line(one: Drawn): Series {
+  const x = one.curve.map((_, i) => i + 1);
+  return { name: one.id, look: one.look, x, y: one.curve.map((p) => p.value), low: one.curve.map((p) => p.low), high: one.curve.map((p) => p.high) };
+}
+
+/** AUCCESS in the real world before anything was learned there. */
+function jump(one: Drawn, chance: Evaluation | undefined): HTMLElement[] {
+  const ahead = chance ? better(one.evaluation.solvedAt, chance.solvedAt) : null;
+  return [
+    h("dt", {}, h("span", { class: "name" }, key(one.look), one.id)),
+    h("dd", {}, h("strong", {}, one.auccess.value.toFixed(2)), ahead ? ` ${interval(ahead, true)} over chance` : ""),
+  ];
+}
+
+/** Policies that learned on from each other, each by what it reaches. */
+function learned(drawn: readonly Drawn[], learnt: readonly Schema<"JobOut">[]): Series[] {
+  const steps: Learner[] = learnt.flatMap((job) => {
+    const found = job.result as { policy: string; from: string; interactions: number } | null | undefined;
+    return found ? [{ id: found.policy, from: found.from, attempts: found.interactions }] : [];
+  });
+  const roots = drawn.filter((one) => !steps.some((step) => step.id === one.id)).map((one) => ({ id: one.id, from: null, attempts: 0 }));
+  return chains([...roots, ...steps]).flatMap((way) => {
+    const known = way.flatMap((step) => {
+      const one = drawn.find((d) => d.id === step.id);
+      return one ? [{ ...step, one }] : [];
+    });
+    const last = known.at(-1)?.one;
+    if (!last || !known.some((k) => k.attempts > 0)) return [];
+    const of = (pick: (i: Interval) => number): number[] => known.map((k) => pick(k.one.auccess));
+    return [{ name: last.id, look: last.look, x: known.map((k) => k.attempts), y: of((i) => i.value), low: of((i) => i.low), high: of((i) => i.high) }];
+  });
+}

@@ -1,0 +1,109 @@
+// A training as it runs: how far it is, its loss and AUCCESS on validation tasks as curves, and what came of it.
+
+import { api, ok, type Schema } from "../../api/client";
+import { follow } from "../../api/events";
+import { h, put } from "../../dom";
+import { plotted, type Series } from "../../parts/series";
+import { short } from "../../parts/slider";
+import { duration } from "../jobs";
+import type { Context } from "../../view";
+import { means, smoothed } from "./scores";
+
+type Job = Schema<"JobOut">;
+type Point = { at: number; value: number };
+
+/** Curves by their names. */
+export type Curves = Record<"loss" | "validation", Point[]>;
+
+/** A loss is smoothed over one of so many parts of it. */
+const SMOOTH = 15;
+/** Points of a loss, at most: as many as the server tells on the way. */
+const TOLD = 200;
+
+/** What an event adds to the curves; a training that begins again, begins with none. */
+export function along(before: Curves, job: Job): Curves {
+  if (job.state === "succeeded" && job.result) {
+    const found = job.result as unknown as Found;
+    const checks = (found.validation ?? []).map((c) => ({ at: c.batches, value: c.auccess }));
+    return { loss: means(found.loss, TOLD), validation: checks };
+  }
+  // Queued, or still labelling: what is known is of a run that a server's end cut off.
+  if (job.state === "queued" || (job.state === "running" && job.progress.stage !== "train")) return { loss: [], validation: [] };
+  const now: Curves = { loss: [...before.loss], validation: [...before.validation] };
+  for (const { name, at, value } of job.progress.figures ?? []) {
+    if (name === "loss" || name === "validation") now[name].push({ at, value });
+  }
+  return now;
+}
+
+/** Shows a job of training or learning on; `ended` is told once it has, with the policy if there is one. */
+export function live(job: Job, ended: (policy: string | null) => void, context: Context): HTMLElement {
+  const state = h("span", { class: "state" });
+  const bar = h("progress", { "aria-label": `Progress of ${job.id}` });
+  const words = h("span", { class: "soft" });
+  const why = h("p", { class: "why" });
+  const cancel = h("button", { type: "button" }, "Cancel");
+  const outcome = h("p", { role: "status" });
+  const loss = plotted({ about: "Loss over updates", x: "updates", y: "loss, nats" });
+  const validation = plotted({ about: "AUCCESS on validation tasks over updates", x: "updates", y: "validation AUCCESS", most: 1, marked: true });
+  const checks = h("figure", { hidden: true }, h("figcaption", { class: "soft" }, "Validation AUCCESS, in simulation"), validation.svg);
+  const shown = h("figure", {}, h("figcaption", { class: "soft" }, "Loss; 0.69 knows nothing"), loss.svg);
+  let curves: Curves = { loss: [], validation: [] };
+  const show = (now: Job): void => {
+    curves = along(curves, now);
+    const { done, total, stage, eta_s: left } = now.progress;
+    const over = ["succeeded", "failed", "cancelled"].includes(now.state);
+    state.className = `state ${now.state}`;
+    put(state, now.state);
+    [bar.hidden, cancel.hidden] = [over || !total, over];
+    [bar.max, bar.value] = [Math.max(1, total), done];
+    put(words, over ? null : [STAGES[stage] ?? stage, total ? `${done} of ${total}` : "", typeof left === "number" ? `${duration(left)} left` : ""].filter(Boolean).join(", "));
+    put(why, now.error?.detail);
+    const last = (now.config as { batches?: number }).batches ?? (stage === "train" ? total : 1);
+    loss.draw(series("loss", 1, curves.loss).flatMap((raw) => [{ ...raw, faint: true }, mean(raw)]), last);
+    validation.draw(series("validation AUCCESS", 3, curves.validation), last);
+    checks.hidden = !curves.validation.length;
+    if (now.state === "succeeded") put(outcome, ...came(now));
+  };
+  show(job);
+  cancel.addEventListener("click", () => {
+    cancel.disabled = true;
+    ok(api.DELETE("/v1/jobs/{id}", { params: { path: { id: job.id } } }) as Promise<{ data?: unknown; response: Response }>).catch(context.fail);
+  });
+  follow(`/v1/jobs/${encodeURIComponent(job.id)}/events`, (event) => {
+    const now = JSON.parse(event.data) as Job;
+    show(now);
+    if (event.event === "done") ended(now.state === "succeeded" ? (now.result as unknown as Found).policy : null);
+  }, context.signal).catch(context.fail);
+  const head = h("div", { class: "row" }, h("strong", {}, job.id), state, words, cancel);
+  return h("div", { class: "stack", "data-job": job.id }, head, bar, why, outcome, h("div", { class: "sides" }, shown, checks));
+}
+
+function series(name: string, look: number, points: readonly Point[]): Series[] {
+  return points.length ? [{ name, look, x: points.map((p) => p.at), y: points.map((p) => p.value) }] : [];
+}
+
+/** The same without the scatter from batch to batch. */
+function mean(raw: Series): Series {
+  return { ...raw, name: "mean loss", y: smoothed(raw.y, Math.max(3, Math.round(raw.y.length / SMOOTH))) };
+}
+
+/** What came of it, in words. */
+function came(job: Job): (HTMLElement | string)[] {
+  const found = job.result as unknown as Found;
+  const from = found.interactions === undefined ? `${found.examples} simulated actions` : `${found.interactions} real attempts`;
+  const last = found.validation?.at(-1);
+  const checked = last ? `, validation AUCCESS ${short(last.auccess)}` : "";
+  return [h("strong", {}, found.policy), `: learned from ${from}, of which ${found.solving} solve; loss ${short(means(found.loss, 20).at(-1)?.value ?? 0)} at the end${checked}.`];
+}
+
+const STAGES: Record<string, string> = { label: "trying actions in simulation", train: "learning" };
+
+interface Found {
+  policy: string;
+  loss: number[];
+  validation?: { batches: number; auccess: number }[];
+  examples?: number;
+  interactions?: number;
+  solving: number;
+}

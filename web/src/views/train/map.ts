@@ -1,0 +1,245 @@
+// What a policy would try first on a task, as a map over the action space; beside it what really solves, from a simulation.
+
+import { api, ok, type Schema } from "../../api/client";
+import { fresh, h, put, s, set } from "../../dom";
+import { latest } from "../../parts/latest";
+import { picture, type Picture } from "../../scene/draw";
+import { placed, targets, unit, value } from "../../scene/place";
+import type { Component, Point, Scene } from "../../scene/types";
+import { type Context, link } from "../../view";
+import { load } from "../play/tasks";
+import { across, cell, firsts, type Grid, gridded, place, placeable, ranges, shares, strength, together } from "./cells";
+import { choice } from "./fields";
+import { CHANCE } from "./scores";
+
+/** Actions of a policy that are drawn: as many as one request gives. */
+const RANKED = 10_000;
+/** Actions that are simulated for the map beside: enough for a few in each cell, in about a second. */
+const TRIED = 2_000;
+/** Tries that are numbered. */
+const NUMBERED = 10;
+/** Cells of a map each way, at most. */
+const CELLS = 24;
+
+type Scored = Schema<"Scored">;
+
+/** What a map can be of. */
+export interface Mapped {
+  family: Schema<"FamilyOut">;
+  policies: readonly Schema<"PolicyOut">[];
+  /** Simulated ones of the family. */
+  worlds: readonly Schema<"WorldOut">[];
+  policy: string | null;
+  /** The first one's, if `null`. */
+  task: string | null;
+}
+
+export interface Maps {
+  element: HTMLElement;
+  task: () => string;
+}
+
+/** The maps of a family's tasks. */
+export function maps(of: Mapped, context: Context): Maps {
+  const ids = Array.from({ length: of.family.tasks }, (_, i) => `${of.family.name}:${String(i).padStart(3, "0")}`);
+  const own = of.policies.filter((p) => p.task === of.family.name).map((p) => p.id);
+  const policy = choice("Policy", "policy", [...own, CHANCE].map((id) => [id, id] as const));
+  const task = choice("Task", "task", ids.map((id) => [id, id] as const));
+  const world = choice("What solves, simulated in", "world", of.worlds.map((w) => [w.id, w.id] as const));
+  const target = choice("Where is put", "target", []);
+  policy.input.value = of.policy && own.includes(of.policy) ? of.policy : (own.at(-1) ?? CHANCE);
+  if (of.task) task.input.value = of.task;
+  const place_ = h("div", { class: "stack map-place" });
+  const state = h("p", { class: "soft", role: "status" });
+  const simulated = of.worlds.find((w) => w.id === `${of.family.name}-sim`);
+  if (simulated) world.input.value = simulated.id;
+  let scene: Scene | null = null;
+  const show = latest<boolean>(async (anew) => {
+    try {
+      put(state, "Ranking and simulating…");
+      const id = task.input.value;
+      if (anew || !scene) {
+        scene = (await load(id, context.signal)).scene;
+        const axes = placeable(scene);
+        put(target.input, ...axes.map((a) => h("option", { value: a.target }, a.target)));
+        target.element.hidden = axes.length < 2;
+      }
+      const seen = await looked(policy.input.value, id, world.input.value, context.signal);
+      const axes = placeable(scene).find((a) => a.target === target.input.value);
+      if (!axes) throw new Error(`${id} has nothing that is put at a place of its own`);
+      put(place_, ...drawn(scene, id, gridded(axes, [...seen.ranked, ...seen.tried].map((one) => one.action), CELLS), policy.input.value, world.input.value, seen));
+      put(state);
+    } catch (e) {
+      put(state);
+      context.fail(e);
+    }
+  });
+  for (const one of [policy, world, target]) one.input.addEventListener("change", () => show(false));
+  task.input.addEventListener("change", () => show(true));
+  // Ranking a whole action space is work: done when it is looked at.
+  const sight = new IntersectionObserver((entries) => {
+    if (!entries.some((e) => e.isIntersecting)) return;
+    sight.disconnect();
+    show(true);
+  });
+  sight.observe(place_);
+  context.signal.addEventListener("abort", () => sight.disconnect());
+  const element = h("div", { class: "stack" }, h("div", { class: "four" }, policy.element, task.element, world.element, target.element), state, place_);
+  return { element, task: () => task.input.value };
+}
+
+interface Seen {
+  ranked: Scored[];
+  /** Whether each of the first tries solves in the simulation. */
+  firstSolve: boolean[];
+  /** A sample of the action space. */
+  tried: Scored[];
+  solved: boolean[];
+}
+
+async function looked(policy: string, task: string, world: string, signal: AbortSignal): Promise<Seen> {
+  const act = async (id: string, count: number): Promise<Scored[]> => {
+    const body = { task, count };
+    return (await ok(api.POST("/v1/policies/{id}/act", { params: { path: { id } }, body, signal }))).actions;
+  };
+  const [ranked, tried] = await Promise.all([act(policy, RANKED), act(CHANCE, TRIED)]);
+  const first = ranked.slice(0, NUMBERED);
+  const body = { task, actions: [...first, ...tried].map((one) => one.index) };
+  const { results } = await ok(api.POST("/v1/worlds/{id}/rollout", { params: { path: { id: world } }, body, signal }));
+  const solved = results.map((r) => r.solved === true);
+  return { ranked, firstSolve: solved.slice(0, first.length), tried, solved: solved.slice(first.length) };
+}
+
+/** Both maps, the first tries in words, and what is chosen. */
+function drawn(scene: Scene, task: string, grid: Grid, policy: string, world: string, seen: Seen): HTMLElement[] {
+  const components = scene.action!.components;
+  const actions = seen.ranked.map((one) => one.action);
+  const best = firsts(grid, actions);
+  const true_ = shares(grid, seen.tried.map((one) => one.action), seen.solved);
+  const wanted = picture(scene, `What ${policy} would try first on ${task}: the stronger its colour, the earlier a place. Arrow keys choose a place, Enter plays it.`);
+  const truth = picture(scene, `What solves ${task} in ${world}: the stronger its colour, the more of the actions tried at a place.`);
+  shaded(wanted, grid, components, new Map([...best].map(([at, i]) => [at, strength(i + 1, actions.length)])), "wanted-cell");
+  shaded(truth, grid, components, new Map([...true_].map(([at, c]) => [at, c.of ? c.solve / c.of : 0])), "true-cell");
+  numbered(wanted, scene, grid, actions.slice(0, NUMBERED), seen.firstSolve);
+  const said = h("p", { class: "chosen", role: "status" });
+  const chosen = chooser([wanted, truth], grid, components, (at) => {
+    const rank = best.get(at);
+    const here = true_.get(at);
+    const action = rank === undefined ? (here?.one ?? null) === null ? null : seen.tried[here!.one!]!.action : actions[rank]!;
+    put(said, ...told(scene, task, action, rank, here));
+    return action === null ? null : play(task, action);
+  });
+  const firstAction = actions[0];
+  if (firstAction) chosen(cell(grid, firstAction));
+  const share = seen.solved.filter(Boolean).length / Math.max(1, seen.solved.length);
+  const right = seen.firstSolve.filter(Boolean).length;
+  const ranks = h("p", { class: "soft" }, `The best ${actions.length} actions of ${policy}; places without any of them are left blank. Green rings: solves in ${world}.`);
+  const trials = h("p", { class: "soft" }, `${Math.round(100 * share)} % of ${seen.solved.length} actions drawn at random solve.`);
+  const list = actions.slice(0, NUMBERED).map((action, i) => tryOf(scene, task, action, seen.firstSolve[i] ?? false));
+  return [
+    said,
+    h("div", { class: "sides" }, figure(`${policy} would try`, wanted, ranks), figure(`solves in ${world}`, truth, trials)),
+    h("details", { open: true }, h("summary", {}, `First tries: ${right} of ${seen.firstSolve.length} solve in ${world}`), h("ol", { class: "tries" }, ...list)),
+  ];
+}
+
+function figure(title: string, map: Picture, note: HTMLElement): HTMLElement {
+  return h("figure", { class: "map" }, h("figcaption", {}, h("strong", {}, title)), map.svg, note);
+}
+
+/** Fills cells, the stronger the higher. */
+function shaded(at: Picture, grid: Grid, components: readonly Component[], cells: ReadonlyMap<number, number>, look: string): void {
+  const rects = [...cells].map(([number, how]) => {
+    const [x, y, width, height] = place(grid, components, number);
+    return how > 0 ? s("rect", { class: look, x, y, width, height, "fill-opacity": (0.12 + 0.78 * how).toFixed(3) }) : null;
+  });
+  at.under.append(s("g", { "data-cells": rects.filter(Boolean).length }, ...rects));
+}
+
+/** The first tries, each where it puts the thing, with its number; tries at about one place share a label. */
+function numbered(at: Picture, scene: Scene, grid: Grid, first: readonly (readonly number[])[], solve: readonly boolean[]): void {
+  const components = scene.action!.components;
+  const size = (at.box[2] - at.box[0]) * 0.032;
+  const points = first.map((a): Point => [value(components[grid.axes.x]!, a[grid.axes.x]!), value(components[grid.axes.y]!, a[grid.axes.y]!)]);
+  const things = first.map((action, i) => {
+    const thing = placed(scene, action).bodies.find((b) => b.name === grid.axes.target);
+    const r = thing?.shape.type === "disc" ? thing.shape.radius : size / 2;
+    return s("circle", { class: `try${solve[i] ? " solves" : ""}`, cx: points[i]![0], cy: points[i]![1], r, "vector-effect": "non-scaling-stroke" });
+  });
+  const labels = together(points, size * 1.1).map((group) => {
+    const [x, y] = points[group[0]!]!;
+    // Beside the thing, on the side that has room.
+    const right = x < at.box[0] + 0.7 * (at.box[2] - at.box[0]);
+    const side = (right ? 1 : -1) * (Number(things[group[0]!]!.getAttribute("r")) + size * 0.3);
+    return s("text", { class: "try-number", transform: `translate(${x + side} ${y}) scale(1 -1)`, "font-size": size, "text-anchor": right ? "start" : "end", dy: "0.35em" }, ranges(group.map((i) => i + 1)));
+  });
+  at.over.append(...[...things].reverse(), ...labels);
+}
+
+/** Lets a place be chosen by mouse, or by arrow keys on the first picture; `told` gives where Enter leads. */
+function chooser(at: readonly Picture[], grid: Grid, components: readonly Component[], told: (cell: number) => string | null): (cell: number) => void {
+  const frames = at.map((p) => {
+    const frame = s("rect", { class: "chosen-cell", "vector-effect": "non-scaling-stroke" });
+    p.over.append(frame);
+    return frame;
+  });
+  let [now, leads]: [number, string | null] = [0, null];
+  const choose = (number: number): void => {
+    now = number;
+    const [x, y, width, height] = place(grid, components, number);
+    for (const frame of frames) set(frame, { x, y, width, height });
+    leads = told(number);
+  };
+  for (const p of at) {
+    p.svg.addEventListener("click", (event) => {
+      const [x, y] = p.at(event);
+      const [cx, cy] = [components[grid.axes.x]!, components[grid.axes.y]!];
+      const [u, v] = [(x - cx.low) / (cx.high - cx.low), (y - cy.low) / (cy.high - cy.low)];
+      if (u < grid.columns[0]! || u > grid.columns.at(-1)! || v < grid.rows[0]! || v > grid.rows.at(-1)!) return;
+      const action: number[] = [];
+      [action[grid.axes.x], action[grid.axes.y]] = [u, v];
+      choose(cell(grid, action));
+    });
+  }
+  const moves: Record<string, [number, number]> = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+  set(at[0]!.svg, { tabindex: 0, role: "application" });
+  at[0]!.svg.addEventListener("keydown", (event) => {
+    if (event.key === "Enter" && leads) location.hash = leads;
+    const move = moves[event.key];
+    if (!move) return;
+    event.preventDefault();
+    const [column, row] = [(now % across(grid)) + move[0], Math.floor(now / across(grid)) + move[1]];
+    if (column >= 0 && row >= 0 && column < across(grid) && row < grid.rows.length - 1) choose(row * across(grid) + column);
+  });
+  return choose;
+}
+
+/** What is at a place, in words. */
+function told(scene: Scene, task: string, action: readonly number[] | null, rank: number | undefined, here: { of: number; solve: number } | undefined): (HTMLElement | string)[] {
+  const tried = here ? `${here.solve} of ${here.of} tried here solve` : "none of the actions drawn at random was put here";
+  if (!action) return [`This place: ${tried}; none of the policy's best is here.`];
+  const which = rank === undefined ? "one that solves" : `try ${rank + 1}`;
+  return [`This place: ${which} (${words(scene, action)}); ${tried}. `, h("a", { href: play(task, action) }, "Play it")];
+}
+
+function tryOf(scene: Scene, task: string, action: readonly number[], solves: boolean): HTMLElement {
+  const verdict = h("span", { class: `state ${solves ? "succeeded" : ""}` }, solves ? "solves" : "misses");
+  const id = fresh("try");
+  return h("li", {}, h("div", { class: "row" }, h("span", { id }, words(scene, action)), verdict, h("a", { href: play(task, action), "aria-describedby": id }, "Play it")));
+}
+
+/** An action in SI: `red at (24.70, 17.79) m, radius 2.91 m`. */
+function words(scene: Scene, action: readonly number[]): string {
+  const components = scene.action!.components;
+  const said = (i: number): string => value(components[i]!, action[i]!).toFixed(2);
+  const of = (target: string): string => {
+    const axes = placeable(scene).find((a) => a.target === target);
+    const rest = components.flatMap((c, i) => (c.target !== target || i === axes?.x || i === axes?.y ? [] : [`${c.set} ${said(i)} ${unit(c)}`]));
+    return [axes ? `${target} at (${said(axes.x)}, ${said(axes.y)}) m` : target, ...rest].join(", ");
+  };
+  return targets(scene).map(of).join("; ");
+}
+
+function play(task: string, action: readonly number[]): string {
+  return link("play", [task], { action: action.map((v) => Number(v.toFixed(6))).join(",") });
+}
