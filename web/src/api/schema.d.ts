@@ -295,6 +295,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/jobs/{id}/log": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * What happened to a job, line by line: stages, rounds, warnings, the server's restarts, its end.
+         * @description The latest 1000 lines are kept for as long as the job. To follow it, ask again with `after`.
+         */
+        get: operations["get_job_log"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/v1/jobs/{id}/trials": {
         parameters: {
             query?: never;
@@ -635,7 +655,7 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Worlds in order of id. */
+        /** Worlds in order of id unless asked otherwise. */
         get: operations["list_worlds"];
         put?: never;
         /** Makes a world; it outlives the server, and goes when nobody has used it for a while. */
@@ -659,6 +679,27 @@ export interface paths {
         post?: never;
         /** Forgets a world; the default ones come back when the server restarts. */
         delete: operations["delete_world"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/worlds/{id}/events": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Watches a world: server-sent events, first `world` with the world as it stands and its scene, then what happens in it,
+         *     `reset`, `step`, `attempts`, `latents` and at the end `gone`, with what was observed. With `Last-Event-ID`, what came after
+         *     and is still kept (`docs/limits.md`); who reads too slowly misses the oldest. Nothing that the world hides is told.
+         */
+        get: operations["watch_world"];
+        put?: never;
+        post?: never;
+        delete?: never;
         options?: never;
         head?: never;
         patch?: never;
@@ -780,6 +821,13 @@ export interface components {
             count: number;
             /** @description Numbers in an action vector, each from 0 to 1. */
             dimension: number;
+        };
+        /** @description How attempts beside the episode went. */
+        AttemptsOut: {
+            solved: number;
+            tried: number;
+            /** @description Those that could be placed. */
+            valid: number;
         };
         /**
          * @description As Gymnasium's `AutoresetMode`: `disabled` (stepping it again is refused), `next_step` (the next step resets it and
@@ -1131,12 +1179,59 @@ export interface components {
             observation_space: components["schemas"]["ObservationSpaceOut"];
             tasks: components["schemas"]["TaskRow"][];
         };
+        /** @description A figure on the way. */
+        FigureOut: {
+            /** @description Units of the stage that were done. */
+            at: number;
+            name: string;
+            /** Format: double */
+            value: number;
+        };
+        /** @description A trajectory as far as it is drawn: in single precision, a long one with fewer samples. */
+        FilmOut: {
+            /** @description By body name, a state for each time. */
+            bodies: {
+                [key: string]: components["schemas"]["WayOut"];
+            };
+            /** @description s */
+            t: number[];
+        };
         /** @description How many actions were chosen for what. */
         GroupsOut: {
             /** @description For their collisions, which tell restitution. */
             collisions: number;
             /** @description For their rolling, which tells friction. */
             rolling: number;
+        };
+        /** @description Something that happened in a world: an event named as `what` says. */
+        HappenedOut: {
+            /** @description Of a step, or of the attempt that `film` shows: a number from 0 to 1 for each component. */
+            action?: number[] | null;
+            attempts?: components["schemas"]["AttemptsOut"] | null;
+            /** @description Of a step: `horizon`, `goal` or `diverged`. */
+            end?: string | null;
+            film?: components["schemas"]["FilmOut"] | null;
+            /** @description Valid attempts in the world after it. */
+            interactions: number;
+            latents?: components["schemas"]["LatentsOut"] | null;
+            /** @description The event's number, from 1. */
+            number: number;
+            /** @description Why it could not. */
+            reason?: string | null;
+            /** @description Of a step. */
+            solved?: boolean | null;
+            split?: components["schemas"]["SplitIn"] | null;
+            /**
+             * Format: int32
+             * @description Time steps of a step.
+             */
+            steps?: number | null;
+            /** @description Of a reset, a step or attempts. */
+            task?: string | null;
+            /** @description Of a step: whether the action could be placed. */
+            valid?: boolean | null;
+            /** @description `reset`, `step` (an action of an episode), `attempts` (actions beside it: a rollout, a film, a job), `latents` or `gone`. */
+            what: string;
         };
         /** @description Whether the server answers. */
         Health: {
@@ -1327,6 +1422,26 @@ export interface components {
              */
             write_seconds: number;
         };
+        /** @description One line of a job's log. */
+        LineOut: {
+            /**
+             * Format: double
+             * @description s since 1970, to the ms.
+             */
+            at: number;
+            /** @description `info`, `warning` or `error`. */
+            level: string;
+            /** @description From 1; gaps are lines that are no longer kept. */
+            number: number;
+            text: string;
+        };
+        /** @description Lines of a job's log. */
+        Log: {
+            /** @description In the order of happening. */
+            lines: components["schemas"]["LineOut"][];
+            /** @description Cursor of the next page, if there is one. */
+            next?: string | null;
+        };
         /** @description Features of an observation and their bounds. */
         ObservationSpaceOut: {
             high: number[];
@@ -1399,6 +1514,11 @@ export interface components {
              *     `null` while not known.
              */
             eta_s?: number | null;
+            /**
+             * @description In events: what the work told since the event before. `loss`: binary cross-entropy, nats, the mean of the batches
+             *     since the last one told; `validation`: AUCCESS on tasks not learned from.
+             */
+            figures?: components["schemas"]["FigureOut"][];
             stage: string;
             total: number;
         };
@@ -1863,6 +1983,11 @@ export interface components {
             /** @description A family (its training tasks are used) or one task. */
             task: string;
             training?: components["schemas"]["TrainingIn"] | null;
+            /**
+             * @description How often AUCCESS on the family's validation tasks is looked at along the way, in the same simulation, up to 100;
+             *     default 0. Told in the job's events (`validation`) and result.
+             */
+            validations?: number | null;
         };
         /**
          * @description How the training simulation's latents are chosen.
@@ -1912,6 +2037,26 @@ export interface components {
         TrialsIn: string | {
             [key: string]: string;
         };
+        /** @description The first event of a watch, `world`: the world as it stands. */
+        WatchOut: {
+            /**
+             * @description The scene of that task, as far as it is drawn: names, shapes, places, the goal and what an
+             *     action sets.
+             */
+            scene: Record<string, never>;
+            /** @description Its current task, or else its first. */
+            task: string;
+            world: components["schemas"]["WorldOut"];
+        };
+        /** @description Where a body was. */
+        WayOut: {
+            /** @description rad, counter-clockwise */
+            angle: number[];
+            /** @description m */
+            x: number[];
+            /** @description m, up */
+            y: number[];
+        };
         /** @description Worlds by id, different ones. */
         WorldIds: {
             worlds: string[];
@@ -1929,11 +2074,15 @@ export interface components {
             effects?: components["schemas"]["EffectIn"][] | null;
             engine: string;
             id: string;
+            /** @description For how long nobody has used it, whole s. To list worlds or to watch one is no use. */
+            idle_s: number;
             /** @description Valid attempts so far: steps, rollouts, films and jobs. */
             interactions: number;
             kind: components["schemas"]["WorldKind"];
             latents?: components["schemas"]["LatentsOut"] | null;
             observation_space: components["schemas"]["ObservationSpaceOut"];
+            /** @description Name of the token it was made with; `null` for those that are always there, and where there are no tokens. */
+            owner?: string | null;
             /** @description Budget not yet spent. */
             remaining?: number | null;
             sealed: boolean;
@@ -3343,6 +3492,8 @@ export interface operations {
                 order?: string;
                 /** @description Only jobs in this state */
                 state?: string;
+                /** @description Only jobs of this kind: `train`, `evaluate`, ... */
+                kind?: string;
                 /** @description Most items, 1 to 1000; default 100 */
                 limit?: number;
                 /** @description `next` of the page before */
@@ -3580,6 +3731,89 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content?: never;
+            };
+            /** @description No token, or none that is good */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Not from this page */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The server is not called so */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request's deadline has passed, or storage fails or is damaged */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    get_job_log: {
+        parameters: {
+            query?: {
+                /** @description Only lines after this number */
+                after?: number;
+                /** @description Most items, 1 to 1000; default 100 */
+                limit?: number;
+                /** @description `next` of the page before */
+                cursor?: string;
+            };
+            header?: never;
+            path: {
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description OK */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Log"];
+                };
             };
             /** @description No token, or none that is good */
             401: {
@@ -5828,6 +6062,8 @@ export interface operations {
     list_worlds: {
         parameters: {
             query?: {
+                /** @description `id` (default), or `used`: those used last first */
+                order?: string;
                 /** @description Most items, 1 to 1000; default 100 */
                 limit?: number;
                 /** @description `next` of the page before */
@@ -6137,6 +6373,85 @@ export interface operations {
             };
             /** @description The server is not called so */
             421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request's deadline has passed, or storage fails or is damaged */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    watch_world: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description Number of the last event seen */
+                "Last-Event-ID"?: number | null;
+            };
+            path: {
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Events */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "text/event-stream": string;
+                };
+            };
+            /** @description No token, or none that is good */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Not from this page */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The server is not called so */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
                 headers: {
                     [name: string]: unknown;
                 };
