@@ -9,6 +9,5 @@ import { play } from "./views/play";
 import { train } from "./views/train";
 import type { View } from "./view";
 
-import type { View } from "./view";
 
 export const VIEWS: readonly View[] = [play, make, calibrate, diagnose, train, live, jobs];
