@@ -13,7 +13,7 @@ pub fn watched<I: IntoIterator>(items: I, budget: &dyn Budget) -> impl Iterator<
     items
         .into_iter()
         .enumerate()
-        .map(|(i, item)| if i % 1000 == 0 { budget.look().map(|()| item) } else { Ok(item) })
+        .map(|(i, item)| if i.is_multiple_of(1000) { budget.look().map(|()| item) } else { Ok(item) })
 }
 
 /// Goes on for as long as it takes.

@@ -115,7 +115,7 @@ mod tests {
             time: 0.01 * i as f64,
             position: [1.0, 2.0],
             velocity: [1.0 / 3.0, f64::NAN],
-            before: [if i % 2 == 0 { 1.0 } else { -1.0 }, 0.0],
+            before: [if i.is_multiple_of(2) { 1.0 } else { -1.0 }, 0.0],
             after: [0.0; 2],
             bands: [[0.0; 2]; 2],
         };

@@ -9,5 +9,4 @@ import { play } from "./views/play";
 import { train } from "./views/train";
 import type { View } from "./view";
 
-
 export const VIEWS: readonly View[] = [play, make, calibrate, diagnose, train, live, jobs];
