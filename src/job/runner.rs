@@ -65,6 +65,11 @@ impl Runner {
         Ok(Runner { shared, workers: Mutex::new(workers) })
     }
 
+    /// The kinds of jobs there are, in order of their names.
+    pub fn kinds(&self) -> Vec<&'static str> {
+        self.shared.recipes.keys().copied().collect()
+    }
+
     /// Queues a job of `owner`'s, or where nobody is known of somebody at `place`. What `answered` makes of it is kept in the same transaction: the answer to the request.
     pub fn submit(
         &self,

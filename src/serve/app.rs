@@ -260,6 +260,11 @@ impl Jobs<'_> {
         self.0.shared.jobs.of(id, self.0.who.sees())
     }
 
+    /// See [`crate::job::Runner::kinds`].
+    pub fn kinds(&self) -> Vec<&'static str> {
+        self.0.shared.jobs.kinds()
+    }
+
     /// See [`crate::job::Runner::list`].
     pub fn list(&self, list: &JobList, after: Option<i64>, limit: usize) -> Result<Vec<Job>> {
         self.0.shared.jobs.list(list, after, limit, self.0.who.sees())

@@ -1,11 +1,9 @@
 //! The course of an estimation: what every round proposed and why, and what was known after it.
 
-use serde::{Deserialize, Serialize};
-
+use super::closed::Closed;
 use super::estimation;
 use crate::error::{Error, Result};
-use crate::estimate::LatentEstimate;
-use crate::experiment::{Asked, Round};
+use crate::experiment::Asked;
 use crate::json::parse;
 use crate::serve::app::App;
 use crate::serve::operation::{Id, Operation, Page, READ, get};
@@ -23,19 +21,6 @@ pub fn operations() -> Vec<Operation> {
             .refuses(&[(404, ""), (409, "The job is no estimation")])
             .does(rounds),
     ]
-}
-
-/// A finished round as it is kept.
-#[derive(Serialize, Deserialize)]
-pub struct Closed {
-    #[serde(flatten)]
-    pub round: Round,
-    /// What was known after it; empty if nothing was measured, and in rounds of programs that did not keep it.
-    #[serde(default)]
-    pub known: Vec<LatentEstimate>,
-    /// Numbers of the proposals that were measured; absent in rounds of programs that did not keep it.
-    #[serde(default)]
-    pub answered: Option<Vec<u64>>,
 }
 
 fn rounds(app: &App, (Id(id), page): (Id, Page)) -> Result<Course> {

@@ -13,12 +13,12 @@ use std::time::Instant;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::course::Closed;
+use super::closed::Closed;
 use super::surface;
 use super::text::{json, text};
 use crate::budget::Endless;
 use crate::error::{Error, Result};
-use crate::estimate::Surface;
+use crate::estimate::{LatentEstimate, Surface};
 use crate::experiment::{Answer, Asked, EstimateConfig, Proposal, ResidualKind, Round, Stopped, Workflow};
 use crate::explore::{self, Importance};
 use crate::job::{Context, New, Outcome, Work};
@@ -216,13 +216,10 @@ fn run(base: &Base, context: &Context, plan: &Plan, shared: Option<&World>) -> R
             return Ok(Outcome::Waiting);
         }
         warn_of_failed(&measured, context);
-        let round = workflow.tell(&answers(&asked.proposals, &measured)?, context)?;
-        // The measurements have a table of their own.
-        let bare = Round { answers: Vec::new(), ..round.clone() };
-        let answered = Some(round.answers.iter().map(|a| a.number).collect());
+        let round = workflow.tell(&answers(&asked.proposals, &measured)?, context)?.clone();
         let (known, rollouts) = workflow.known(context)?;
         base.metrics.simulated(rollouts);
-        store.close_round(job, number, &text(&Closed { round: bare, known, answered })?)?;
+        store.close_round(job, number, &text(&closed(round, known))?)?;
     }
     if workflow.trials().is_empty() {
         return Err(nothing_measured(plan, world));
@@ -232,6 +229,12 @@ fn run(base: &Base, context: &Context, plan: &Plan, shared: Option<&World>) -> R
     report.seconds = Some(started.elapsed().as_secs_f64());
     base.metrics.simulated(report.rollouts);
     Ok(Outcome::Done(json(&report)?))
+}
+
+/// A round as it is kept: its measurements have a table of their own.
+fn closed(round: Round, known: Vec<LatentEstimate>) -> Closed {
+    let answered = Some(round.answers.iter().map(|a| a.number).collect());
+    Closed { round: Round { answers: Vec::new(), ..round }, known, answered }
 }
 
 /// Tells the job's owner that nothing is left to measure with.

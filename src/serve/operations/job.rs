@@ -1,6 +1,5 @@
 //! Jobs of all kinds.
 
-use super::OPERATIONS;
 use crate::error::{Error, Result};
 use crate::job::{Deleted, Watcher};
 use crate::serve::app::App;
@@ -80,17 +79,16 @@ impl Input for Listed {
                 Error::input("state", format!("{name:?}"), format!("one of {all}"))
             })?),
         };
-        let kinds: Vec<&str> = OPERATIONS.iter().filter_map(|o| o.job).map(|(kind, _)| kind).collect();
         let kind = taken("kind");
-        if let Some(unknown) = kind.as_ref().filter(|k| !kinds.contains(&k.as_str())) {
-            let allowed = format!("one of {}", kinds.join(", "));
-            return Err(Error::input("kind", format!("{unknown:?}"), allowed).into());
-        }
         Ok(Listed(JobList { newest, state, kind }, Page::from_query(&query)?))
     }
 }
 
 fn list(app: &App, Listed(list, page): Listed) -> Result<Jobs> {
+    let kinds = app.jobs().kinds();
+    if let Some(unknown) = list.kind.as_ref().filter(|k| !kinds.contains(&k.as_str())) {
+        return Err(Error::input("kind", format!("{unknown:?}"), format!("one of {}", kinds.join(", "))));
+    }
     // A cursor goes on with the list it came from.
     let name = if list.newest { "jobs-newest" } else { "jobs" };
     let mut all = app.jobs().list(&list, page.after(name)?, page.fetch())?;

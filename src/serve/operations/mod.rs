@@ -4,6 +4,7 @@
 pub mod asked;
 mod attempts;
 mod batch;
+mod closed;
 mod course;
 mod diagnosis;
 mod effect;
