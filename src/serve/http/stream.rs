@@ -79,12 +79,11 @@ pub fn events(shared: &Shared, mut watcher: Box<dyn Events>) -> Response {
                 }
             };
             let Some(told) = next else { return };
-            let message = sse::Event::default().event(told.name).data(told.data);
             let message = match told.id {
-                Some(id) => message.id(id.to_string()),
-                None => message,
+                Some(id) => sse::Event::default().id(id.to_string()),
+                None => sse::Event::default(),
             };
-            if sender.send(Ok(message)).await.is_err() {
+            if sender.send(Ok(message.event(told.name).data(told.data))).await.is_err() {
                 return;
             }
         }
