@@ -22,7 +22,7 @@ class Handler(BaseHTTPRequestHandler):
         name = {"/": "index.html"}.get(self.path, self.path.removeprefix("/assets/"))
         file = DIST / name
         if self.command == "GET" and "/" not in name and file.is_file():
-            self.answer(200, [("Content-Type", KINDS[file.suffix])], file.read_bytes())
+            self.answer(200, [("Content-Type", KINDS[file.suffix]), *self.policy()], file.read_bytes())
             return
         body = self.rfile.read(int(self.headers.get("Content-Length", 0)))
         connection = http.client.HTTPConnection(self.upstream, timeout=120)
@@ -43,6 +43,16 @@ class Handler(BaseHTTPRequestHandler):
             return
         headers = [(k, v) for k, v in headers if k.lower() != "content-length"]
         self.answer(response.status, headers, response.read())
+
+    def policy(self) -> list[tuple[str, str]]:
+        """What the server allows its page to do, if it can be asked: what breaks the policy must break here."""
+        connection = http.client.HTTPConnection(self.upstream, timeout=120)
+        try:
+            connection.request("HEAD", "/")
+            said = connection.getresponse().getheader("Content-Security-Policy")
+        except OSError:
+            return []
+        return [("Content-Security-Policy", said)] if said else []
 
     def start(self, status: int, headers: list[tuple[str, str]]) -> None:
         self.send_response(status)

@@ -1,6 +1,7 @@
 """Jobs: followed, cancelled, failed and why; they survive the server and the page says so; long lists come in pages."""
 
 import hashlib
+import re
 import sqlite3
 import time
 from collections.abc import Callable
@@ -30,6 +31,8 @@ def test_jobs_go_on_when_the_server_comes_back(serve: Callable[..., Any], see: C
     server.ended(short)
     expect(page.locator(f"tr[data-job={short}] .state")).to_have_text("succeeded")
     page.locator(f"tr[data-job={short}]").get_by_role("link", name="Result").click()
+    expect(page).to_have_url(re.compile(f"#/calibrate/{short}$"))
+    page.goto(f"{server.page}/#/jobs/{short}")
     expect(page.locator(".result")).to_contain_text("real interactions")
     page.get_by_role("button", name=f"Forget {short}").click()
     expect(page.locator(f"tr[data-job={job}]")).to_be_visible()
@@ -67,10 +70,10 @@ def test_ten_thousand_jobs_come_in_pages(serve: Callable[..., Any], see: Callabl
     expect(page.locator("tbody tr")).to_have_count(25)
     newest = page.locator("tbody tr").first.get_attribute("data-job")
     page.get_by_role("button", name="Older").click()
-    page.wait_for_function(f"document.querySelector('tbody tr')?.dataset.job !== '{newest}'")
+    page.wait_for_function(f"() => document.querySelector('tbody tr')?.dataset.job !== '{newest}'")
     expect(page.locator("tbody tr")).to_have_count(25)
     page.get_by_role("button", name="Newer").click()
-    page.wait_for_function(f"document.querySelector('tbody tr')?.dataset.job === '{newest}'")
+    page.wait_for_function(f"() => document.querySelector('tbody tr')?.dataset.job === '{newest}'")
     page.get_by_label("Show").select_option("failed")
     expect(page.get_by_text("No job is failed.")).to_be_visible()
 

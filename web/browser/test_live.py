@@ -74,7 +74,7 @@ def test_a_watch_goes_on_after_the_server_was_gone(serve: Callable[..., Any], se
     server.back()
     expect(page.locator(".banner")).to_be_hidden()
     watched(page)
-    page.wait_for_function("!document.querySelector('.banner:not([hidden])')")
+    page.wait_for_function("() => !document.querySelector('.banner:not([hidden])')")
     # Only once the watch is on again is there anybody to be told.
     for _ in range(100):
         act(server, "bowling-sim", [1])
@@ -225,7 +225,7 @@ def test_the_page_weighs_little_after_long_lists(serve: Callable[..., Any], see:
         for _ in range(pages):
             first = page.locator("tbody tr th").first.inner_text()
             page.get_by_role("button", name=more).click()
-            page.wait_for_function(f"document.querySelector('tbody tr th')?.innerText !== {first!r}")
+            page.wait_for_function(f"() => document.querySelector('tbody tr th')?.innerText !== {first!r}")
     session = page.context.new_cdp_session(page)
     session.send("Performance.enable")
     session.send("HeapProfiler.collectGarbage")

@@ -77,7 +77,7 @@ def test_a_bowling_task_is_solved_by_mouse(serve: Callable[..., Any], see: Calla
 def test_a_latent_dragged_takes_the_film_along(serve: Callable[..., Any], see: Callable[..., Any]) -> None:
     page = see(serve()).open()
     film(page)
-    page.wait_for_function("document.querySelector('.stage .shade').getAttribute('d')")
+    page.wait_for_function("() => document.querySelector('.stage .shade').getAttribute('d')")
     before, seen = trails(page), film(page)
     slider = page.get_by_label("restitution").bounding_box()
     assert slider
@@ -85,7 +85,7 @@ def test_a_latent_dragged_takes_the_film_along(serve: Callable[..., Any], see: C
     page.mouse.down()
     for step in range(1, 11):
         page.mouse.move(slider["x"] + slider["width"] * (0.5 + 0.04 * step), slider["y"] + slider["height"] / 2)
-    page.wait_for_function(f"{FILMS} > {seen}")
+    page.wait_for_function(f"() => {FILMS} > {seen}")
     during = trails(page)
     page.mouse.up()
     assert during != before

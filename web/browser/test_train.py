@@ -72,7 +72,7 @@ def test_a_policy_is_trained_set_beside_chance_and_shows_what_it_would_try(serve
     form.get_by_label("friction").press("Enter")
     expect(form.locator(".state")).to_be_visible()
     # The loss grows point by point while it learns.
-    page.wait_for_function("document.querySelector('[data-series=loss]')?.dataset.points > 1")
+    page.wait_for_function("() => document.querySelector('[data-series=loss]')?.dataset.points > 1")
     server.ended("job-1")
     expect(form.locator(".state")).to_have_text("succeeded")
     assert points(page, "loss") == 150 and points(page, "validation AUCCESS") == 3
@@ -137,7 +137,7 @@ def test_a_policy_learns_on_in_a_world_and_is_compared_with_what_it_was(serve: C
     expect(compare.locator(f"[data-curve={policy}]")).to_be_visible()
     expect(compare.locator("[data-curve=policy-1]")).to_be_visible()
     expect(compare.get_by_text("Learning on in a world", exact=True)).to_be_visible()
-    page.wait_for_function(f"[...document.querySelectorAll('[data-series={policy}]')].some((g) => g.dataset.points === '2')")
+    page.wait_for_function(f"() => [...document.querySelectorAll('[data-series={policy}]')].some((g) => g.dataset.points === '2')")
     # Jobs lead here.
     page.get_by_role("link", name="Jobs").click()
     page.get_by_role("link", name="Evaluation").first.click()
@@ -154,14 +154,14 @@ def test_a_training_on_an_estimate_goes_on_when_the_server_comes_back(serve: Cal
     for latent in estimation["result"]["latents"]:
         expect(form.get_by_label(latent["name"])).to_have_value(f"{latent['value']:.6g}")
     form.get_by_role("button", name="Train").click()
-    page.wait_for_function("document.querySelector('[data-series=loss]')?.dataset.points > 0")
+    page.wait_for_function("() => document.querySelector('[data-series=loss]')?.dataset.points > 0")
     asked = server.ask("GET", "/v1/jobs/job-2")["config"]["latents"]
     assert asked == {latent["name"]: pytest.approx(latent["value"], rel=1e-5) for latent in estimation["result"]["latents"]}
     server.kill()
     expect(page.locator(".banner")).to_be_visible()
     server.back()
     expect(page.locator(".banner")).to_be_hidden()
-    page.wait_for_function("document.querySelector('[data-series=loss]')?.dataset.points > 0")
+    page.wait_for_function("() => document.querySelector('[data-series=loss]')?.dataset.points > 0")
     expect(form.locator(".state")).to_have_text("running")
     form.get_by_role("button", name="Cancel").click()
     expect(form.locator(".state")).to_have_text("cancelled")
