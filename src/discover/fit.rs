@@ -14,6 +14,7 @@ use super::library;
 use super::model::{self, Data, Extra, Layout, Look, Mode, Pass, Slot, State, Term, What};
 use super::modes;
 use super::noise::Noise;
+use super::robust;
 use super::score;
 use super::stats::inverse;
 use super::window::Kind;
@@ -52,6 +53,8 @@ pub struct Fitted {
     pub components: Components,
     /// What the slots' values are known by.
     pub covariance: DMatrix<f64>,
+    /// Variances of the slots by leaving launches out.
+    pub robust: DVector<f64>,
     /// What each part says at the components.
     pub told: Vec<Told>,
     /// What is believed of the slots, about where they stand.
@@ -202,7 +205,9 @@ impl<'a, 'b> Fitter<'a, 'b> {
     /// A model where its fit ended; `None` where what it predicts cannot be told.
     fn scored(&self, layout: Layout, stand: Stand) -> Option<Fitted> {
         let prior = stand.prior(&layout);
-        let Stand { state, looks, parts, told, components, covariance, .. } = stand;
+        let Stand { state, looks, parts, told, components, covariance, step, .. } = stand;
+        let all = Pooled { step, covariance };
+        let robust = robust::variances(&told, &prior, &all);
         let score = score::held_out(&parts, &prior, &components, &self.folds)?;
         if score.iter().any(|s| !s.is_finite()) {
             return None;
@@ -222,7 +227,8 @@ impl<'a, 'b> Fitter<'a, 'b> {
             score,
             squares,
             components,
-            covariance,
+            covariance: all.covariance,
+            robust,
             told,
             prior,
             p_values,
@@ -403,7 +409,7 @@ impl Fitted {
         if information <= 0.0 {
             return f64::INFINITY;
         }
-        self.quantile() * self.covariance[(slot, slot)].max(0.0).sqrt()
+        self.quantile() * self.covariance[(slot, slot)].max(self.robust[slot]).max(0.0).sqrt()
     }
 
     /// Half the width of a 95 % interval of one standard deviation.

@@ -51,6 +51,9 @@ pub struct Told {
     /// Logarithm of the covariance's determinant, and the number of coordinates.
     pub log_det: f64,
     pub count: f64,
+    /// Square below which a smaller one is no better: what engines may differ by is a bound and no noise, and they differ alike
+    /// wherever they do, so that what is left of it adds up over launches to nothing. 0 where noise was measured.
+    pub allowed: f64,
 }
 
 /// What all launches say of the slots: the step from where the model stands, and its covariance.
@@ -132,6 +135,7 @@ impl Summed {
             square: products[(left, left)],
             log_det,
             count,
+            allowed: if part.differs { 0.0 } else { count },
         })
     }
 
@@ -226,7 +230,7 @@ impl Told {
 
     /// Log density with the slots known as `others` say.
     pub fn predicted(&self, others: &Pooled) -> f64 {
-        let density = |(square, log_det)| student(square, log_det, self.count);
+        let density = |(square, log_det): (f64, f64)| student(square.max(self.allowed), log_det, self.count);
         self.predictive(others).map_or(f64::NEG_INFINITY, density)
     }
 

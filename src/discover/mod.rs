@@ -61,6 +61,7 @@ mod picture;
 mod prepare;
 mod reason;
 pub mod report;
+mod robust;
 mod score;
 mod search;
 mod sizes;

@@ -144,7 +144,7 @@ mod tests {
             let mut gram = DMatrix::zeros(2, 2);
             gram[(launch, launch)] = 4.0;
             let score = DVector::from_fn(2, |k, _| if k == launch { 6.0 } else { 0.0 });
-            Told { launch, gram, score, square: 9.0, log_det: 0.0, count: 8.0 }
+            Told { launch, gram, score, square: 9.0, log_det: 0.0, count: 8.0, allowed: 0.0 }
         };
         let none = || vec![0.0; 2];
         let mut prior = Prior {
