@@ -60,13 +60,16 @@ struct Run {
     /// Rows whose names begin so, as `bowling/wind`
     #[arg(long, default_value = "")]
     only: String,
+    /// Shows what each diagnosis weighed
+    #[arg(long)]
+    show: bool,
     /// Where the table goes
     #[arg(long, default_value = "out/hidden_tasks.md")]
     out: PathBuf,
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let Run { seeds, first, trials, noise, engine, only, out } = Run::parse();
+    let Run { seeds, first, trials, noise, engine, only, show, out } = Run::parse();
     let engine = if engine == "rapier" { Engine::Rapier } else { Engine::Auto };
     if let Some(folder) = out.parent() {
         std::fs::create_dir_all(folder)?;
@@ -86,6 +89,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 let world = HiddenConfig { noise, engine, ..hidden(task, row, seed)? };
                 let begun = Instant::now();
                 let d = look(task, world.clone(), trials as usize, seed)?;
+                if show {
+                    eprintln!("  {}", d.reason);
+                    for s in d.scores.iter().take(10) {
+                        let sets = s.effects.join("+");
+                        eprintln!("  {:9.2} nats, worse with {:.3}: {sets}", s.score, s.probability_worse);
+                    }
+                }
                 let line = line(row, &world, &d, begun.elapsed().as_secs_f64());
                 eprintln!("{key}: {line}");
                 file.write_all(format!("{key},{line}\n").as_bytes())?;
