@@ -118,7 +118,7 @@ impl Runner {
         }
     }
 
-    /// At most `limit` jobs, oldest first, those after number `after`; one owner's, or everybody's.
+    /// At most `limit` jobs in the order asked for, those after number `after`; one owner's, or everybody's.
     pub fn list(
         &self,
         list: &JobList,
@@ -128,7 +128,11 @@ impl Runner {
     ) -> Result<Vec<Job>> {
         let rows = self.shared.store.jobs(list, after, limit, owner)?;
         let (state, now) = (self.shared.state(), self.shared.now());
-        let live = |row: JobRow| state.live.get(&row.number).map_or_else(|| Job::of(row), |l| l.job(now));
+        let live = |row: JobRow| {
+            let mut job = state.live.get(&row.number).map_or_else(|| Job::of(row), |l| l.job(now));
+            job.row.result.take_if(|_| list.bare);
+            job
+        };
         Ok(rows.into_iter().map(live).collect())
     }
 

@@ -47,6 +47,8 @@ pub struct JobList {
     pub state: Option<JobState>,
     /// Only those of this kind.
     pub kind: Option<String>,
+    /// Without their results, which may be large.
+    pub bare: bool,
 }
 
 impl JobRow {
@@ -181,12 +183,13 @@ impl Store {
                      AND (?4 IS NULL OR state = ?4) AND (?5 IS NULL OR kind = ?5) ORDER BY number DESC LIMIT ?2"
             }
         };
-        self.select(which, params![after, limit as i64, owner, list.state.map(JobState::name), list.kind])
+        let with = params![after, limit as i64, owner, list.state.map(JobState::name), list.kind];
+        self.select(if list.bare { BARE } else { COLUMNS }, which, with)
     }
 
     /// Every job that has not ended, in order of number.
     pub fn unfinished(&self) -> Result<Vec<JobRow>> {
-        self.select("WHERE state IN ('queued', 'running', 'waiting') ORDER BY number", [])
+        self.select(COLUMNS, "WHERE state IN ('queued', 'running', 'waiting') ORDER BY number", [])
     }
 
     /// How many jobs are in each state that any is in.
@@ -216,15 +219,18 @@ impl Store {
         rows.collect::<rusqlite::Result<_>>().map_err(sql)
     }
 
-    fn select(&self, which: &str, with: impl rusqlite::Params) -> Result<Vec<JobRow>> {
+    fn select(&self, columns: &str, which: &str, with: impl rusqlite::Params) -> Result<Vec<JobRow>> {
         let c = self.connection();
-        let mut query = c.prepare(&format!("SELECT {COLUMNS} FROM whole_job {which}")).map_err(sql)?;
+        let mut query = c.prepare(&format!("SELECT {columns} FROM whole_job {which}")).map_err(sql)?;
         let rows = query.query_map(with, row).map_err(sql)?;
         rows.collect::<rusqlite::Result<_>>().map_err(sql)
     }
 }
 
 const COLUMNS: &str = "number, kind, state, config, result, error, seed, version, stage, done, total, events, plan, starts, owner, \
+     whole, record";
+/// The same without the result.
+const BARE: &str = "number, kind, state, config, NULL, error, seed, version, stage, done, total, events, plan, starts, owner, \
      whole, record";
 
 fn row(row: &Row) -> rusqlite::Result<JobRow> {
@@ -328,8 +334,10 @@ mod tests {
         assert_eq!(store.jobs(&newest, Some(2), 9, None).unwrap(), std::slice::from_ref(&done));
         let waiting = JobList { state: Some(JobState::Waiting), ..list.clone() };
         assert_eq!(store.jobs(&waiting, None, 9, None).unwrap(), std::slice::from_ref(&open));
-        let trainings = JobList { kind: Some("train".into()), ..list };
-        assert_eq!(store.jobs(&trainings, None, 9, None).unwrap(), [open]);
+        let trainings = JobList { kind: Some("train".into()), ..list.clone() };
+        assert_eq!(store.jobs(&trainings, None, 9, None).unwrap(), [open.clone()]);
+        let bare = JobList { bare: true, ..list };
+        assert_eq!(store.jobs(&bare, None, 9, None).unwrap(), [JobRow { result: None, ..done }, open]);
     }
 
     #[test]

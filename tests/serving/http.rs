@@ -691,6 +691,7 @@ fn bad_input_is_a_problem_that_names_it() {
         row("GET", "/v1/tasks/bowling?page=2", "", 422, wrong, "page"),
         row("GET", "/v1/jobs/job-99/trials", "", 404, missing, ""),
         row("GET", "/v1/iplw/job-99/rounds", "", 404, missing, ""),
+        row("GET", "/v1/diagnoses/job-99/trials", "", 404, missing, ""),
         row("GET", "/v1/iplw/job-99/proposals", "", 404, missing, ""),
         row("POST", "/v1/iplw/job-99/trials", "{}", 404, missing, ""),
         row(
@@ -1120,6 +1121,23 @@ fn measured_trials_are_diagnosed() {
     problem(untrialled, 409, "refused");
     let roundless = format!("/v1/iplw/{}/rounds", of_run["id"].as_str().unwrap());
     problem(server.send(Method::GET, &roundless, String::new()), 409, "refused");
+    // What a diagnosis was given is there as it was read, page by page.
+    let given = |job: &Value, query: &str| {
+        let path = format!("/v1/diagnoses/{}/trials?{query}", job["id"].as_str().unwrap());
+        server.send(Method::GET, &path, "")
+    };
+    problem(given(&run, ""), 409, "refused");
+    let first = ok(given(&done, "limit=6"), 200);
+    let last = ok(given(&done, &format!("limit=6&cursor={}", first["next"].as_str().unwrap())), 200);
+    assert_eq!((&first["scene"], &last["next"]), (&scene, &Value::Null));
+    let pages = [&first, &last].map(|page| page["trials"].as_array().unwrap());
+    assert_eq!(pages.map(Vec::len), [6, 4]);
+    for (told, trial) in pages.into_iter().flatten().zip(&trials) {
+        assert_eq!((&told["trial"], &told["t"]), (&json!(trial.name), &json!(trial.observed.times)));
+        let track = &trial.observed.bodies[0];
+        assert_eq!(told["bodies"][&track.name]["x"], json!(track.x));
+    }
+    assert_eq!(ok(given(&of_run, ""), 200)["trials"].as_array().unwrap().len(), 4);
 }
 
 /// Tracks of one ball need no scene, and an error stands under the field of the request that it speaks of.

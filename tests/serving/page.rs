@@ -136,7 +136,13 @@ fn jobs_are_listed_in_either_order_by_state_and_by_kind() {
     assert_eq!(ids(&format!("order=newest&cursor={next}")), ["job-1"]);
     // A cursor goes on with the list it came from.
     problem(server.send(Method::GET, &format!("/v1/jobs?cursor={next}"), ""), 422, "invalid-value");
-    for query in ["order=up", "state=done", "kind=training", "order=newest&order=oldest"] {
+    let results = |query: &str| -> Vec<bool> {
+        let found = server.get(&format!("/v1/jobs?{query}"));
+        found["jobs"].as_array().unwrap().iter().map(|j| j["result"].is_object()).collect()
+    };
+    assert_eq!((results(""), results("results=true")), (vec![true; 3], vec![true; 3]));
+    assert_eq!(results("results=false"), [false; 3]);
+    for query in ["order=up", "results=no", "state=done", "kind=training", "order=newest&order=oldest"] {
         problem(server.send(Method::GET, &format!("/v1/jobs?{query}"), ""), 422, "invalid-value");
     }
     ok(server.send(Method::GET, "/v1/jobs", ""), 200);

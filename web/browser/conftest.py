@@ -19,8 +19,8 @@ from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_play
 
 ROOT = Path(__file__).resolve().parents[2]
 BINARY = Path(os.environ.get("IPLW_BIN", ROOT / "target/debug/iplw"))
-#: A machine that does other things too is slow; nothing here measures time by waiting, ms.
-PATIENCE = 30_000
+#: How long something may take to be seen, ms. A machine that does other things too is slow; nothing here measures time by waiting.
+PATIENCE = int(os.environ.get("PATIENCE", 30_000))
 expect.set_options(timeout=PATIENCE)
 
 

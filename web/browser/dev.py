@@ -3,6 +3,7 @@
 python3 web/browser/dev.py http://127.0.0.1:8080 [PORT]
 """
 
+import contextlib
 import http.client
 import sys
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -36,10 +37,12 @@ class Handler(BaseHTTPRequestHandler):
         headers = [(k, v) for k, v in response.getheaders() if k.lower() not in ("transfer-encoding", "connection")]
         if response.getheader("Content-Type", "").startswith("text/event-stream"):
             self.start(response.status, headers)
-            while piece := response.read1():
-                self.wfile.write(piece)
-                self.wfile.flush()
             self.close_connection = True
+            # Either side may be gone at any moment: the stream ends, as it would without us.
+            with contextlib.suppress(OSError, ValueError, http.client.HTTPException):
+                while piece := response.read1():
+                    self.wfile.write(piece)
+                    self.wfile.flush()
             return
         headers = [(k, v) for k, v in headers if k.lower() != "content-length"]
         self.answer(response.status, headers, response.read())

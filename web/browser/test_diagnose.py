@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from playwright.sync_api import Page, expect
+from test_jobs import LONG
 from thrown import ALIKE, LOW, csv, launches
 
 #: Counts what a hand does.
@@ -167,6 +168,34 @@ def test_an_estimation_s_trials_are_diagnosed(serve: Callable[..., Any], see: Ca
     own = page.locator("[data-job]").get_attribute("data-job")
     config = server.ask("GET", f"/v1/jobs/{own}")["config"]
     assert (config["job"], config["trials"]) == (job, 4)
+
+
+def test_tracks_of_a_diagnosis_are_seen_again_after_a_reload(serve: Callable[..., Any], see: Callable[..., Any], tmp_path: Path) -> None:
+    """While it waits its turn, after a reload and from another tab; then the verdict comes."""
+    limits = tmp_path / "limits.json"
+    limits.write_text(json.dumps({"jobs_running": 1}))
+    server = serve("--limits", str(limits))
+    before = server.ask("POST", "/v1/iplw", LONG)["id"]
+    page = see(server).open("#/diagnose")
+    drop(page, "film.csv", csv(launches(14, 70), scale=0.01))
+    page.get_by_label("Lengths in").select_option("cm")
+    expect(page.locator(".glance")).to_contain_text("3.81 m wide")
+    told = page.locator(".glance").inner_text()
+    run(page)
+    title = page.locator("[data-job] h2")
+    expect(title).to_have_text("The diagnosis waits for its turn")
+    job = page.locator("[data-job]").get_attribute("data-job")
+    other = see(server).open(f"#/diagnose/{job}")
+    page.reload()
+    for seen in (page, other):
+        expect(seen.get_by_role("img", name="14 tracks over the scene")).to_be_visible()
+        # As they were read: in metres, though they came in centimetres.
+        expect(seen.locator(".glance")).to_have_text(told)
+        expect(seen.locator("[data-job] h2")).to_have_text("The diagnosis waits for its turn")
+    server.ask("DELETE", f"/v1/jobs/{before}")
+    for seen in (page, other):
+        expect(verdict(seen).locator("h2")).to_have_text("The simulation lacks quadratic drag.")
+        expect(seen.locator(".given")).to_have_count(0)
 
 
 #: Notes pictures that come more than 100 ms after the one before, and scripts that take that long.

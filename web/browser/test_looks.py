@@ -1,11 +1,13 @@
 """Every view, in two widths and both themes: no serious finding of axe, and a picture (kept with PICTURES=1)."""
 
+import io
 import os
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 from conftest import ROOT
+from PIL import Image
 from playwright.sync_api import Page, expect
 from test_diagnose import drop
 from test_jobs import SHORT
@@ -16,6 +18,10 @@ from test_live import act
 AXE = ROOT / "web/node_modules/axe-core/axe.min.js"
 PICTURES = ROOT / "docs/pictures"
 WIDTHS = {"wide": (1280, 900), "phone": (390, 844)}
+#: Of a picture: colours, and height as far as which a view is kept, px.
+COLOURS, TALLEST = 64, {"wide": 3000, "phone": 5500}
+#: Bytes of a picture, at most: who fetches the project fetches all of them.
+LARGEST = 150_000
 
 
 def played(page: Page, server: Any) -> None:
@@ -89,8 +95,6 @@ def asked(page: Page, server: Any) -> None:
     page.locator("[data-proposal] summary").first.click()
 
 
-
-
 def peopled(page: Page, server: Any) -> None:
     """Worlds that programs act in."""
     for of in ({"task": "bowling"}, {"task": "basketball:004", "kind": "real", "budget": 20}, {"task": "bowling:017", "sealed": True}):
@@ -141,8 +145,19 @@ def test_view(name: str, serve: Callable[..., Any], see: Callable[..., Any]) -> 
             assert over <= 0, f"{name} is {over} px wider than a {width} screen"
             assert findings(page) == [], f"{name}, {width}, {theme}"
             if os.environ.get("PICTURES"):
-                PICTURES.mkdir(parents=True, exist_ok=True)
-                page.screenshot(path=PICTURES / f"{name}-{width}-{theme}.png", full_page=True)
+                keep(page, f"{name}-{width}-{theme}.png", TALLEST[width])
+
+
+def keep(page: Page, name: str, tallest: int) -> None:
+    """A picture of the page from its top, with few colours, for there are few on it."""
+    page.evaluate("scrollTo(0, 0)")
+    whole = Image.open(io.BytesIO(page.screenshot(full_page=True))).convert("RGB")
+    part = whole.crop((0, 0, whole.width, min(whole.height, tallest)))
+    PICTURES.mkdir(parents=True, exist_ok=True)
+    few = part.quantize(COLOURS, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+    few.save(PICTURES / name, optimize=True)
+    size = (PICTURES / name).stat().st_size
+    assert size <= LARGEST, f"{name} takes {size} bytes"
 
 
 def findings(page: Page) -> list[str]:

@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+use super::given::{Given, KIND};
 use super::text::json;
 use super::trials;
 use crate::budget::Budget;
@@ -33,18 +33,9 @@ pub fn operations() -> Vec<Operation> {
                  `ball` makes it.",
             )
             .refuses(&[(404, "Unknown job"), (409, "A job without trials")])
+            .leads_to(202, "/v1/diagnoses/{id}", "/id")
             .queues(KIND, begin, work),
     ]
-}
-
-const KIND: &str = "diagnose";
-
-/// A diagnosis with everything decided; the texts are files' contents, so that no digit is lost.
-#[derive(Serialize, Deserialize)]
-struct Plan {
-    scene: String,
-    trials: String,
-    seed: u64,
 }
 
 /// Queues a diagnosis.
@@ -68,7 +59,7 @@ fn begin(app: &App, Body(body): Body<DiagnosisIn>, keep: Keep<JobOut>) -> Result
     };
     // What was asked for, without the data themselves.
     let config = json!({ "job": job, "scene": scene.name, "trials": count, "seed": seed });
-    let plan = json(&Plan { scene: scene.to_json(), trials: csv, seed })?;
+    let plan = json(&Given { scene: scene.to_json(), trials: csv, seed })?;
     let new = New { kind: KIND, config: &config, plan: &plan, seed };
     Ok(app.jobs().submit(new, &|job| keep(&job.into()))?.into())
 }
@@ -120,11 +111,10 @@ fn placed(error: Error) -> Error {
 
 /// The work of a diagnosis: begun again, it does everything again, and finds the same.
 fn work(_: &Arc<Base>, plan: &Value) -> Result<Work> {
-    let plan: Plan = from_value(plan.clone())?;
+    let given: Given = from_value(plan.clone())?;
     Ok(Box::new(move |context| {
-        let scene: Scene = parse(&plan.scene)?;
-        let trials = trials_from_csv(&plan.trials, &scene)?;
-        let found = diagnose(&scene, &trials, &Config::standard(plan.seed), context)?;
+        let (scene, trials) = given.read()?;
+        let found = diagnose(&scene, &trials, &Config::standard(given.seed), context)?;
         let mut result = json(&found.diagnosis)?;
         if let Some(fields) = result.as_object_mut() {
             fields.insert("extended_scene".into(), parse(&found.extended.to_json())?);

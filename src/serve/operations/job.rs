@@ -15,7 +15,10 @@ use crate::store::{JobList, JobState};
 pub fn operations() -> Vec<Operation> {
     vec![
         get("list_jobs", "/v1/jobs", "jobs", READ)
-            .about("Jobs, oldest first unless asked otherwise.")
+            .about(
+                "Jobs, oldest first unless asked otherwise.\n\nResults may be large, those of diagnoses above all: a list that is \
+                 looked at often leaves them out by `results=false`.",
+            )
             .leads_to(200, "/v1/jobs/{id}", "/jobs/0/id")
             .does(list),
         get("get_job", "/v1/jobs/{id}", "jobs", READ)
@@ -56,6 +59,7 @@ impl Input for Listed {
         to.query::<String>("order", "`oldest` (default) or `newest` first");
         to.query::<String>("state", "Only jobs in this state");
         to.query::<String>("kind", "Only jobs of this kind: `train`, `evaluate`, ...");
+        to.query::<bool>("results", "With their results, which may be large; `true` if absent");
         Page::describe(to);
     }
 
@@ -79,8 +83,15 @@ impl Input for Listed {
                 Error::input("state", format!("{name:?}"), format!("one of {all}"))
             })?),
         };
+        let bare = match taken("results").as_deref() {
+            None | Some("true") => false,
+            Some("false") => true,
+            Some(other) => {
+                return Err(Error::input("results", format!("{other:?}"), "true or false").into());
+            }
+        };
         let kind = taken("kind");
-        Ok(Listed(JobList { newest, state, kind }, Page::from_query(&query)?))
+        Ok(Listed(JobList { newest, state, kind, bare }, Page::from_query(&query)?))
     }
 }
 

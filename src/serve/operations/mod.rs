@@ -10,6 +10,7 @@ mod diagnosis;
 mod effect;
 mod estimation;
 mod evaluation;
+mod given;
 mod job;
 mod learning;
 mod measured;
@@ -36,7 +37,7 @@ use crate::error::Error;
 use crate::job::{Recipe, Recipes};
 
 /// A row a file.
-const FILES: [fn() -> Vec<Operation>; 19] = [
+const FILES: [fn() -> Vec<Operation>; 20] = [
     asked::operations,
     batch::operations,
     course::operations,
@@ -44,6 +45,7 @@ const FILES: [fn() -> Vec<Operation>; 19] = [
     effect::operations,
     estimation::operations,
     evaluation::operations,
+    given::operations,
     job::operations,
     learning::operations,
     policy::operations,

@@ -8,8 +8,10 @@ use serde::de::{MapAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 use utoipa::ToSchema;
 
+use super::asked::TrackOut;
+use super::bulk::Bulk;
 use super::strict::Object;
-use crate::reality::{File, Reading};
+use crate::reality::{File, Reading, Trial};
 use crate::task::Scene;
 use crate::task::ball::{Ball, GRAVITY};
 
@@ -42,6 +44,31 @@ pub struct DiagnosisIn {
 pub enum TrialsIn {
     One(String),
     Several(BTreeMap<String, String>),
+}
+
+/// The trials that a diagnosis was given.
+#[derive(Serialize, ToSchema)]
+pub struct GivenTrials {
+    /// An `iplw.scene/1` document: the base model.
+    #[schema(value_type = Object)]
+    pub scene: Scene,
+    /// In the order in which they were given.
+    pub trials: Vec<GivenOut>,
+    /// Cursor of the next page, if there is one.
+    pub next: Option<String>,
+}
+
+/// One of them.
+#[derive(Serialize, ToSchema)]
+pub struct GivenOut {
+    /// Its name.
+    pub trial: String,
+    /// The setting of the scene that it was measured in, if there are any.
+    pub setting: Option<String>,
+    /// Times, s.
+    pub t: Vec<f64>,
+    /// By name of the body, a state for each time.
+    pub bodies: BTreeMap<String, TrackOut>,
 }
 
 /// A ball, and a floor if there is one.
@@ -85,6 +112,16 @@ impl TrialsIn {
         }
     }
 }
+
+impl From<Trial> for GivenOut {
+    fn from(trial: Trial) -> GivenOut {
+        let Trial { name, setting, observed, .. } = trial;
+        let bodies = observed.bodies.iter().map(|track| (track.name.clone(), track.into())).collect();
+        GivenOut { trial: name, setting, t: observed.times, bodies }
+    }
+}
+
+impl Bulk for GivenTrials {}
 
 impl From<BallIn> for Ball {
     fn from(ball: BallIn) -> Ball {

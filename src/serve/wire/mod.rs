@@ -34,7 +34,7 @@ pub use asked::{ProposalOut, Proposals, TellIn, TellQuery, Told, TrialIn, TrialO
 pub use batch::{CreateWorlds, ResetWorlds, StepWorlds, WorldIds, WorldsMade, WorldsReset, WorldsStepped};
 pub use bulk::Bulk;
 pub use course::{Course, RoundOut};
-pub use diagnosis::DiagnosisIn;
+pub use diagnosis::{DiagnosisIn, GivenOut, GivenTrials};
 pub use episode::{ResetIn, ResetOut, SplitIn, StepIn, StepOut};
 pub use form::{Form, MSGPACK};
 pub use health::Health;

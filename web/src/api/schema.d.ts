@@ -148,6 +148,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/diagnoses/{id}/trials": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * The trials that a diagnosis was given, as they were read (SI, y up), with the scene they are held against;
+         *     from the moment it is queued, whatever becomes of it.
+         */
+        get: operations["list_given_trials"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/v1/effects": {
         parameters: {
             query?: never;
@@ -247,7 +267,10 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Jobs, oldest first unless asked otherwise. */
+        /**
+         * Jobs, oldest first unless asked otherwise.
+         * @description Results may be large, those of diagnoses above all: a list that is looked at often leaves them out by `results=false`.
+         */
         get: operations["list_jobs"];
         put?: never;
         post?: never;
@@ -1195,6 +1218,28 @@ export interface components {
             };
             /** @description s */
             t: number[];
+        };
+        /** @description One of them. */
+        GivenOut: {
+            /** @description By name of the body, a state for each time. */
+            bodies: {
+                [key: string]: components["schemas"]["TrackOut"];
+            };
+            /** @description The setting of the scene that it was measured in, if there are any. */
+            setting?: string | null;
+            /** @description Times, s. */
+            t: number[];
+            /** @description Its name. */
+            trial: string;
+        };
+        /** @description The trials that a diagnosis was given. */
+        GivenTrials: {
+            /** @description Cursor of the next page, if there is one. */
+            next?: string | null;
+            /** @description An `iplw.scene/1` document: the base model. */
+            scene: Record<string, never>;
+            /** @description In the order in which they were given. */
+            trials: components["schemas"]["GivenOut"][];
         };
         /** @description How many actions were chosen for what. */
         GroupsOut: {
@@ -2983,6 +3028,96 @@ export interface operations {
             };
         };
     };
+    list_given_trials: {
+        parameters: {
+            query?: {
+                /** @description Most items, 1 to 1000; default 100 */
+                limit?: number;
+                /** @description `next` of the page before */
+                cursor?: string;
+            };
+            header?: never;
+            path: {
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description OK */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["GivenTrials"];
+                };
+            };
+            /** @description No token, or none that is good */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Not from this page */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The job is no diagnosis */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The server is not called so */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request's deadline has passed, or storage fails or is damaged */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
     list_effects: {
         parameters: {
             query?: {
@@ -3494,6 +3629,8 @@ export interface operations {
                 state?: string;
                 /** @description Only jobs of this kind: `train`, `evaluate`, ... */
                 kind?: string;
+                /** @description With their results, which may be large; `true` if absent */
+                results?: boolean;
                 /** @description Most items, 1 to 1000; default 100 */
                 limit?: number;
                 /** @description `next` of the page before */

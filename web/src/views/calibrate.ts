@@ -20,7 +20,7 @@ export const calibrate: View = {
   open: (place, context) => (context.rest[0] ? one(place, context.rest[0], context) : start(place, context)),
 };
 
-/** Newest jobs among which estimations are looked for. */
+/** Newest estimations that are looked at. */
 const JOBS = 100;
 /** Estimations that are listed. */
 const LISTED = 12;
@@ -37,8 +37,8 @@ async function start(place: HTMLElement, context: Context): Promise<void> {
 
 /** Estimations, newest first. */
 async function estimations(signal: AbortSignal): Promise<Job[]> {
-  const { jobs } = await ok(api.GET("/v1/jobs", { params: { query: { order: "newest", limit: JOBS } }, signal }));
-  return jobs.filter((job) => job.kind === "iplw");
+  const { jobs } = await ok(api.GET("/v1/jobs", { params: { query: { kind: "iplw", order: "newest", results: false, limit: JOBS } }, signal }));
+  return jobs;
 }
 
 async function request(id: string, signal: AbortSignal): Promise<Asked> {

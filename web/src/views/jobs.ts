@@ -40,7 +40,7 @@ async function list(place: HTMLElement, context: Context): Promise<void> {
   const before: (string | undefined)[] = [];
   let [cursor, next, page]: [string | undefined, string | null, Job[]] = [undefined, null, []];
   const ask = (of: { limit: number; cursor?: string }): Promise<Schema<"Jobs">> => {
-    const query = { order: "newest", ...(state.value ? { state: state.value } : {}), ...of };
+    const query = { order: "newest", results: false, ...(state.value ? { state: state.value } : {}), ...of };
     return ok(api.GET("/v1/jobs", { params: { query }, signal }));
   };
   const show = (): void => {

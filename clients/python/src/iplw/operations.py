@@ -70,6 +70,14 @@ OPERATIONS: dict[str, Operation] = {
         gives=("application/json",),
         keyed=True,
     ),
+    "list_given_trials": Operation(
+        method="GET",
+        path="/v1/diagnoses/{id}/trials",
+        status=200,
+        names=("id", "limit", "cursor"),
+        gives=("application/json",),
+        items="trials",
+    ),
     "list_effects": Operation(
         method="GET",
         path="/v1/effects",
@@ -115,7 +123,7 @@ OPERATIONS: dict[str, Operation] = {
         method="GET",
         path="/v1/jobs",
         status=200,
-        names=("order", "state", "kind", "limit", "cursor"),
+        names=("order", "state", "kind", "results", "limit", "cursor"),
         gives=("application/json",),
         items="jobs",
     ),

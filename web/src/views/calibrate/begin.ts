@@ -96,7 +96,7 @@ function inputs(of: Choices, like: Asked) {
     rounds: number(like.rounds, "5", 1),
     actions: number(like.actions, "10", 1),
     budget: number(like.budget, "none", 1),
-    samples: number(like.samples, "as the program has it", 4),
+    samples: number(like.samples, "usual", 4),
     residual: select(["trajectory", "shooting"], like.residual ?? "trajectory"),
     fit: h("input", { type: "text", value: (like.fit ?? []).join(", "), placeholder: "none", list, spellcheck: "false", autocomplete: "off" }),
     parameters: h("datalist", { id: list }, ...of.library.flatMap((e) => e.parameters.map((p) => h("option", { value: `${e.name}.${p.name}` })))),

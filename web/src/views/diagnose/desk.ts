@@ -5,26 +5,16 @@ import { ProblemError } from "../../api/problem";
 import { h, put } from "../../dom";
 import type { Field } from "../../parts/field";
 import { pause } from "../../parts/pause";
-import { short } from "../../parts/slider";
 import { type Context, link } from "../../view";
 import { intake } from "./intake";
-import { over, spots, ways } from "./over";
 import { reading } from "./reading";
 import { ruler } from "./ruler";
 import { body, empty, guess, missing, sceneOf, type Setup, tracksOf, unitsAsked } from "./setup";
+import { facts, sight } from "./sight";
 import { subject } from "./subject";
-import { glance, type Glance, type Track } from "./tracks";
 
 /** What was set up last: there again after a diagnosis was looked at. */
 let kept: Setup = empty();
-
-/** The job that was asked for last, with the picture of its tracks. */
-let asked: { id: string; picture: () => HTMLElement[] } | null = null;
-
-/** The tracks of a job that was asked for here. */
-export function tracksSeen(id: string): HTMLElement[] {
-  return asked?.id === id ? asked.picture() : [];
-}
 
 /** Fills a place with the desk. */
 export function desk(place: HTMLElement, outer: Context): void {
@@ -33,13 +23,13 @@ export function desk(place: HTMLElement, outer: Context): void {
   const setup = kept;
   let fields: Record<string, Field> = {};
   let told: string[] = [];
-  const [files, readings, subjects, sight, why] = [h("div", { class: "soft" }), h("div"), h("div"), h("div", { class: "stack" }), h("span", { class: "soft" })];
+  const [files, readings, subjects, shown, why] = [h("div", { class: "soft" }), h("div"), h("div"), h("div", { class: "stack" }), h("span", { class: "soft" })];
   const run = h("button", { type: "button", class: "main" }, "Run the diagnosis");
   const look = (): void => {
     const lacks = missing(setup);
     run.disabled = lacks !== null;
     put(why, lacks);
-    put(sight, ...picture(setup, told, form));
+    put(shown, ...picture(setup, told, form));
   };
   const form = (): void => {
     const [how, what] = [reading(setup, look, form), subject(setup, look, form, context)];
@@ -68,10 +58,7 @@ export function desk(place: HTMLElement, outer: Context): void {
     run.disabled = true;
     put(run, "Sending…");
     ok(api.POST("/v1/diagnoses", { body: body(setup), signal: context.signal }))
-      .then((job) => {
-        asked = setup.of === "job" ? null : { id: job.id, picture: () => picture(setup, [], null) };
-        location.hash = link("diagnose", [job.id]);
-      })
+      .then((job) => (location.hash = link("diagnose", [job.id])))
       .catch((e: unknown) => {
         put(run, "Run the diagnosis");
         run.disabled = false;
@@ -90,7 +77,7 @@ export function desk(place: HTMLElement, outer: Context): void {
   const readingCard = card("How they are read", readings);
   const subjectCard = card("What they are of", subjects);
   const controls = h("div", { class: "stack" }, tracksCard, subjectCard, readingCard);
-  put(place, h("div", { class: "desk" }, controls, h("div", { class: "stack" }, h("div", { class: "row" }, run, again, why), sight)));
+  put(place, h("div", { class: "desk" }, controls, h("div", { class: "stack" }, h("div", { class: "row" }, run, again, why), shown)));
   form();
 }
 
@@ -122,40 +109,23 @@ function listed(setup: Setup): HTMLElement {
 }
 
 /** The tracks over the scene, and what they tell at a glance. */
-function picture(setup: Setup, told: readonly string[], again: (() => void) | null): HTMLElement[] {
+function picture(setup: Setup, told: readonly string[], again: () => void): HTMLElement[] {
   if (setup.of === "job") return [h("p", { class: "soft" }, "An estimation's trials are diagnosed as it measured them, with the scene that it simulates.")];
   const scene = sceneOf(setup);
   const tracks = tracksOf(setup);
   if (!tracks.length && !setup.scene) return [h("p", { class: "soft" }, setup.files.length ? NOTHING : START)];
-  const all = tracks.flatMap((t) => t.at);
-  const seen = glance(tracks);
-  const drawn = [ways(tracks.map((t) => t.at), "track"), spots(tracks.map((t) => t.at[0]!), "track-start")];
-  const label = tracks.length ? `${seen.trials} tracks over the scene` : "The scene";
   const { pixels } = unitsAsked(setup);
   const note = pixels && setup.said.metresPerPixel === null ? "A pixel is drawn as a metre until its size is said." : "";
-  const shown = over(scene, label, all, drawn, note);
+  const shown = sight(scene, tracks, note);
   const scale = setup.said.metresPerPixel ?? 1;
-  const measure = again && pixels && scale > 0 ? ruler(shown.picture, scale, (v) => ((setup.said.metresPerPixel = v), again())) : null;
+  const measure = pixels && scale > 0 ? ruler(shown.picture, scale, (v) => ((setup.said.metresPerPixel = v), again())) : null;
   return [
     shown.element,
     ...(measure ? [measure] : []),
-    tracks.length ? facts(setup, seen, tracks) : h("p", { class: "soft" }, setup.files.length ? NOTHING : "Drop the CSV of the tracks."),
+    tracks.length ? facts(tracks, setup.of === "ball" ? setup.ball.gravity : null) : h("p", { class: "soft" }, setup.files.length ? NOTHING : "Drop the CSV of the tracks."),
     ...told.map((text) => h("p", { class: "told" }, text)),
   ];
 }
 
 const START = "The tracks are drawn here, over the scene, as they will be read. Nothing is sent before you run the diagnosis.";
 const NOTHING = "No numbers were found in the chosen columns. Choose others, or run it to hear what the server says of the file.";
-
-function facts(setup: Setup, seen: Glance, tracks: readonly Track[]): HTMLElement {
-  const { gravity } = setup.ball;
-  const fall = seen.upwards === null ? "" : `${seen.upwards < 0 ? "falling" : "rising"} with ${short(Math.abs(seen.upwards), "m/s²")}`;
-  const bodies = new Set(tracks.map((t) => t.body)).size;
-  const words = [
-    `${seen.trials} ${seen.trials === 1 ? "launch" : "launches"}${bodies > 1 ? ` of ${bodies} bodies` : ""}, ${seen.samples} samples`,
-    `up to ${short(seen.seconds, "s")}`,
-    `${short(seen.width, "m")} wide, ${short(seen.height, "m")} high`,
-    fall + (fall && setup.of === "ball" ? ` (gravity: ${short(gravity)})` : ""),
-  ];
-  return h("p", { class: "glance" }, words.filter(Boolean).join("; "), ".");
-}

@@ -17,7 +17,7 @@ export function over(scene: Scene, label: string, around: readonly Point[], draw
   put(shown.under, ...lines);
   put(shown.over, ...drawn);
   put(shown.svg, s("title", {}, label), ...shown.svg.childNodes);
-  const scale = `Grid lines are ${step} m apart; the darker ones are x = 0 and y = 0.`;
+  const scale = `Grid lines are ${step} m apart; the stronger ones are x = 0 and y = 0.`;
   return { element: h("figure", { class: "over" }, shown.svg, h("figcaption", { class: "soft" }, note ? `${note} ` : "", scale)), picture: shown };
 }
 

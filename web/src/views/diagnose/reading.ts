@@ -20,12 +20,12 @@ export function reading(setup: Setup, changed: () => void, again: () => void): R
   const chosen = columnsOf(setup, first);
   const { pixels, pictures } = unitsAsked(setup);
   const own = (i: number, none: string): string => first.columns[i]?.unit?.name ?? none;
-  const length = choice("Lengths in", units(LENGTHS.map(([u]) => u.name), `as the file has it (${own(chosen.x, "m")})`), said.lengthUnit, (v) => {
+  const length = choice("Lengths in", units(LENGTHS.map(([u]) => u.name), `the file's (${own(chosen.x, "m")})`), said.lengthUnit, (v) => {
     said.lengthUnit = v;
     said.metresPerPixel = null;
     again();
   });
-  const time = choice("Times in", units(TIMES.map(([u]) => u.name), `as the file has it (${pictures && !said.timeUnit ? "frames" : own(chosen.clock, "s")})`), said.timeUnit, (v) => {
+  const time = choice("Times in", units(TIMES.map(([u]) => u.name), `the file's (${pictures && !said.timeUnit ? "frames" : own(chosen.clock, "s")})`), said.timeUnit, (v) => {
     said.timeUnit = v;
     said.fps = null;
     again();

@@ -5,9 +5,9 @@ import { follow } from "../../api/events";
 import { h, put } from "../../dom";
 import { type Context, link } from "../../view";
 import { duration } from "../jobs";
-import { tracksSeen } from "./desk";
 import type { Report } from "./report";
 import { result } from "./result";
+import { given } from "./sight";
 
 type Job = Schema<"JobOut">;
 
@@ -26,9 +26,12 @@ export async function running(place: HTMLElement, id: string, context: Context):
       result(place, job.result as unknown as Report, job, context).catch(context.fail);
     } else view.show(job);
   };
-  put(place, view.element, first.state === "succeeded" ? null : h("div", { class: "stack seen" }, ...tracksSeen(id)));
+  const tracks = h("div", { class: "stack given" });
+  put(place, view.element, tracks);
   show(first);
-  if (!done) await follow(`/v1/jobs/${encodeURIComponent(id)}/events`, (event) => show(JSON.parse(event.data) as Job), signal);
+  if (done) return;
+  given(id, signal).then((seen) => put(tracks, ...seen)).catch(context.fail);
+  await follow(`/v1/jobs/${encodeURIComponent(id)}/events`, (event) => show(JSON.parse(event.data) as Job), signal);
 }
 
 /** What a diagnosis goes through, in order; others come at the end as they are told. */

@@ -77,8 +77,8 @@ function task(setup: Setup, again: () => void, context: Context): HTMLElement {
   return place;
 }
 
-/** Jobs of a page, since results come along; and pages that are looked through at most. */
-const [PAGE, PAGES] = [20, 10];
+/** Newest estimations that are looked at, and most that are listed. */
+const [LOOKED, LISTED] = [200, 20];
 
 function jobs(setup: Setup, changed: () => void, context: Context): HTMLElement {
   const place = h("div", { class: "row" });
@@ -94,16 +94,9 @@ function jobs(setup: Setup, changed: () => void, context: Context): HTMLElement 
 
 /** Estimations that may have measured something, the newest first. */
 async function estimations(signal: AbortSignal): Promise<Schema<"JobOut">[]> {
-  const own: Schema<"JobOut">[] = [];
-  let cursor: string | null | undefined;
-  for (let page = 0; page < PAGES && own.length < PAGE; page++) {
-    const query = { order: "newest", limit: PAGE, ...(cursor ? { cursor } : {}) };
-    const found = await ok(api.GET("/v1/jobs", { params: { query }, signal }));
-    own.push(...found.jobs.filter((job) => job.kind === "iplw" && job.state !== "queued" && job.state !== "failed"));
-    cursor = found.next;
-    if (!cursor) break;
-  }
-  return own;
+  const query = { kind: "iplw", order: "newest", results: false, limit: LOOKED };
+  const { jobs } = await ok(api.GET("/v1/jobs", { params: { query }, signal }));
+  return jobs.filter((job) => job.state !== "queued" && job.state !== "failed").slice(0, LISTED);
 }
 
 function told(job: Schema<"JobOut">): string {
