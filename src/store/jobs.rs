@@ -335,7 +335,7 @@ mod tests {
         let waiting = JobList { state: Some(JobState::Waiting), ..list.clone() };
         assert_eq!(store.jobs(&waiting, None, 9, None).unwrap(), std::slice::from_ref(&open));
         let trainings = JobList { kind: Some("train".into()), ..list.clone() };
-        assert_eq!(store.jobs(&trainings, None, 9, None).unwrap(), [open.clone()]);
+        assert_eq!(store.jobs(&trainings, None, 9, None).unwrap(), std::slice::from_ref(&open));
         let bare = JobList { bare: true, ..list };
         assert_eq!(store.jobs(&bare, None, 9, None).unwrap(), [JobRow { result: None, ..done }, open]);
     }
