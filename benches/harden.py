@@ -328,17 +328,22 @@ def late_work(running: Server) -> None:
     scene = urllib.parse.urlencode({"view": "scene", "width": 4096})
     many = {"task": "bowling:000", "count": 10_000}
     worlds = {"task": "bowling", "kind": "sim", "count": 4000}
+    rows = "".join(f"{i // 500},{i % 500 / 100},{1.5 + i % 7},2.5\n" for i in range(800_000))
+    reading = {"length_unit": "m", "time_unit": "s", "y_down": False}
+    tracks = {"ball": {"radius": 0.02, "mass": 0.0027}, "trials": f"trial,t,x,y\n{rows}", "reading": reading}
     for name, method, path, body in (
         ("a picture of 4096 px", "GET", f"/v1/worlds/{long}/render?{scene}", None),
         ("a film of 4096 px", "GET", f"/v1/worlds/{long}/render?{film}", None),
         ("the ranking of 10,000 actions", "POST", "/v1/policies/random/act", many),
         ("4000 worlds made", "POST", "/v1/batch/worlds", worlds),
+        (f"reading {len(rows) / 1e6:.0f} MB of tracks", "POST", "/v1/diagnoses", tracks),
     ):
-        worst = 0.0
+        worst, given_up_on = 0.0, 0
         for deadline in (0.01, 0.03, 0.1, 0.2):
             status, _ = ask(connection, method, path, body, X_Deadline=str(deadline))
             if status != 503:
                 continue
+            given_up_on += 1
             given_up, before = time.perf_counter(), processor_time(running.pid)
             since, used = given_up, before
             while time.perf_counter() - since < 0.1:
@@ -347,7 +352,8 @@ def late_work(running: Server) -> None:
                     since, used = time.perf_counter(), now
                 time.sleep(0.002)
             worst = max(worst, since - given_up)
-        print(f"{name}: computes on for {1000 * worst:.0f} ms at most after its deadline")
+        told = f"computes on for {1000 * worst:.0f} ms at most after its deadline" if given_up_on else "is done in time"
+        print(f"{name}: {told}")
 
 
 def after_jobs(binary: str, count: int = 66) -> tuple[float, float, float]:
