@@ -206,12 +206,12 @@ impl<'a, 'b> Fitter<'a, 'b> {
     fn scored(&self, layout: Layout, stand: Stand) -> Option<Fitted> {
         let prior = stand.prior(&layout);
         let Stand { state, looks, parts, told, components, covariance, step, .. } = stand;
-        let all = Pooled { step, covariance };
-        let robust = robust::variances(&told, &prior, &all);
         let score = score::held_out(&parts, &prior, &components, &self.folds)?;
         if score.iter().any(|s| !s.is_finite()) {
             return None;
         }
+        let all = Pooled { step, covariance };
+        let robust = robust::variances(&told, &prior, &all);
         let (_, squares) = score::held_out_with(&parts, &told, &prior, &self.folds)?;
         let pass = model::summed(self.data, looks, layout.slots.len());
         let groups: Vec<usize> = (0..pass.trials.len()).collect();

@@ -301,6 +301,23 @@ mod tests {
         Components { slow: 1.3, leap: 0.01, strength: 0.25, push: vec![0.7, 0.4], spread: vec![0.5, 0.0] }
     }
 
+    /// Of what starts from states seen whole a smaller square than is allowed predicts no better; of what was measured it does.
+    #[test]
+    fn less_than_is_allowed_tells_nothing() {
+        let none = Pooled { step: DVector::zeros(0), covariance: DMatrix::zeros(0, 0) };
+        let predicted = |square: f64, allowed: f64| {
+            let (gram, score) = (DMatrix::zeros(0, 0), DVector::zeros(0));
+            Told { launch: 0, gram, score, square, log_det: 0.0, count: 12.0, allowed }.predicted(&none)
+        };
+        assert_eq!(predicted(0.1, 12.0), predicted(12.0, 12.0));
+        assert!(predicted(13.0, 12.0) < predicted(12.0, 12.0) && predicted(12.0, 0.0) < predicted(0.1, 0.0));
+        let allowed = |differs: bool| {
+            let part = Part { differs, ..part() };
+            all_told(&[part], &components_of_it()).unwrap()[0].allowed
+        };
+        assert_eq!([allowed(true), allowed(false)], [0.0, 12.0]);
+    }
+
     /// The same Gaussian written down whole: (covariance, columns, what is left).
     fn whole(part: &Part, c: &Components) -> (DMatrix<f64>, DMatrix<f64>, DVector<f64>) {
         let [a, b] = &part.blocks[..] else { unreachable!("two windows") };

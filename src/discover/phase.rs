@@ -74,15 +74,14 @@ pub fn align(windows: &mut [Window], trials: &[Trial], engine: Engine) -> Result
             window.scene.bodies.iter_mut().zip(observed.bodies.iter().zip(&after.bodies))
         {
             let first = |v: &[f64], k: usize| v.last().map_or(f64::NAN, |v| (v - body.velocity[k]) / step);
-            let own = [first(&moved.vx, 0), first(&moved.vy, 1)];
-            let Some(pull) = during(seen, &observed.times, at).or(falls(own, gravity).then_some(gravity))
-            else {
+            // Whether something carries it. (By what was seen it cannot be told from what falls as fast as drag lets it.)
+            let is_falling = falls([first(&moved.vx, 0), first(&moved.vy, 1)], gravity);
+            let Some(pull) = during(seen, &observed.times, at).or(is_falling.then_some(gravity)) else {
                 continue;
             };
             for k in 0..2 {
-                // What something carries lags as a whole. (By what was seen it cannot be told from what falls as fast as drag lets it:
-                // of drag above half of gravity a shift as a whole made air that rises at 0.15 m/s.)
-                body.velocity[k] += match falls(own, gravity) {
+                // What something carries lags as a whole. (Of drag above half of gravity that made air that rises at 0.15 m/s.)
+                body.velocity[k] += match is_falling {
                     true => gravity[k] * later.gravity + (pull[k] - gravity[k]) * later.rest,
                     false => pull[k] * later.gravity,
                 };
