@@ -17,7 +17,7 @@ use iplw::reality::Trial;
 use iplw::rng;
 use iplw::task::Scene;
 use rand::RngExt;
-use worlds::study::{Run, middle, rates, sets};
+use worlds::study::{Run, middle, rates, sets, weighed};
 use worlds::{NOISES, Noise};
 
 /// Sets that differ in more than which of the twins of gravity they hold.
@@ -85,25 +85,13 @@ fn study(world: &World, id: &str, seed: u64, talk: bool) -> String {
         out += &format!("{id}/{round},{}\n", line(&own, &now, from.elapsed().as_secs_f64()));
     }
     if talk {
-        eprintln!("{out}  {}", d.reason);
+        eprint!("{out}");
+        weighed(&d);
         if let Some(next) = &d.next_experiment {
             eprintln!("  {} ({})", next.action, next.why);
         }
-        for s in d.scores.iter().take(10) {
-            eprintln!(
-                "  {:9.2} nats, worse with {:.3}: {}",
-                s.score,
-                s.probability_worse,
-                s.effects.join("+")
-            );
-        }
         if let Some(r) = &d.remainder {
             eprintln!("  field {:?} nats, explained {:?}", r.field, r.explained_share);
-        }
-        for e in &d.effects {
-            for p in &e.parameters {
-                eprintln!("  {}.{} = {:.4} {:?} spread {:?}", e.name, p.name, p.value, p.ci95, p.spread);
-            }
         }
     }
     out

@@ -23,7 +23,7 @@ use iplw::discover::{Config, diagnose};
 use iplw::progress::Silent;
 use iplw::reality::Trial;
 use worlds::recorded::{Kind, Size, World, kinds, world};
-use worlds::study::{Run, middle, rates, sets};
+use worlds::study::{Run, middle, rates, sets, weighed};
 
 /// Most sets that a reported set may hold and still count.
 const MOST_RIVALS: usize = 4;
@@ -76,18 +76,8 @@ fn study(world: &World, id: &str, seed: u64, talk: bool) -> String {
         sets(&d),
     );
     if talk {
-        eprintln!("{id},{line}\n  {}", d.reason);
-        for s in d.scores.iter().take(10) {
-            eprintln!(
-                "  {:9.2} nats, worse with {:.3}: {}",
-                s.score,
-                s.probability_worse,
-                s.effects.join("+")
-            );
-        }
-        for (e, p) in d.effects.iter().flat_map(|e| e.parameters.iter().map(move |p| (e, p))) {
-            eprintln!("  {}.{} = {:.4} {:?} spread {:?}", e.name, p.name, p.value, p.ci95, p.spread);
-        }
+        eprintln!("{id},{line}");
+        weighed(&d);
     }
     line
 }

@@ -5,6 +5,10 @@
 //! nothing, that many worlds each, sizes drawn by seed. `--help` tells the rest. Every world's outcome is added to a CSV
 //! beside the table as soon as it is known, and a run that was stopped goes on where it was.
 
+#[path = "../tests/discover_worlds/mod.rs"]
+#[allow(dead_code, reason = "shared with others, which use the rest")]
+mod worlds;
+
 use std::collections::{BTreeMap, HashSet};
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -22,6 +26,7 @@ use iplw::task::scene::EffectTerm;
 use iplw::task::{FAMILIES, Split, family, split};
 use iplw::world::Engine;
 use rand::RngExt;
+use worlds::study::{sets, weighed};
 
 /// An effect with the parameters it has, and the one whose size is drawn.
 type Row = (&'static str, &'static [(&'static str, f64)], &'static str);
@@ -90,11 +95,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 let begun = Instant::now();
                 let d = look(task, world.clone(), trials as usize, seed)?;
                 if show {
-                    eprintln!("  {}", d.reason);
-                    for s in d.scores.iter().take(10) {
-                        let sets = s.effects.join("+");
-                        eprintln!("  {:9.2} nats, worse with {:.3}: {sets}", s.score, s.probability_worse);
-                    }
+                    weighed(&d);
                 }
                 let line = line(row, &world, &d, begun.elapsed().as_secs_f64());
                 eprintln!("{key}: {line}");
@@ -130,7 +131,7 @@ fn look(task: &str, world: HiddenConfig, trials: usize, seed: u64) -> iplw::erro
 /// verdict, sets, relative error of the drawn parameter, friction and restitution found less the true ones, unexplained
 /// share, seconds
 fn line((name, _, drawn): &Row, world: &HiddenConfig, d: &Diagnosis, seconds: f64) -> String {
-    let sets = d.rivals.iter().map(|r| r.join("+")).collect::<Vec<_>>().join("|");
+    let sets = sets(d);
     let parameter = |terms: &EffectTerm| terms.parameters.get(*drawn).copied();
     let truth = world.effects.first().and_then(parameter);
     let found = d.effects.iter().find(|e| e.name == *name);

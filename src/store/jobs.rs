@@ -184,7 +184,8 @@ impl Store {
             }
         };
         let with = params![after, limit as i64, owner, list.state.map(JobState::name), list.kind];
-        self.select(if list.bare { BARE } else { COLUMNS }, which, with)
+        let columns = if list.bare { COLUMNS.replace("result", "NULL") } else { COLUMNS.into() };
+        self.select(&columns, which, with)
     }
 
     /// Every job that has not ended, in order of number.
@@ -228,9 +229,6 @@ impl Store {
 }
 
 const COLUMNS: &str = "number, kind, state, config, result, error, seed, version, stage, done, total, events, plan, starts, owner, \
-     whole, record";
-/// The same without the result.
-const BARE: &str = "number, kind, state, config, NULL, error, seed, version, stage, done, total, events, plan, starts, owner, \
      whole, record";
 
 fn row(row: &Row) -> rusqlite::Result<JobRow> {

@@ -100,6 +100,21 @@ impl Run {
     }
 }
 
+/// Tells what a diagnosis weighed: its reason, the best sets, the reported sizes and latents.
+pub fn weighed(d: &Diagnosis) {
+    eprintln!("  {}", d.reason);
+    for s in d.scores.iter().take(10) {
+        let sets = s.effects.join("+");
+        eprintln!("  {:9.2} nats, worse with {:.3}: {sets}", s.score, s.probability_worse);
+    }
+    for (e, p) in d.effects.iter().flat_map(|e| e.parameters.iter().map(move |p| (e, p))) {
+        eprintln!("  {}.{} = {:.4} {:?} spread {:?}", e.name, p.name, p.value, p.ci95, p.spread);
+    }
+    for c in &d.calibrated {
+        eprintln!("  {} = {:.4} {:?}, identifiable: {}", c.name, c.value, c.ci95, c.identifiable);
+    }
+}
+
 /// Reported sets: names joined by `+`, sets by `|`.
 pub fn sets(d: &Diagnosis) -> String {
     d.rivals.iter().map(|r| r.join("+")).collect::<Vec<_>>().join("|")
