@@ -15,7 +15,7 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use clap::Parser;
+use clap::{CommandFactory as _, Parser};
 use iplw::discover::report::{Diagnosis, Verdict};
 use iplw::discover::{Config, diagnose};
 use iplw::experiment::random_trials;
@@ -76,6 +76,13 @@ struct Run {
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let Run { seeds, first, trials, noise, engine, only, show, out } = Run::parse();
     let engine = if engine == "rapier" { Engine::Rapier } else { Engine::Auto };
+    let rows = FAMILIES.iter().flat_map(|f| HIDDEN.map(|row| format!("{}/{}", f.name, row.0)));
+    let names: Vec<String> = rows.collect();
+    if !names.iter().any(|n| n.starts_with(&only)) {
+        let text =
+            format!("--only: no row begins with `{only}`; allowed: the beginning of {}\n", names.join(", "));
+        Run::command().error(clap::error::ErrorKind::InvalidValue, text).exit();
+    }
     if let Some(folder) = out.parent() {
         std::fs::create_dir_all(folder)?;
     }
