@@ -5,6 +5,7 @@
 # make kill  a server killed at 100 random moments of a workload over both transports: nothing acknowledged may be lost
 # make harden what the server does with those who flood it, leave or take their time
 # make soak  a mixed load for an hour (MINUTES=60), and whether memory grows
+# make release builds and tries what is published: wheel, sources, licences, bill of materials, container image
 # make bench rollouts per second beside Pymunk on the same scenes, and how far that is from the machine's limits
 
 VENV := .venv
@@ -116,6 +117,15 @@ deny:
 licences:
 	python3 release/licences.py
 
+# Wheel, sources, bill of materials and container image, built and tried: release/release.py (FINAL=1 for what is published).
+release: $(VENV)-release/.installed
+	$(VENV)-release/bin/python release/release.py
+
+$(VENV)-release/.installed: release/requirements.txt
+	python3 -m venv $(VENV)-release
+	$(VENV)-release/bin/python -m pip install --quiet --disable-pip-version-check -r release/requirements.txt
+	touch $@
+
 # A thousand sessions, 64 clients at once; the figure in the README is with SECONDS=300.
 SECONDS := 20
 bench-hold: $(VENV)/.installed
@@ -168,4 +178,4 @@ tasks:
 		./target/release/iplw tasks $$(basename $$f .certified.json) --certify > $$f.new && mv $$f.new $$f; done
 
 clean:
-	rm -rf out $(VENV) $(VENV)-peers clients/generated/node_modules clients/generated/out web/node_modules web/out
+	rm -rf out $(VENV) $(VENV)-peers $(VENV)-release dist clients/generated/node_modules clients/generated/out web/node_modules web/out
