@@ -23,7 +23,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from .errors import CommandFailed, CommandKilled
-from .server import find_binary
+from .binary import find_binary
 
 #: Commands that compute, and therefore take `--threads` and `--exit-with-stdin`.
 COMMANDS = ("run", "experiment", "rollout", "measure", "estimate", "surface", "diagnose", "train", "evaluate")

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from ..server import find_binary
+from ..binary import find_binary
 
 #: Instruction sets that programs and mathematical libraries choose by, the widest first.
 _SETS = ("avx512f", "fma", "avx2", "avx", "sse4_2", "asimd")
