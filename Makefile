@@ -63,7 +63,7 @@ clients/generated/node_modules/.installed: clients/generated/package-lock.json
 
 $(VENV)/.installed: pyproject.toml clients/python/develop.py
 	python3 -m venv $(VENV)
-	$(PYTHON) clients/python/develop.py test learn pandas zmq
+	$(PYTHON) clients/python/develop.py test learn pandas zmq ray
 	touch $@
 
 damage:

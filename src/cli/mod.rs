@@ -1,6 +1,7 @@
 //! Commands, their shared options, and what they print.
 
 mod along;
+mod computing;
 mod diagnose;
 mod effects;
 mod estimate;
@@ -25,6 +26,8 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use iplw::error::Error;
 
+use computing::Computing;
+
 /// Worlds to act in, latent factors to estimate, policies to transfer.
 ///
 /// Start with `iplw run`: a hidden world, its latents estimated, a policy trained in the grounded simulation
@@ -39,9 +42,9 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     /// The story: hidden world, exploration, estimate, policies, transfer, report.
-    Run(experiment::RunArgs),
+    Run(Computing<experiment::RunArgs>),
     /// Experiments with their baselines, over several seeds.
-    Experiment(experiment::ExperimentArgs),
+    Experiment(Computing<experiment::ExperimentArgs>),
     /// Serve worlds over HTTP.
     Serve(serve::Args),
     /// Make, list and revoke the tokens by which a server knows who asks.
@@ -53,27 +56,27 @@ enum Command {
     /// Put a backup into a data directory.
     Restore(keep::RestoreArgs),
     /// Roll scenes out: one scene a line in, one result a line out.
-    Rollout(rollout::Args),
+    Rollout(Computing<rollout::Args>),
     /// List tasks, splits and action spaces.
     Tasks(tasks::Args),
     /// List the effects that worlds may have, with their parameters.
     Effects(effects::Args),
     /// Measure trials in a hidden world: writes scene.json and trials.csv.
-    Measure(measure::Args),
+    Measure(Computing<measure::Args>),
     /// Estimate the latent factors of a hidden real world.
-    Estimate(estimate::Args),
+    Estimate(Computing<estimate::Args>),
     /// Find which latents a task's performance depends on, in a related, known environment.
-    Surface(surface::Args),
+    Surface(Computing<surface::Args>),
     /// Say what a simulation gets wrong, from measured trials.
     ///
     /// Trials are held against the simulation of a scene, or of one ball: the effect that is missing is named with its
     /// parameters; or several are, if the data cannot tell them apart; or it is said that nothing in the library explains
     /// the misfit. Writes report.html, report.json, extended_scene.json (the scene with what was found) and the plots.
-    Diagnose(diagnose::Args),
+    Diagnose(Computing<diagnose::Args>),
     /// Train a policy in simulation; writes its weights.
-    Train(train::TrainArgs),
+    Train(Computing<train::TrainArgs>),
     /// Try a policy in a hidden world.
-    Evaluate(train::EvaluateArgs),
+    Evaluate(Computing<train::EvaluateArgs>),
     /// Print the OpenAPI document.
     Openapi,
 }
@@ -93,23 +96,23 @@ pub fn main() -> ExitCode {
         Err(error) => error.exit(),
     };
     let done = match cli.command {
-        Command::Run(args) => experiment::run(&args),
-        Command::Experiment(args) => experiment::experiment(&args),
+        Command::Run(args) => args.run(experiment::run),
+        Command::Experiment(args) => args.run(experiment::experiment),
         Command::Serve(args) => serve::run(&args),
         Command::Token(args) => token::run(&args),
         Command::Check(args) => keep::run_check(&args),
         Command::Backup(args) => keep::run_backup(&args),
         Command::Restore(args) => keep::run_restore(&args),
         Command::Openapi => serve::print_openapi(),
-        Command::Rollout(args) => rollout::run(&args),
+        Command::Rollout(args) => args.run_reading(rollout::reads_stdin, rollout::run),
         Command::Tasks(args) => tasks::run(&args),
         Command::Effects(args) => effects::run(&args),
-        Command::Measure(args) => measure::run(&args),
-        Command::Estimate(args) => estimate::run(&args),
-        Command::Surface(args) => surface::run(&args),
-        Command::Diagnose(args) => diagnose::run(&args),
-        Command::Train(args) => train::train_policy(&args),
-        Command::Evaluate(args) => train::evaluate_policy(&args),
+        Command::Measure(args) => args.run(measure::run),
+        Command::Estimate(args) => args.run(estimate::run),
+        Command::Surface(args) => args.run(surface::run),
+        Command::Diagnose(args) => args.run(diagnose::run),
+        Command::Train(args) => args.run(train::train_policy),
+        Command::Evaluate(args) => args.run(train::evaluate_policy),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -30,6 +30,11 @@ pub struct Args {
 /// Scenes simulated between two writes to standard output.
 const CHUNK: usize = 512;
 
+/// Whether scenes come from standard input.
+pub fn reads_stdin(args: &Args) -> bool {
+    args.input == "-"
+}
+
 pub fn run(args: &Args) -> Result<()> {
     let engine = Engine::from_name(&args.engine)?;
     let (name, text) = read(&args.input)?;

@@ -1,6 +1,6 @@
 //! `iplw serve` and `iplw openapi`.
 
-use std::io::{Read, Write};
+use std::io::Write;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -11,6 +11,7 @@ use iplw::serve::{Limits, Log, LogForm, ServeConfig, openapi, serve_blocking};
 use tracing_subscriber::filter::Targets;
 use tracing_subscriber::prelude::*;
 
+use super::computing::{Threads, exit_with_stdin};
 use super::output;
 
 /// Worlds over HTTP, and over ZeroMQ if asked. A simulated and a real one of every family are ready at once: bowling-sim, bowling-real, ...
@@ -70,6 +71,8 @@ pub struct Args {
     /// Stop when standard input closes: the server ends with the program that started it.
     #[arg(long)]
     exit_with_stdin: bool,
+    #[command(flatten)]
+    threads: Threads,
 }
 
 pub fn run(args: &Args) -> Result<()> {
@@ -92,12 +95,9 @@ pub fn run(args: &Args) -> Result<()> {
         limits.job_kept_seconds = days("--keep-jobs", span)?.map(|s| s as f64);
     }
     if args.exit_with_stdin {
-        std::thread::spawn(|| {
-            // Whatever comes is of no interest; the end is.
-            let _ = std::io::copy(&mut std::io::stdin().lock().by_ref(), &mut std::io::sink());
-            std::process::exit(0);
-        });
+        exit_with_stdin(0);
     }
+    args.threads.take()?;
     let log = match &args.log {
         None => Log::default(),
         Some(form) => Log::new(LogForm::from_name("--log", form)?, Arc::new(to_stderr)),

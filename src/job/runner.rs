@@ -48,11 +48,15 @@ impl Runner {
         for row in shared.store.unfinished()? {
             shared.take_up(row)?;
         }
+        let threads = match config.threads {
+            0 => rayon::current_num_threads(),
+            some => some,
+        };
         let workers = (0..config.workers)
             .map(|i| {
                 let shared = shared.clone();
                 let pool = rayon::ThreadPoolBuilder::new()
-                    .num_threads(config.threads)
+                    .num_threads(threads)
                     .thread_name(move |t| format!("job-{i}-{t}"))
                     .build()
                     .map_err(|e| Error::Failed(format!("no threads for jobs: {e}")))?;

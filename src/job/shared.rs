@@ -22,7 +22,7 @@ pub struct RunnerConfig {
     pub workers: usize,
     /// Most jobs queued.
     pub queue: usize,
-    /// Threads a running job computes with; 0 for all cores.
+    /// Threads a running job computes with; 0 for as many as rayon's own pool has.
     pub threads: usize,
     /// Longest a job may compute from when it is begun until it ends or waits.
     pub most: Option<Duration>,

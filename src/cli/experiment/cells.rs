@@ -56,7 +56,7 @@ impl Cells {
         Ok(Cells { directory, bar, started, build: build()?, total, counts })
     }
 
-    /// The cells of `items`, as they are kept or made by `make` and kept; as many at a time as there are cores.
+    /// The cells of `items`, as they are kept or made by `make` and kept; as many at a time as there are threads to compute with.
     /// `named` gives a cell's name and everything it depends on. The first error ends it; what is done is kept.
     pub fn all<I: Sync, T: Serialize + DeserializeOwned + Send>(
         &self,
@@ -79,9 +79,8 @@ impl Cells {
                 }
             }
         };
-        let cores = std::thread::available_parallelism().map_or(1, usize::from);
         std::thread::scope(|scope| {
-            for _ in 0..cores.min(items.len()) {
+            for _ in 0..rayon::current_num_threads().min(items.len()) {
                 scope.spawn(work);
             }
         });

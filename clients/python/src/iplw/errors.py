@@ -98,6 +98,31 @@ class JobCancelled(IplwError):
         return f"job {self.job} was cancelled"
 
 
+class CommandFailed(IplwError):
+    """A command of the program ended with an error: the command, its exit code (2: bad input), and what it said."""
+
+    def __init__(self, command: list[str], code: int, said: str) -> None:
+        super().__init__(command, code, said)
+        self.command = command
+        self.code = code
+        self.said = said
+
+    def __str__(self) -> str:
+        return f"`{' '.join(self.command)}` ended with code {self.code}: {self.said}"
+
+
+class CommandKilled(IplwError):
+    """A command of the program was killed by a signal, and did not end by itself."""
+
+    def __init__(self, command: list[str], signal: str) -> None:
+        super().__init__(command, signal)
+        self.command = command
+        self.signal = signal
+
+    def __str__(self) -> str:
+        return f"`{' '.join(self.command)}` was killed by {self.signal}"
+
+
 def _rebuild(status: int, detail: str, state: dict[str, Any]) -> Problem:
     problem = Problem(status, detail)
     problem.__dict__.update(state)
