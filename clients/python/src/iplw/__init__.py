@@ -14,10 +14,10 @@ The files, from the top down; each uses only those below it:
 
 | file | what |
 |---|---|
-| `envs`, `vector`, `registration`, `families` | Gymnasium's environments |
+| `envs`, `vector`, `video`, `registration`, `families` | Gymnasium's environments |
 | `aio`, `sync` | the client and its handles on worlds, jobs, policies, surfaces: written once, in `aio`; `generate.py` makes `sync` of it |
 | `runner` | the difference between the two: who does what blocks |
-| `calls`, `rollout`, `ranked`, `proposal`, `measured`, `bar` | what is asked, and what answers mean; nothing here waits |
+| `calls`, `rollout`, `film`, `ranked`, `proposal`, `measured`, `bar` | what is asked, and what answers mean; nothing here waits |
 | `connect`, `http`, `zeromq`, `transport` | how a call goes to the server and back; `codec` and `frames` write it down |
 | `call`, `operations` | a call; the table of operations, which `generate.py` makes of the OpenAPI document |
 | `server`, `errors` | a private server; what all of them raise |
@@ -25,12 +25,14 @@ The files, from the top down; each uses only those below it:
 
 from .aio import AsyncAsking, AsyncClient, AsyncJob, AsyncPolicy, AsyncSurface, AsyncWorld
 from .errors import IplwError, JobCancelled, JobFailed, Problem, ServerUnavailable
+from .film import Film
 from .proposal import Proposal
 from .ranked import Ranked
 from .registration import register
 from .rollout import Rollout, Rollouts
 from .sync import Asking, Client, Job, Policy, Surface, World
 from .vector import PlacementVectorEnv, make_vec
+from .video import RecordVideo
 
 __version__ = "0.1.0"
 
@@ -43,6 +45,7 @@ __all__ = [
     "AsyncSurface",
     "AsyncWorld",
     "Client",
+    "Film",
     "IplwError",
     "Job",
     "JobCancelled",
@@ -52,6 +55,7 @@ __all__ = [
     "Problem",
     "Proposal",
     "Ranked",
+    "RecordVideo",
     "Rollout",
     "Rollouts",
     "ServerUnavailable",

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from . import calls, envs, window
 from .sync import Client, World
-from .rollout import Action
+from .film import Film
 
 #: Wire names of the modes.
 _MODES = {
@@ -98,7 +98,8 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         self._fresh = np.ones(num_envs, np.bool_)
         self._observations = np.zeros(self.observation_space.shape or (), self.observation_space.dtype)
         self._ended = np.zeros(num_envs, np.bool_)
-        self._acted: list[Action | None] = [None] * num_envs
+        #: Where the episode has had its step: what `render` shows is then its end.
+        self._over = np.zeros(num_envs, np.bool_)
         self._pictures: dict[str, NDArray[np.uint8]] = {}
 
     def reset(
@@ -120,7 +121,7 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         call = calls.reset_worlds(self.worlds, draws, task, split, None if everyone else mask)
         answer = self.client._line.do(call)
         self._fresh &= ~mask
-        self._start(mask)
+        self._over &= ~mask
         self._observations = np.where(
             self._rows(mask), self._observe(answer["observation"], answer["task"]), self._observations
         )
@@ -141,8 +142,7 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         truncated = np.asarray(answer["truncated"], np.bool_)
         acted = ~reset
         valid = np.asarray(answer["valid"], np.bool_)
-        for i in np.flatnonzero(acted & valid) if self.render_mode else ():
-            self._acted[i] = sent[i].tolist()
+        self._over |= acted & valid
         infos: dict[str, Any] = {}
         if self._mode is AutoresetMode.SAME_STEP:
             ends = ended | truncated
@@ -154,7 +154,7 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             _stepped(infos, acted, answer, answer["task"])
         if reset.any():
             _begun(infos, reset, answer)
-            self._start(reset)
+            self._over &= ~reset
         self._ended = (ended | truncated) if self._mode is not AutoresetMode.SAME_STEP else self._ended
         self._observations = self._observe(answer["observation"], answer["task"])
         reward = np.asarray(answer["reward"], np.float64)
@@ -174,9 +174,13 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             return None
         line = self.client._line
         return tuple(
-            envs.picture(World(line, {"id": id}), envs.RENDER_SIZE, action)
-            for id, action in zip(self.worlds, self._acted)
+            envs.picture(World(line, {"id": id}), envs.RENDER_SIZE, end=bool(over))
+            for id, over in zip(self.worlds, self._over)
         )
+
+    def film(self, index: int, *, width: int = envs.RENDER_SIZE, fps: int = envs.FPS) -> Film:
+        """The step that environment `index` made last, as `PlacementEnv.film` has it, also where it was reset since."""
+        return World(self.client._line, {"id": self.worlds[index]}).film(width=width, fps=fps)
 
     def set_latents(self, **latents: float | Sequence[float] | NDArray[Any]) -> None:
         """Sets latent factors of all worlds, or of each its own; a request for each world."""
@@ -215,12 +219,6 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             if seed is not None or self._fresh[i]:
                 draws[int(i)] = int(self._generator(i).integers(2**32))
         return draws
-
-    def _start(self, mask: NDArray[np.bool_]) -> None:
-        """Forgets what was placed where an episode begins."""
-        if self.render_mode is not None:
-            for i in np.flatnonzero(mask).tolist():
-                self._acted[i] = None
 
     def _finish(self, infos: dict[str, Any], ends: NDArray[np.bool_], answer: Mapping[str, Any]) -> None:
         """`final_obs` and `final_info` of those that ended and were reset in the same step."""
