@@ -14,7 +14,7 @@ The files, from the top down; each uses only those below it:
 
 | file | what |
 |---|---|
-| `envs`, `vector`, `video`, `registration`, `families` | Gymnasium's environments |
+| `envs`, `vector`, `fleet`, `video`, `registration`, `families` | Gymnasium's environments |
 | `aio`, `sync` | the client and its handles on worlds, jobs, policies, surfaces: written once, in `aio`; `generate.py` makes `sync` of it |
 | `runner` | the difference between the two: who does what blocks |
 | `calls`, `rollout`, `film`, `ranked`, `proposal`, `measured`, `bar` | what is asked, and what answers mean; nothing here waits |

@@ -11,6 +11,7 @@ Each environment has a world of its own on the server and deletes it on `close()
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from inspect import signature
 from typing import Any, Literal, TypeAlias
 
@@ -18,6 +19,7 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 from gymnasium.core import RenderFrame
+from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
 from . import png, window
@@ -56,6 +58,7 @@ class PlacementEnv(gymnasium.Env[Observation, Any]):
         "render_fps": FPS,
         "autoreset_mode": gymnasium.vector.AutoresetMode.DISABLED,
     }
+    _spec: EnvSpec | None = None
 
     def __init__(
         self,
@@ -90,6 +93,7 @@ class PlacementEnv(gymnasium.Env[Observation, Any]):
             self.client.close()
             raise
         self._drawn = is_drawn(settings)
+        self._noisy = bool(settings.get("noise"))
         self._shown: tuple[str, NDArray[np.uint8]] | None = None
         self._ended = False
 
@@ -147,6 +151,15 @@ class PlacementEnv(gymnasium.Env[Observation, Any]):
             self.world.close()
         finally:
             self.client.close()
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """How it was made. `nondeterministic` where the world has noise, which goes on whatever an episode's seed."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = spec and replace(spec, nondeterministic=spec.nondeterministic or self._noisy)
 
     def set_latents(self, **latents: float) -> dict[str, float] | None:
         """Sets some of density, friction, restitution; gives all of them. A sealed world raises `Problem`."""
