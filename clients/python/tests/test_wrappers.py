@@ -27,7 +27,6 @@ WRAPPERS: dict[str, Callable[[Env], Env]] = {
     "FrameStackObservation": lambda env: wrappers.FrameStackObservation(env, 3),
     "TimeAwareObservation": lambda env: wrappers.TimeAwareObservation(wrappers.TimeLimit(env, 5)),
     "DelayObservation": lambda env: wrappers.DelayObservation(env, 1),
-    "DtypeObservation": lambda env: wrappers.DtypeObservation(env, np.float16),
     "AddRenderObservation": wrappers.AddRenderObservation,
     "ClipAction": wrappers.ClipAction,
     "RescaleAction": lambda env: wrappers.RescaleAction(env, np.float32(-1), np.float32(1)),

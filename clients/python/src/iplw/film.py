@@ -105,9 +105,25 @@ def _animate(path: Path, frames: list[Image.Image], shown: int) -> None:
 
 
 def _palette(frames: NDArray[np.uint8]) -> Image.Image:
-    """256 colours of some frames spread over the film, the first and the last among them."""
-    some = frames[np.unique(np.linspace(0, len(frames) - 1, 8).astype(int))]
-    return Image.fromarray(np.concatenate(list(some))).quantize(256)
+    """256 colours of some frames spread over the film: the 64 most frequent as they are, the others grouped by likeness."""
+    some = frames[np.unique(np.linspace(0, len(frames) - 1, 8).astype(int))].reshape(-1, 3).astype(np.uint32)
+    packed, counts = np.unique(some @ np.array([65536, 256, 1], np.uint32), return_counts=True)
+    colours = np.stack([packed >> 16, packed >> 8 & 255, packed & 255], axis=1).astype(np.uint8)
+    colours = _apart(colours[np.argsort(-counts, kind="stable")])
+    if len(colours) > 256:
+        # Each once, however large what it fills: the white around would take all.
+        grouped = Image.fromarray(colours[None, 64:]).quantize(192).getpalette() or []
+        colours = _apart(np.concatenate([colours[:64], np.array(grouped, np.uint8).reshape(-1, 3)[:192]]))
+    palette = Image.new("P", (1, 1))
+    palette.putpalette(colours.tobytes())
+    return palette
+
+
+def _apart(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The first of those that Pillow does not tell apart when it looks for a palette's nearest: it drops two bits."""
+    boxes = (colours >> 2).astype(np.uint32) @ np.array([65536, 256, 1], np.uint32)
+    kept: NDArray[np.uint8] = colours[np.sort(np.unique(boxes, return_index=True)[1])]
+    return kept
 
 
 def _write_mp4(film: Film, path: Path) -> None:
