@@ -78,7 +78,7 @@ class Fleet:
         return [id for share in self.shares for id in share.worlds]
 
     def world(self, index: int) -> World:
-        """A handle on world number `index`."""
+        """A handle on world number `index`, with what was said of the server's first when it was made."""
         for share in self.shares:
             if share.part.start <= index < share.part.stop:
                 return World(share.client._line, {**share.data, "id": share.worlds[index - share.part.start]})

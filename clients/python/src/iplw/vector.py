@@ -187,7 +187,7 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             )
             return None
         return tuple(
-            envs.picture(self.world(i), envs.RENDER_SIZE, end=bool(over)) for i, over in enumerate(self._over)
+            envs.picture(self._fleet.world(i), envs.RENDER_SIZE, end=bool(over)) for i, over in enumerate(self._over)
         )
 
     @property
@@ -201,18 +201,18 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         return self._fleet.worlds
 
     def world(self, index: int) -> World:
-        """Environment `index`'s world, on whichever server it is."""
-        return self._fleet.world(index)
+        """Environment `index`'s world as it stands, on whichever server it is."""
+        return self._fleet.world(index).refresh()
 
     def film(self, index: int, *, width: int = envs.RENDER_SIZE, fps: int = envs.FPS) -> Film:
         """The step that environment `index` made last, as `PlacementEnv.film` has it, also where it was reset since."""
-        return self.world(index).film(width=width, fps=fps)
+        return self._fleet.world(index).film(width=width, fps=fps)
 
     def set_latents(self, **latents: float | Sequence[float] | NDArray[Any]) -> None:
         """Sets latent factors of all worlds, or of each its own; a request for each world."""
         each = {name: np.broadcast_to(np.asarray(v, np.float64), self.num_envs) for name, v in latents.items()}
         for i in range(self.num_envs):
-            self.world(i).set_latents(**{name: float(values[i]) for name, values in each.items()})
+            self._fleet.world(i).set_latents(**{name: float(values[i]) for name, values in each.items()})
 
     def close_extras(self, **_: Any) -> None:
         """Deletes the worlds and lets the server go."""
@@ -287,7 +287,7 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     def _picture(self, i: int, task: str) -> NDArray[np.uint8]:
         # A task's scene does not change, so neither does its picture.
         if task not in self._pictures:
-            self._pictures[task] = envs.picture(self.world(i), self._image_size or 0, task=task)
+            self._pictures[task] = envs.picture(self._fleet.world(i), self._image_size or 0, task=task)
         return self._pictures[task]
 
     def _rows(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
