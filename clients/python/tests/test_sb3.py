@@ -50,6 +50,7 @@ def sb3(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 def test_steps_are_the_vectors_with_an_info_for_each(sb3: Any) -> None:
     ours = sb3.make_vec_env("bowling", 4)
     theirs = iplw.make_vec("bowling", 4, autoreset_mode="SameStep")
+    assert (ours.action_space.low == -1).all() and (ours.action_space.high == 1).all()
     ours.seed(3)
     assert np.array_equal(ours.reset(), theirs.reset(seed=3)[0])
     assert all(set(info) == {"task", "split"} for info in ours.reset_infos)
@@ -57,7 +58,9 @@ def test_steps_are_the_vectors_with_an_info_for_each(sb3: Any) -> None:
     ends = 0
     for _ in range(8):
         actions = theirs.action_space.sample()
-        ours.step_async(actions)
+        # Halves and doubles are exact: in float32 it is the same action.
+        actions = np.round(actions * 256) / 256
+        ours.step_async(2 * actions - 1)
         observations, rewards, dones, infos = ours.step_wait()
         wanted, reward, ended, _, told = theirs.step(actions)
         assert np.array_equal(observations, wanted) and np.array_equal(dones, ended)
@@ -79,6 +82,14 @@ def test_steps_are_the_vectors_with_an_info_for_each(sb3: Any) -> None:
         ours.env_method("set_latents", indices=[1], friction=0.1)
     ours.close()
     theirs.close()
+
+
+def test_discrete_actions_are_as_they_are(sb3: Any) -> None:
+    ours = sb3.make_vec_env("bowling", 2, action="discrete", world="real")
+    ours.reset()
+    ours.step_async(np.array([0, 49_999]))
+    assert ours.step_wait()[0].shape == (2, 6)
+    ours.close()
 
 
 def test_only_environments_that_reset_at_once_are_taken(sb3: Any) -> None:

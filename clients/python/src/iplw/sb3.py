@@ -14,6 +14,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
+from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
@@ -26,9 +27,10 @@ class PlacementVecEnv(VecEnv):  # type: ignore[misc]
     """A `PlacementVectorEnv` as a `VecEnv`: an environment whose episode ends begins the next at once.
 
     The last observation of an episode that ended is its info's `terminal_observation`; nothing is ever truncated.
+    Actions of components run from -1 to 1, if `symmetric`: what a policy's normal distribution around 0 can reach.
     """
 
-    def __init__(self, envs: PlacementVectorEnv) -> None:
+    def __init__(self, envs: PlacementVectorEnv, *, symmetric: bool = True) -> None:
         if envs.metadata["autoreset_mode"] is not AutoresetMode.SAME_STEP:
             raise ValueError(
                 f"envs has autoreset_mode {envs.metadata['autoreset_mode'].value!r}; allowed: 'SameStep'"
@@ -37,7 +39,11 @@ class PlacementVecEnv(VecEnv):  # type: ignore[misc]
         self.envs = envs
         self.render_mode = envs.render_mode
         self._actions: NDArray[Any] | None = None
-        super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
+        actions = envs.single_action_space
+        self._symmetric = symmetric and isinstance(actions, spaces.Box)
+        if self._symmetric:
+            actions = spaces.Box(-1.0, 1.0, actions.shape, np.float32)
+        super().__init__(envs.num_envs, envs.single_observation_space, actions)
 
     def reset(self) -> NDArray[Any]:
         """(num_envs, ...) observations; by the seeds and options that `seed` and `set_options` left, once."""
@@ -53,7 +59,7 @@ class PlacementVecEnv(VecEnv):  # type: ignore[misc]
 
     def step_async(self, actions: NDArray[Any]) -> None:
         """Takes the actions for `step_wait`."""
-        self._actions = actions
+        self._actions = np.clip((actions + 1.0) / 2.0, 0.0, 1.0) if self._symmetric else actions
 
     def step_wait(self) -> tuple[NDArray[Any], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
         """Observations, rewards, whether episodes ended, and an info for each environment."""
@@ -101,9 +107,12 @@ class PlacementVecEnv(VecEnv):  # type: ignore[misc]
             raise ValueError(f"cannot {what} environments {asked}; allowed: all of them at once")
 
 
-def make_vec_env(task: str = "bowling", num_envs: int = 1, **settings: Any) -> PlacementVecEnv:
+def make_vec_env(
+    task: str = "bowling", num_envs: int = 1, *, symmetric: bool = True, **settings: Any
+) -> PlacementVecEnv:
     """`iplw.PlacementVectorEnv` with these settings, as stable-baselines3 takes it."""
-    return PlacementVecEnv(PlacementVectorEnv(num_envs, task, autoreset_mode=AutoresetMode.SAME_STEP, **settings))
+    envs = PlacementVectorEnv(num_envs, task, autoreset_mode=AutoresetMode.SAME_STEP, **settings)
+    return PlacementVecEnv(envs, symmetric=symmetric)
 
 
 def _each(infos: dict[str, Any], count: int) -> list[dict[str, Any]]:
