@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 from gymnasium import spaces, wrappers
 
+import iplw
 from iplw.families import FAMILIES
+from iplw.vector import PlacementVectorEnv
 
 Env = gymnasium.Env[Any, Any]
 
@@ -115,3 +117,31 @@ def test_gymnasiums_video_has_the_start_and_the_end(tmp_path: Path) -> None:
         recorded.close()  # type: ignore[no-untyped-call]
     assert not np.array_equal(seen[0], seen[-1]), "what render shows after the step is how it ended"
     assert (tmp_path / "videos" / "rl-video-episode-0.mp4").stat().st_size > 1000
+
+
+VECTORS: dict[str, Callable[[PlacementVectorEnv], Any]] = {
+    "RecordEpisodeStatistics": wrappers.vector.RecordEpisodeStatistics,
+    "DictInfoToList": wrappers.vector.DictInfoToList,
+    "RescaleAction": lambda envs: wrappers.vector.RescaleAction(envs, -1.0, 1.0),
+    "ClipAction": wrappers.vector.ClipAction,
+    "RescaleObservation": lambda envs: wrappers.vector.RescaleObservation(envs, np.float32(-1), np.float32(1)),
+    "FlattenObservation": wrappers.vector.FlattenObservation,
+    "NormalizeObservation": wrappers.vector.NormalizeObservation,
+    "NormalizeReward": wrappers.vector.NormalizeReward,
+    "ClipReward": lambda envs: wrappers.vector.ClipReward(envs, 0.0, 0.5),
+}
+
+
+@pytest.mark.parametrize("wrapper", VECTORS)
+def test_each_wrapper_of_vectors(wrapper: str) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        envs = VECTORS[wrapper](iplw.make_vec("bowling", 3))
+        observations, infos = envs.reset(seed=4)
+        envs.action_space.seed(4)
+        for _ in range(8):
+            assert observations in envs.observation_space
+            observations, rewards, ended, truncated, infos = envs.step(envs.action_space.sample())
+            assert rewards.shape == ended.shape == truncated.shape == (3,) and np.isfinite(rewards).all()
+        assert isinstance(infos, list) is (wrapper == "DictInfoToList")
+        envs.close()
