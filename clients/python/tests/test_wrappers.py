@@ -122,7 +122,7 @@ def test_gymnasiums_video_has_the_start_and_the_end(tmp_path: Path) -> None:
 VECTORS: dict[str, Callable[[PlacementVectorEnv], Any]] = {
     "RecordEpisodeStatistics": wrappers.vector.RecordEpisodeStatistics,
     "DictInfoToList": wrappers.vector.DictInfoToList,
-    "RescaleAction": lambda envs: wrappers.vector.RescaleAction(envs, -1.0, 1.0),
+    "RescaleAction": lambda envs: wrappers.vector.RescaleAction(envs, np.full(3, -1, np.float32), np.ones(3, np.float32)),
     "ClipAction": wrappers.vector.ClipAction,
     "RescaleObservation": lambda envs: wrappers.vector.RescaleObservation(envs, np.float32(-1), np.float32(1)),
     "FlattenObservation": wrappers.vector.FlattenObservation,
