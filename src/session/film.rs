@@ -132,7 +132,8 @@ mod tests {
             assert_eq!(format!("{:?}", again()), format!("{seen:?}"));
             assert_eq!(world.interactions(), spent, "it is no attempt");
             // A step in a batch that begins the next episode at once.
-            step_many(std::slice::from_ref(&world), &actions[2..], Autoreset::SameStep, None, &Endless).unwrap();
+            step_many(std::slice::from_ref(&world), &actions[2..], Autoreset::SameStep, None, &Endless)
+                .unwrap();
             assert_eq!(format!("{:?}", Film::of(&again())), watched(2));
         }
     }
