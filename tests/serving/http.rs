@@ -334,7 +334,7 @@ fn the_last_step_is_filmed_at_no_interaction() {
         let at = png.windows(4).position(|w| w == b"acTL").unwrap() + 4;
         u32::from_be_bytes(png[at..at + 4].try_into().unwrap())
     };
-    assert!(count(&frames) >= 50 && count(&twice).abs_diff(2 * count(&frames)) <= 1);
+    assert!(count(&frames) >= 50 && count(&twice).abs_diff(2 * count(&frames)) <= 2);
 }
 
 #[test]
