@@ -11,11 +11,13 @@ import argparse
 import time
 from typing import Any
 
+import ray
 from ray.rllib.algorithms.ppo import PPOConfig
 
 
 def main() -> None:
     options = arguments()
+    ray.init(include_dashboard=False, log_to_driver=False)
     # The prefix imports iplw in every process that makes environments. Without an address each has a server of its own.
     config = (
         PPOConfig()
@@ -49,8 +51,8 @@ def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description="PPO of RLlib on bowling")
     parser.add_argument("--url", help="address of a running server; none: a private one for each process")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--runners", type=int, default=1, help="processes that step environments")
-    parser.add_argument("--envs", type=int, default=256, help="environments of each")
+    parser.add_argument("--runners", type=int, default=0, help="processes that step environments; 0: this one")
+    parser.add_argument("--envs", type=int, default=256, help="environments of each, stepped together")
     parser.add_argument("--iterations", type=int, default=100, help="iterations of some 2048 steps")
     return parser.parse_args()
 
