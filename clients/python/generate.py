@@ -5,6 +5,7 @@
 | `src/iplw/operations.py` | `openapi/openapi.json`, itself made from the server's routes |
 | `src/iplw/sync/` | `src/iplw/aio/`: the same methods, waiting where those are awaited |
 | `src/iplw/families.py`, if asked for | the families of the server, `IPLW_BIN` or the checkout's latest build |
+| the tables of `docs/environments.md`, likewise | the same |
 
 Tests hold what is committed against what would be made.
 """
@@ -17,6 +18,8 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+import environments
 
 HERE = Path(__file__).resolve().parent
 PACKAGE = HERE / "src" / "iplw"
@@ -128,7 +131,7 @@ def families(known: Sequence[Mapping[str, Any]]) -> str:
 def write(file: Path, text: str) -> None:
     file.parent.mkdir(exist_ok=True)
     file.write_text(text)
-    print(file.relative_to(HERE))
+    print(file.relative_to(HERE.parents[1]))
 
 
 if __name__ == "__main__":
@@ -139,4 +142,6 @@ if __name__ == "__main__":
         import iplw
 
         with iplw.Client() as client:
-            write(PACKAGE / "families.py", families(client.tasks()))
+            known, told = environments.asked(client)
+            write(PACKAGE / "families.py", families(known))
+            write(environments.DOCUMENT, environments.document(environments.DOCUMENT.read_text(), known, told))

@@ -1,10 +1,15 @@
-"""A policy network of one's own: trained on the vector environment, transferred, scored by the server's AUCCESS.
+"""Deep Q-learning in one file, in the manner of CleanRL: trained in simulation, scored in a real world.
 
-1. Act at random in many simulated worlds at once (`iplw.make_vec`), one request for a step of all of them.
-2. Train a small network on what happened: (observation, action) -> solved? It is plain numpy here; any framework that
-   gives a score for an action will do, since the server never sees the network.
-3. Let it rank candidate actions of every test task, send the ranking to a real world, and have it tried there
-   (`World.evaluate`): the same protocol and the same measure as for the server's own policies, which stand beside it.
+An episode has one step, so the value of an action is its chance to solve the task, and nothing needs to be bootstrapped:
+
+1. `--worlds` simulated worlds are stepped together, a request a step (`iplw.make_vec`). In each, the best of some random
+   actions is taken by the network's score, or, with a chance that falls, any of them.
+2. What happened goes into a buffer; the network learns from as many successes as failures of it, after every step.
+3. For every test task it ranks candidate actions, and a real world tries them in that order (`World.evaluate`): AUCCESS,
+   the measure of the server's own policies, beside the policy `random`. Real attempts are counted.
+
+The network is plain NumPy, since learning takes less time here than simulating; JAX with flax and optax would be 755 MB to
+install. The server never sees it: whatever scores actions will do.
 
     python examples/python/train_network.py [--url http://127.0.0.1:8080] [--seed 0]
 """
@@ -17,119 +22,181 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from train_outside import features, mirrored, seconds
 
 import iplw
 
 Array = NDArray[np.float64]
 
 
-class Network:
-    """Two hidden layers of rectified units; its output is the logit of success."""
+def features(observations: Array, actions: Array) -> Array:
+    """(n, 6) and (n, 3) of bowling -> (n, 21): the balls, the action, and how the red ball stands to either of them.
+
+    Offsets in units of radii carry over from task to task, which positions alone do not.
+    """
+    balls = observations.reshape(-1, 2, 3)
+    # Shares of the scene's width: its radius runs from 1/3 to 16/3 m of 42.67 m.
+    radius = (2 + 30 * actions[:, 2]) / 256
+    columns = [actions, observations]
+    for k in (0, 1):
+        dx, dy = actions[:, 0] - balls[:, k, 0], actions[:, 1] - balls[:, k, 1]
+        reach = radius + balls[:, k, 2]
+        gap = np.hypot(dx, dy) - reach
+        columns += [dx / reach, dy, gap, radius / balls[:, k, 2], np.sign(dx) * (np.abs(dx) < reach)]
+    columns += [actions[:, 0] - balls[:, :, 0].mean(axis=1), np.ptp(balls[:, :, 0], axis=1)]
+    return np.column_stack([np.asarray(column).reshape(len(actions), -1) for column in columns])
+
+
+def mirrored(observations: Array, actions: Array) -> tuple[Array, Array]:
+    """The same seen in a mirror: green and blue change places."""
+    balls, actions = observations.reshape(-1, 2, 3)[:, ::-1].copy(), actions.copy()
+    balls[:, :, 0], actions[:, 0] = 1 - balls[:, :, 0], 1 - actions[:, 0]
+    return balls.reshape(-1, 6), actions
+
+
+class QNetwork:
+    """Two hidden layers of rectified units; its output is the logit of the chance to solve the task."""
 
     def __init__(self, inputs: int, hidden: int, rng: np.random.Generator) -> None:
         sizes = [(inputs, hidden), (hidden, hidden), (hidden, 1)]
-        self.layers = [rng.normal(0.0, np.sqrt(2.0 / n), (n, m)) for n, m in sizes]
-        self.layers += [np.zeros(m) for _, m in sizes]
-        self.moments = [(np.zeros_like(w), np.zeros_like(w)) for w in self.layers]
+        self.weights = [rng.normal(0.0, np.sqrt(2.0 / n), (n, m)) for n, m in sizes]
+        self.weights += [np.zeros(m) for _, m in sizes]
+        self.moments = [(np.zeros_like(w), np.zeros_like(w)) for w in self.weights]
         self.updates = 0
 
-    def __call__(self, x: Array) -> Array:
-        """(n, inputs) -> (n,) logits."""
-        return self._pass(x)[-1][:, 0]
+    def values(self, observations: Array, actions: Array) -> Array:
+        """(n,) scores, seen both ways round."""
+        both = features(observations, actions), features(*mirrored(observations, actions))
+        return self._pass(both[0])[-1][:, 0] + self._pass(both[1])[-1][:, 0]
 
-    def learn(self, x: Array, y: Array, rate: float) -> None:
-        """One step of Adam on the binary cross-entropy of (n, inputs), (n,)."""
-        x, first, second, logit = self._pass(x)
-        w2, w3 = self.layers[1], self.layers[2]
-        down = (1.0 / (1.0 + np.exp(-logit)) - y[:, None]) / len(y)
+    def learn(self, inputs: Array, solved: Array, rate: float) -> float:
+        """One step of Adam on the binary cross-entropy of (n, inputs), (n,); gives it."""
+        x, first, second, logit = self._pass(inputs)
+        w2, w3 = self.weights[1], self.weights[2]
+        down = (1.0 / (1.0 + np.exp(-logit)) - solved[:, None]) / len(solved)
         down2 = down @ w3.T * (second > 0)
         down1 = down2 @ w2.T * (first > 0)
         slopes = [x.T @ down1, first.T @ down2, second.T @ down]
         slopes += [d.sum(axis=0) for d in (down1, down2, down)]
         self.updates += 1
-        for weight, slope, (mean, square) in zip(self.layers, slopes, self.moments, strict=True):
+        for weight, slope, (mean, square) in zip(self.weights, slopes, self.moments, strict=True):
             mean += 0.1 * (slope - mean)
             square += 0.001 * (slope**2 - square)
             step = mean / (1 - 0.9**self.updates)
             weight -= rate * step / (np.sqrt(square / (1 - 0.999**self.updates)) + 1e-8)
+        return float(np.mean(np.logaddexp(0.0, logit[:, 0]) - solved * logit[:, 0]))
 
     def _pass(self, x: Array) -> tuple[Array, Array, Array, Array]:
-        w1, w2, w3, b1, b2, b3 = self.layers
+        w1, w2, w3, b1, b2, b3 = self.weights
         first = np.maximum(x @ w1 + b1, 0.0)
         second = np.maximum(first @ w2 + b2, 0.0)
         return x, first, second, second @ w3 + b3
 
 
+class Buffer:
+    """What happened: inputs of the network and whether the task was solved, each also as a mirror shows it."""
+
+    def __init__(self) -> None:
+        self.rows: dict[bool, list[Array]] = {True: [], False: []}
+
+    def add(self, observations: Array, actions: Array, solved: NDArray[np.bool_]) -> None:
+        """(n, 6), (n, 3), (n,)."""
+        for inputs in (features(observations, actions), features(*mirrored(observations, actions))):
+            for row, success in zip(inputs, solved, strict=True):
+                self.rows[bool(success)].append(row)
+
+    def sample(self, count: int, rng: np.random.Generator) -> tuple[Array, Array] | None:
+        """(count, inputs) and (count,), half of them successes, or the rare ones would drown; None before there is one."""
+        if not (self.rows[True] and self.rows[False]):
+            return None
+        half = count // 2
+        chosen = [self.rows[kind][i] for kind in (True, False) for i in rng.integers(len(self.rows[kind]), size=half)]
+        return np.stack(chosen), np.repeat([1.0, 0.0], half)
+
+
+def train(client: iplw.Client, options: argparse.Namespace) -> QNetwork:
+    """The loop: act in all worlds, remember, learn."""
+    rng = np.random.default_rng(options.seed)
+    network = QNetwork(21, options.hidden, rng)
+    buffer, recent, clock = Buffer(), [], time.perf_counter()
+    envs = iplw.make_vec("bowling", options.worlds, url=client.url, autoreset_mode="SameStep", split="train")
+    try:
+        observations, _ = envs.reset(seed=options.seed)
+        for step in range(1, options.steps + 1):
+            seen = np.asarray(observations, np.float64)
+            explore = max(0.1, 1.0 - step / (0.5 * options.steps))
+            actions = act(network, seen, explore, options.choices, rng)
+            observations, _, _, _, infos = envs.step(actions.astype(np.float32))
+            # An episode that ended with this step tells its end in `final_info`; the others acted in vain.
+            end = infos.get("final_info", {})
+            valid = np.asarray(end.get("valid", np.zeros(options.worlds)), dtype=bool)
+            solved = np.asarray(end.get("solved", np.zeros(options.worlds)), dtype=bool)
+            buffer.add(seen[valid], actions[valid], solved[valid])
+            recent.append(solved[valid].mean() if valid.any() else 0.0)
+            loss = float("nan")
+            for _ in range(options.updates):
+                if (batch := buffer.sample(options.batch, rng)) is not None:
+                    rate = options.rate * 0.5 * (1 + np.cos(np.pi * step / options.steps))
+                    loss = network.learn(*batch, rate)
+            if step % max(1, options.steps // 10) == 0:
+                rate_of_steps = step * options.worlds / (time.perf_counter() - clock)
+                share = np.mean(recent[-max(1, options.steps // 10) :])
+                print(f"step {step:4} loss {loss:.3f} solved {share:6.1%} {rate_of_steps:7.0f} steps/s", flush=True)
+    finally:
+        envs.close()
+    return network
+
+
+def act(
+    network: QNetwork, observations: Array, explore: float, choices: int, rng: np.random.Generator
+) -> Array:
+    """(n, 3) actions: the best of some random ones for each world, or any with chance `explore`."""
+    n = len(observations)
+    tried = rng.random((n, choices, 3))
+    values = network.values(np.repeat(observations, choices, axis=0), tried.reshape(-1, 3)).reshape(n, choices)
+    best = np.where(rng.random(n) < explore, 0, values.argmax(axis=1))
+    chosen: Array = tried[np.arange(n), best]
+    return chosen
+
+
+def evaluate(client: iplw.Client, network: QNetwork, options: argparse.Namespace) -> None:
+    """Has a real world try the network's ranking of every test task, and a random one."""
+    rng = np.random.default_rng(options.seed)
+    with client.create_world("bowling", kind="real", seed=options.seed) as real:
+        ranking: dict[str, Any] = {}
+        for task in client.task_ids("bowling", "test")[: options.tests]:
+            observation, _ = real.reset(task=task)
+            candidates = rng.random((2000, real.dimension))
+            values = network.values(np.repeat(observation[None], len(candidates), axis=0), candidates)
+            ranking[task] = candidates[np.argsort(-values)[:400]]
+        jobs = {"this network": real.evaluate(ranking), "random": client.policy("random").evaluate(real)}
+        print(f"\n{'policy':14} {'AUCCESS':>8} {'first':>6} {'in 10':>6} {'attempts':>9}")
+        for name, job in jobs.items():
+            found = job.wait()
+            within = found["solved_within"]
+            cells = f"{within[0]:6.0%} {within[9]:6.0%} {found['interactions']:9}"
+            print(f"{name:14} {found['auccess']:8.3f} {cells}")
+
+
 def main() -> None:
     options = arguments()
     clock = time.perf_counter()
-    rng = np.random.default_rng(options.seed)
     with iplw.Client(options.url, timeout=120) as client:
-        inputs, solved = practice(client, options, rng)
-        print(f"{len(solved) // 2} attempts in simulation, {solved.mean():.1%} solve, {seconds(clock)}")
-        middle, width = inputs.mean(axis=0), inputs.std(axis=0) + 1e-9
-        network = Network(inputs.shape[1], 64, rng)
-        yes, no = np.flatnonzero(solved), np.flatnonzero(~solved)
-        if not len(yes):
-            raise SystemExit("nothing solved a task: there is nothing to learn from; give more --steps")
-        for batch in range(options.batches):
-            # As many successes as failures, or the rare ones would drown.
-            rows = np.concatenate([rng.choice(yes, 32), rng.choice(no, 32)])
-            rate = 1e-3 * (1 + np.cos(np.pi * batch / options.batches))
-            network.learn((inputs[rows] - middle) / width, solved[rows].astype(float), rate)
-        print(f"trained for {options.batches} batches, {seconds(clock)}")
-
-        with client.create_world("bowling", kind="real", seed=options.seed) as real:
-            ranking: dict[str, Any] = {}
-            for task in client.task_ids("bowling", "test")[: options.tests]:
-                observation, _ = real.reset(task=task)
-                candidates = rng.random((2000, real.dimension))
-                both = features(observation, candidates), features(*mirrored(observation, candidates))
-                score = sum(network((part - middle) / width) for part in both)
-                ranking[task] = candidates[np.argsort(-score)[:400]]
-            jobs = {"this network": real.evaluate(ranking), "random": client.policy("random").evaluate(real)}
-            print(f"\n{'policy':14} {'AUCCESS':>8} {'first':>6} {'in 10':>6} {'attempts':>9}")
-            for name, job in jobs.items():
-                found = job.wait(progress=True)
-                within = found["solved_within"]
-                cells = f"{within[0]:6.0%} {within[9]:6.0%} {found['interactions']:9}"
-                print(f"{name:14} {found['auccess']:8.3f} {cells}")
-    print(f"\n{len(ranking)} test tasks in the real world, {seconds(clock)} in all")
-
-
-def practice(
-    client: iplw.Client, options: argparse.Namespace, rng: np.random.Generator
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Random actions in `--worlds` worlds at once: (2n, features) inputs and (2n,) whether they solved their task."""
-    inputs, solved = [], []
-    env = iplw.make_vec("bowling", options.worlds, url=client.url, autoreset_mode="SameStep", split="train")
-    try:
-        observations, _ = env.reset(seed=options.seed)
-        for _ in range(options.steps):
-            actions = rng.random((options.worlds, 3))
-            following, _, _, _, infos = env.step(actions.astype(np.float32))
-            # An episode that ended with this step tells its end in `final_info`; the others acted in vain.
-            ends = infos.get("final_info", {})
-            valid = np.asarray(ends.get("valid", np.zeros(options.worlds)), dtype=bool)
-            outcome = np.asarray(ends.get("solved", np.zeros(options.worlds)), dtype=bool)
-            for i in np.flatnonzero(valid):
-                seen, action = np.asarray(observations[i], dtype=float), actions[i : i + 1]
-                inputs += [features(seen, action), features(*mirrored(seen, action))]
-                solved += [outcome[i], outcome[i]]
-            observations = following
-    finally:
-        env.close()
-    return np.concatenate(inputs), np.asarray(solved)
+        network = train(client, options)
+        evaluate(client, network, options)
+    print(f"\n{options.tests} test tasks in the real world, {time.perf_counter() - clock:.0f} s in all")
 
 
 def arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="train a network on the vector environment, transfer it")
+    parser = argparse.ArgumentParser(description="deep Q-learning on the vector environment, scored in a real world")
     parser.add_argument("--url", help="address of a running server; none: a private one")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--worlds", type=int, default=128, help="worlds that are stepped together")
     parser.add_argument("--steps", type=int, default=160, help="steps of all worlds")
-    parser.add_argument("--batches", type=int, default=3000, help="updates of the network")
+    parser.add_argument("--choices", type=int, default=16, help="random actions of which the best is taken")
+    parser.add_argument("--updates", type=int, default=16, help="updates of the network after a step")
+    parser.add_argument("--batch", type=int, default=64, help="attempts an update learns from")
+    parser.add_argument("--rate", type=float, default=2e-3, help="learning rate at the start; falls to 0")
+    parser.add_argument("--hidden", type=int, default=64, help="units in each of two layers")
     parser.add_argument("--tests", type=int, default=20, help="test tasks, at most 20")
     return parser.parse_args()
 

@@ -155,22 +155,25 @@ fn frames(path: &[Knot], share: &dyn Fn(&Knot) -> f64, value: &dyn Fn(&Knot) -> 
 }
 
 /// How long a film rests at its end, s.
-const REST: f64 = 1.0;
+pub(super) const REST: f64 = 1.0;
 /// Longest time between two drawn points of a moving body, s.
 const FINE: f64 = 1.0 / 30.0;
 
 /// A drawn point of a body's path.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Knot {
-    t: f64,
-    at: [f64; 2],
-    angle: f64,
+pub(super) struct Knot {
+    /// s
+    pub t: f64,
+    /// m
+    pub at: [f64; 2],
+    /// rad
+    pub angle: f64,
     /// Whether nothing is known about the way from the knot before.
-    jump: bool,
+    pub jump: bool,
 }
 
 /// One path for each body of the scene; empty where nothing was seen of it.
-fn paths(scene: &Scene, trajectory: &Trajectory) -> Vec<Vec<Knot>> {
+pub(super) fn paths(scene: &Scene, trajectory: &Trajectory) -> Vec<Vec<Knot>> {
     let find = |name: &str| trajectory.track(name);
     scene
         .bodies

@@ -4,12 +4,14 @@
 //! text is escaped. Pictures of scenes hold no text unless [`Style::names`] asks for it.
 //!
 //! [`scene_svg`] draws a scene, [`filmstrip_svg`], [`trails_svg`] and [`animation_svg`] a trajectory in it,
+//! [`film_png`] its film in pixels, [`end_svg`] how it ended,
 //! [`plot`] draws numbers, [`surface`] what performance asks of the latents, [`svg_to_png`] makes pixels of any of them, and [`Report`] binds them into a page.
 
 mod chances;
 pub mod film;
 pub mod plot;
 pub mod png;
+pub mod reel;
 pub mod report;
 pub mod scene;
 pub mod surface;
@@ -18,7 +20,7 @@ mod svg;
 pub use chances::chances_svg;
 pub use film::{animation_svg, filmstrip_svg, trails_svg};
 pub use png::{svg_to_png, svg_to_png_within, svg_to_rgb};
-
+pub use reel::{end_svg, film_png};
 pub use report::{Block, Report, Section};
 pub use scene::{Style, scene_svg};
 pub use svg::{colour, escape};

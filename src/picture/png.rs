@@ -22,14 +22,7 @@ pub fn svg_to_png_within(budget: &dyn Budget, svg: &str, width: u32) -> Result<V
     let width = bounded("width", width)?;
     let tree = parse(svg)?;
     budget.look()?;
-    let scale = f64::from(width) / f64::from(tree.size().width());
-    let height = (f64::from(tree.size().height()) * scale).round();
-    if height > f64::from(LARGEST) {
-        let most = (f64::from(width) * f64::from(LARGEST) / height).floor();
-        let allowed = format!("at most {most} for this picture, so that its height stays within {LARGEST}");
-        return Err(Error::input("width", width, allowed));
-    }
-    let pixmap = draw(&tree, width, height.max(1.0) as u32)?;
+    let pixmap = draw(&tree, width, height(&tree, width)?)?;
     budget.look()?;
     encoded(&pixmap, budget)
 }
@@ -66,7 +59,8 @@ const STRIP: u32 = 256;
 const SMALLEST: u32 = 16;
 const LARGEST: u32 = 4096;
 
-fn bounded(field: &str, v: u32) -> Result<u32> {
+/// A side of a picture, px.
+pub(super) fn bounded(field: &str, v: u32) -> Result<u32> {
     if (SMALLEST..=LARGEST).contains(&v) {
         Ok(v)
     } else {
@@ -74,7 +68,20 @@ fn bounded(field: &str, v: u32) -> Result<u32> {
     }
 }
 
-fn parse(svg: &str) -> Result<Tree> {
+/// Height of a picture that is to be `width` px wide, px.
+pub(super) fn height(tree: &Tree, width: u32) -> Result<u32> {
+    let scale = f64::from(width) / f64::from(tree.size().width());
+    let height = (f64::from(tree.size().height()) * scale).round();
+    if height > f64::from(LARGEST) {
+        let most = (f64::from(width) * f64::from(LARGEST) / height).floor();
+        let allowed = format!("at most {most} for this picture, so that its height stays within {LARGEST}");
+        return Err(Error::input("width", width, allowed));
+    }
+    Ok(height.max(1.0) as u32)
+}
+
+/// A document, read.
+pub(super) fn parse(svg: &str) -> Result<Tree> {
     // Linked images are left out: nothing is read from disk.
     let none =
         ImageHrefResolver { resolve_data: Box::new(|_, _, _| None), resolve_string: Box::new(|_, _| None) };
@@ -100,15 +107,21 @@ fn fonts() -> Arc<fontdb::Database> {
     FONTS.get_or_init(load).clone()
 }
 
-fn draw(tree: &Tree, width: u32, height: u32) -> Result<Pixmap> {
+/// A picture on white.
+pub(super) fn draw(tree: &Tree, width: u32, height: u32) -> Result<Pixmap> {
     let mut pixmap = Pixmap::new(width, height)
         .ok_or_else(|| Error::input("width", width, "a size that fits in memory"))?;
     pixmap.fill(Color::WHITE);
-    let (w, h) = (width as f32, height as f32);
+    draw_over(tree, &mut pixmap);
+    Ok(pixmap)
+}
+
+/// A picture over another, scaled to fit.
+pub(super) fn draw_over(tree: &Tree, pixmap: &mut Pixmap) {
+    let (w, h) = (pixmap.width() as f32, pixmap.height() as f32);
     let scale = (w / tree.size().width()).min(h / tree.size().height());
     let (dx, dy) = ((w - scale * tree.size().width()) / 2.0, (h - scale * tree.size().height()) / 2.0);
     resvg::render(tree, Transform::from_row(scale, 0.0, 0.0, scale, dx, dy), &mut pixmap.as_mut());
-    Ok(pixmap)
 }
 
 #[cfg(test)]

@@ -131,6 +131,19 @@ impl HiddenWorld {
         }
     }
 
+    /// The trajectory that the attempt after which the counter was at `interactions` brought in this placed scene, to the bit.
+    /// It was measured then and is told once more, so it is not counted. For the session that made the attempt: whoever could
+    /// name a scene of their own would measure for nothing.
+    pub(crate) fn recall(&self, budget: &dyn Budget, scene: &Scene, interactions: u64) -> Result<Trajectory> {
+        if !(1..=self.interactions).contains(&interactions) {
+            return Err(Error::Failed(format!("attempt {interactions} was never made")));
+        }
+        let done = simulate_within(budget, &[self.rollout(scene)], self.config.engine, |_, t| t)?.pop();
+        let mut trajectory = done.ok_or_else(|| Error::Failed("a rollout was lost".into()))?;
+        self.observe(&mut trajectory, scene, interactions - 1);
+        Ok(trajectory)
+    }
+
     /// Adds the observation noise of interaction number `interaction`; the start is set by the experimenter
     /// and known exactly.
     fn observe(&self, trajectory: &mut Trajectory, scene: &Scene, interaction: u64) {

@@ -8,7 +8,7 @@ use super::action::Action;
 use super::attempt::Trial;
 use super::catalogue::Posed;
 use super::observation::Layout;
-use super::state::{Phase, lock, refused};
+use super::state::{Made, Phase, lock, refused};
 use super::watch::{Brought, Film, What};
 use super::world::World;
 use crate::budget::Budget;
@@ -149,7 +149,7 @@ impl World {
         let result = results.pop().ok_or_else(|| Error::Failed("an attempt without a result".into()))?;
         let watched = self.lookout.is_on();
         let seen = result.map(|t| Seen::of(posed.layout, &t, watched));
-        Ok(self.stepped(posed, &action, seen, interactions))
+        Ok(self.stepped(posed, action, latents, seen, interactions))
     }
 
     /// The task of the episode that waits for an action, and the latents it is attempted with.
@@ -166,7 +166,8 @@ impl World {
     pub(super) fn stepped(
         &self,
         posed: Posed,
-        action: &ValidAction,
+        action: ValidAction,
+        latents: Latents,
         mut seen: std::result::Result<Seen, String>,
         interactions: u64,
     ) -> Step {
@@ -190,7 +191,10 @@ impl World {
                 end: None,
             },
             Ok(seen) => {
-                lock(&self.state).phase = Phase::Done;
+                let mut state = lock(&self.state);
+                state.phase = Phase::Done;
+                state.last = state.task.map(|task| Made { task, action, latents, interactions });
+                drop(state);
                 Step {
                     observation: seen.observation,
                     reward: f64::from(u8::from(seen.solved)),

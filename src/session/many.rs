@@ -78,15 +78,15 @@ pub fn step_many(
             (Plan::Begin(drawn), _) => {
                 Turned { step: None, start: Some(world.begin(drawn, &again(world, split))) }
             }
-            (Plan::Act { posed, action, .. }, Some(Placement::Invalid(reason))) => {
+            (Plan::Act { posed, action, latents, .. }, Some(Placement::Invalid(reason))) => {
                 let interactions = world.interactions();
-                let step = world.stepped(posed, &action, Err(reason), interactions);
+                let step = world.stepped(posed, action, latents, Err(reason), interactions);
                 Turned { step: Some(step), start: None }
             }
-            (Plan::Act { posed, action, then, .. }, _) => {
+            (Plan::Act { posed, action, latents, then }, _) => {
                 let (seen, interactions) =
                     brought.next().ok_or_else(|| Error::Failed("a rollout was lost".into()))?;
-                let step = world.stepped(posed, &action, Ok(seen), interactions);
+                let step = world.stepped(posed, action, latents, Ok(seen), interactions);
                 Turned { step: Some(step), start: then.map(|drawn| world.begin(drawn, &again(world, split))) }
             }
         });

@@ -4,7 +4,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use crate::error::Error;
 use crate::rng::Stream;
-use crate::task::Split;
+use crate::task::{Split, ValidAction};
 use crate::world::Latents;
 
 /// Where an episode stands.
@@ -29,6 +29,20 @@ pub(super) struct State {
     pub(super) episodes: u64,
     pub(super) interactions: u64,
     pub(super) resets: Stream,
+    /// The last action of an episode that could be placed.
+    pub(super) last: Option<Made>,
+}
+
+/// A step that was made: enough to see again what it brought, to the bit.
+#[derive(Clone)]
+pub(super) struct Made {
+    /// Index of the task.
+    pub(super) task: usize,
+    pub(super) action: ValidAction,
+    /// Those it was made with.
+    pub(super) latents: Latents,
+    /// The world's counter after it: what a real world's noise is drawn by.
+    pub(super) interactions: u64,
 }
 
 impl Phase {

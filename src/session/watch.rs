@@ -65,7 +65,7 @@ pub enum Brought {
 }
 
 /// What is drawn of a trajectory.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Film {
     /// s
     pub t: Vec<f32>,
@@ -73,7 +73,7 @@ pub struct Film {
 }
 
 /// Where a body was, a state for each time.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Way {
     pub name: String,
     /// m
@@ -228,6 +228,17 @@ impl Film {
 }
 
 impl WorldWatcher {
+    /// Films that are kept, the oldest first.
+    #[cfg(test)]
+    pub fn films(&self) -> Vec<Film> {
+        let film = |e: &Arc<Happened>| match &e.what {
+            What::Step { brought: Brought::Done { film: Some(film), .. }, .. } => Some(film.clone()),
+            What::Attempts { film: Some((_, film)), .. } => Some(film.clone()),
+            _ => None,
+        };
+        lock(&self.feed.ring).events.iter().filter_map(film).collect()
+    }
+
     /// Waits for the next event; `None` after the last.
     pub async fn next(&mut self) -> Option<Arc<Happened>> {
         loop {

@@ -146,6 +146,7 @@ impl World {
                 episodes: 0,
                 interactions: 0,
                 resets: rng::stream(config.seed, "reset"),
+                last: None,
             }),
         })
     }

@@ -282,6 +282,7 @@ fn a_real_world_keeps_its_secrets_and_its_budget() {
     problem(film, 429, "budget-spent");
     let scene = server.send(Method::GET, &format!("{path}/render"), "");
     assert_eq!(scene.status(), 200, "the scene costs nothing");
+    problem(server.send(Method::GET, &format!("{path}/render?view=film"), ""), 409, "refused");
     server.post(&format!("{path}/reset"), &json!({}), 200);
     problem(
         server.send(Method::POST, &format!("{path}/step"), json!({"action": valid}).to_string()),
@@ -294,6 +295,46 @@ fn a_real_world_keeps_its_secrets_and_its_budget() {
     let open = server.post("/v1/worlds", &open, 201);
     assert_eq!(open["latents"]["friction"], 0.123);
     assert_eq!(open["effects"][0]["name"], "linear_drag");
+}
+
+#[test]
+fn the_last_step_is_filmed_at_no_interaction() {
+    let server = Running::start();
+    let valid = action(&server, "bowling:000", true);
+    let body = json!({"task": "bowling:000", "kind": "real", "noise": 0.01, "budget": 1});
+    let world = server.post("/v1/worlds", &body, 201);
+    let path = format!("/v1/worlds/{}", world["id"].as_str().unwrap());
+    server.post(&format!("{path}/reset"), &json!({}), 200);
+    server.post(&format!("{path}/step"), &json!({"action": valid}), 200);
+    let picture = |query: &str| {
+        let picture = server.send(Method::GET, &format!("{path}/render?{query}"), "");
+        let kind = picture.headers()["content-type"].to_str().unwrap().to_string();
+        (picture.status().as_u16(), kind, picture.bytes().unwrap())
+    };
+    for (query, kind) in [
+        ("view=end", "image/png"),
+        ("view=end&format=svg", "image/svg+xml"),
+        ("view=filmstrip", "image/png"),
+        ("view=animation", "image/svg+xml"),
+        ("view=film&fps=20&width=64", "image/apng"),
+    ] {
+        let (status, seen, bytes) = picture(query);
+        assert_eq!((status, seen.as_str()), (200, kind), "{query}");
+        assert!(bytes == picture(query).2, "{query}: what was measured does not change");
+    }
+    assert_eq!(
+        server.get(&path)["interactions"],
+        1,
+        "what was measured is shown, and nothing else is measured"
+    );
+    let frames = picture("view=film&fps=20&width=64").2;
+    let twice = picture("view=film&fps=40&width=64").2;
+    // The animation's chunk tells how many there are.
+    let count = |png: &[u8]| {
+        let at = png.windows(4).position(|w| w == b"acTL").unwrap() + 4;
+        u32::from_be_bytes(png[at..at + 4].try_into().unwrap())
+    };
+    assert!(count(&frames) >= 50 && count(&twice).abs_diff(2 * count(&frames)) <= 2);
 }
 
 #[test]
@@ -588,7 +629,12 @@ fn bad_input_is_a_problem_that_names_it() {
         row("GET", "/v1/tasks/bowling/x", "", 404, missing, ""),
         row("GET", query("format=gif"), "", 422, wrong, "format"),
         row("GET", query("view=side"), "", 422, wrong, "view"),
-        row("GET", query("view=filmstrip"), "", 422, wrong, "action"),
+        row("GET", query("view=filmstrip"), "", 409, refused, ""),
+        row("GET", query("view=end&task=bowling:000"), "", 422, wrong, "task"),
+        row("GET", query("view=film&format=svg"), "", 422, wrong, "format"),
+        row("GET", query("view=film&fps=0"), "", 422, wrong, "fps"),
+        row("GET", query("view=filmstrip&fps=30"), "", 422, wrong, "fps"),
+        row("GET", query("view=film&task=bowling:000&action=0&width=4096"), "", 413, "too-large", ""),
         row("GET", query("view=animation&format=png&action=1"), "", 422, wrong, "format"),
         row("GET", query("action=a,b"), "", 422, wrong, "action"),
         row("GET", query("action=nan,0.5,0.5"), "", 422, wrong, "action[0]"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from itertools import product
+from typing import Any
 
 import gymnasium
 import pytest
@@ -21,9 +22,37 @@ FORMS = list(
 )
 
 
+SCENE: dict[str, Any] = {
+    "format": "iplw.scene/1",
+    "bodies": [{"name": "ball", "shape": {"type": "disc", "radius": 0.1}, "position": [0, 1]}],
+    "statics": [{"name": "floor", "shape": {"type": "segment", "from": [-2, 0], "to": [2, 0]}}],
+    "steps": 120,
+    "goal": {"type": "inside", "body": "ball", "region": [[-2, 0], [0, 0], [0, 1], [-2, 1]]},
+    "action": {"components": [{"target": "ball", "set": "x", "low": -1, "high": 1}]},
+}
+OPTIONS: list[dict[str, Any]] = [
+    {"split": "test"},
+    {"task": "bowling:017"},
+    {"observation": "image", "image_size": 256},
+    {"url": "tcp://private"},
+    {"world": {"latents": {"friction": 0.2}, "damping": 0.8, "engine": "rapier"}},
+    {"world": {"kind": "real", "noise": 0.02, "seed": 3}},
+    {"world": {"kind": "real", "sealed": False}, "action": "discrete"},
+    {"task": None, "world": {"scene": SCENE}},
+]
+
+
 @pytest.mark.parametrize(("name", "world", "observation", "action"), FORMS)
 def test_check_env(name: str, world: str, observation: str, action: str) -> None:
-    env = gymnasium.make(name, world=world, observation=observation, action=action, render_mode="rgb_array")
+    check(gymnasium.make(name, world=world, observation=observation, action=action, render_mode="rgb_array"))
+
+
+@pytest.mark.parametrize("options", OPTIONS, ids=[" ".join(options) for options in OPTIONS])
+def test_check_env_with_other_options(options: dict[str, Any]) -> None:
+    check(gymnasium.make("iplw/Bowling-v0", render_mode="rgb_array", **options))
+
+
+def check(env: gymnasium.Env[Any, Any]) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         check_env(env.unwrapped)

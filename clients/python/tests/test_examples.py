@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -25,15 +26,23 @@ def test_train_outside() -> None:
 
 
 def test_train_network() -> None:
-    small = ["--worlds", "32", "--steps", "40", "--batches", "100", "--tests", "3"]
+    small = ["--worlds", "64", "--steps", "80"]
     run = subprocess.run(
-        [sys.executable, EXAMPLES / "train_network.py", *small], capture_output=True, text=True, check=False
+        [sys.executable, EXAMPLES / "train_network.py", *small],
+        capture_output=True,
+        text=True,
+        check=False,
+        # Small matrices gain nothing from threads, and waiting for one another costs much on a busy machine.
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
     )
     assert run.returncode == 0, run.stderr
     rows = {line[:14].strip(): line[14:].split() for line in run.stdout.splitlines() if line}
-    for policy in ("this network", "random"):
-        assert 0.0 <= float(rows[policy][0]) <= 1.0
-        assert int(rows[policy][-1]) > 0, "real attempts are counted"
+    trained, chance = (float(rows[policy][0]) for policy in ("this network", "random"))
+    # 0.85 against 0.43 in the real world; a network that learned nothing ranks at random.
+    assert trained > chance + 0.2, run.stdout
+    assert int(rows["this network"][-1]) > 0, "real attempts are counted"
+    shares = [float(line.split("solved")[1].split("%")[0]) for line in run.stdout.splitlines() if "solved" in line]
+    assert shares[-1] > 2 * shares[0], "it solves more as it learns"
 
 
 def test_robot() -> None:

@@ -56,7 +56,10 @@ def test_the_page_is_opened_once_at_the_environments_world(opened: list[str]) ->
     (address,) = opened
     page, _, world = address.partition("/#/live/")
     assert world == placement.world.id
-    # Where it says, that world is there.
+    # The page is part of the program; and where it says, that world is there.
+    asked = urllib.request.Request(f"{page}/", headers={"Accept": "text/html"})
+    with urllib.request.urlopen(asked) as response:
+        assert "text/html" in response.headers["content-type"] and b"<script" in response.read()
     assert answered(f"{page}/v1/worlds/{world}")["state"]["episodes"] == 3
     env.close()
 

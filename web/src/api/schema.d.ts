@@ -735,7 +735,7 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Draws the scene, or films an action. A film in a real world is an interaction. */
+        /** Draws the scene, or films the step that was made last (at no interaction) or an action that is attempted for it (which is one). */
         get: operations["render_world"];
         put?: never;
         post?: never;
@@ -6610,16 +6610,18 @@ export interface operations {
     render_world: {
         parameters: {
             query?: {
-                /** @description `png` (default) or `svg`; an animation is SVG */
+                /** @description `png` (default) or `svg`; an animation is SVG, a film an animated PNG */
                 format?: string;
-                /** @description `scene` (default), `filmstrip` or `animation` */
+                /** @description `scene` (default), `end`, `filmstrip`, `animation` or `film` */
                 view?: string;
-                /** @description `0.5,0.5,0.2`, or the number of a discrete action */
+                /** @description `0.5,0.5,0.2`, or the number of a discrete action: placed in the scene, attempted in any other view; without it they show the last step that could be placed */
                 action?: string;
                 /** @description Id of the task; the current one if absent */
                 task?: string;
                 /** @description Pixels, 16 to 4096; default 512 */
                 width?: number;
+                /** @description Frames a second of a film, 1 to 60; default 30 */
+                fps?: number;
             };
             header?: never;
             path: {
@@ -6637,6 +6639,7 @@ export interface operations {
                 content: {
                     "image/png": string;
                     "image/svg+xml": string;
+                    "image/apng": number[];
                 };
             };
             /** @description Bad Request */
@@ -6675,8 +6678,17 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No current task */
+            /** @description No current task, or no step to film */
             409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A film too long or too large */
+            413: {
                 headers: {
                     [name: string]: unknown;
                 };

@@ -14,10 +14,10 @@ The files, from the top down; each uses only those below it:
 
 | file | what |
 |---|---|
-| `envs`, `vector`, `registration`, `families` | Gymnasium's environments |
+| `envs`, `vector`, `fleet`, `video`, `registration`, `families` | Gymnasium's environments |
 | `aio`, `sync` | the client and its handles on worlds, jobs, policies, surfaces: written once, in `aio`; `generate.py` makes `sync` of it |
 | `runner` | the difference between the two: who does what blocks |
-| `calls`, `rollout`, `ranked`, `proposal`, `measured`, `bar` | what is asked, and what answers mean; nothing here waits |
+| `calls`, `rollout`, `film`, `ranked`, `proposal`, `measured`, `bar` | what is asked, and what answers mean; nothing here waits |
 | `connect`, `http`, `zeromq`, `transport` | how a call goes to the server and back; `codec` and `frames` write it down |
 | `call`, `operations` | a call; the table of operations, which `generate.py` makes of the OpenAPI document |
 | `server`, `binary`, `errors` | a private server; where its program is; what all of them raise |
@@ -26,6 +26,7 @@ The files, from the top down; each uses only those below it:
 
 from .aio import AsyncAsking, AsyncClient, AsyncJob, AsyncPolicy, AsyncSurface, AsyncWorld
 from .errors import IplwError, JobCancelled, JobFailed, Problem, ServerUnavailable
+from .film import Film
 from .proposal import Proposal
 from .ranked import Ranked
 from .registration import register
@@ -33,6 +34,7 @@ from .rollout import Rollout, Rollouts
 from .sync import Asking, Client, Job, Policy, Surface, World
 from .vector import PlacementVectorEnv, make_vec
 from .version import own_version
+from .video import RecordVideo
 
 __version__ = own_version()
 
@@ -45,6 +47,7 @@ __all__ = [
     "AsyncSurface",
     "AsyncWorld",
     "Client",
+    "Film",
     "IplwError",
     "Job",
     "JobCancelled",
@@ -54,6 +57,7 @@ __all__ = [
     "Problem",
     "Proposal",
     "Ranked",
+    "RecordVideo",
     "Rollout",
     "Rollouts",
     "ServerUnavailable",

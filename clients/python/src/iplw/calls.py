@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any, Protocol, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .call import Call, given
+from .film import Film
 from .operations import OPERATIONS
 from .ranked import Ranked, ranked
 from .rollout import Action, Rollout, encode, encode_all, read_rollouts
@@ -75,7 +77,13 @@ def set_latents(id: str, latents: Mapping[str, float]) -> Call[dict[str, Any]]:
 
 
 def render(
-    id: str, format: str, view: str, action: Action | None, task: str | None, width: int | None
+    id: str,
+    format: str | None,
+    view: str,
+    action: Action | None,
+    task: str | None,
+    width: int | None,
+    fps: int | None,
 ) -> Call[bytes]:
     """A picture."""
     code = None if action is None else encode(action)
@@ -87,8 +95,17 @@ def render(
         action=None if text is None else str(text),
         task=task,
         width=width,
+        fps=fps,
     )
-    return Call("render_world", args, _same, slack=10.0, repeat=view == "scene", binary=True)
+    # An action that is filmed is attempted.
+    repeat = view == "scene" or action is None
+    return Call("render_world", args, _same, slack=10.0, repeat=repeat, binary=True)
+
+
+def film(id: str, width: int, fps: int) -> Call[Film]:
+    """The step that was made last, frame by frame."""
+    args = {"id": id, "view": "film", "width": width, "fps": fps}
+    return Call("render_world", args, partial(Film, fps=fps), slack=30.0, binary=True)
 
 
 def create_worlds(settings: Mapping[str, Any], count: int) -> Call[dict[str, Any]]:

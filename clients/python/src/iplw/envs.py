@@ -11,6 +11,7 @@ Each environment has a world of its own on the server and deletes it on `close()
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from inspect import signature
 from typing import Any, Literal, TypeAlias
 
@@ -18,16 +19,20 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 from gymnasium.core import RenderFrame
+from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
 from . import png, window
+from .film import Film
 from .sync import Client, World
 from .rollout import Action, Rollouts
 
 Observation: TypeAlias = NDArray[Any]
 
-#: Pixels on a side of what `render()` returns.
+#: Pixels on a side of what `render()` returns; the width of films.
 RENDER_SIZE = 256
+#: Frames a second of films.
+FPS = 30
 #: Least and most pixels on a side of an image observation.
 IMAGE_SIZES = (64, 256)
 
@@ -41,16 +46,19 @@ class PlacementEnv(gymnasium.Env[Observation, Any]):
     - `observation`: `features`, float32 in [0, 1]; or `image`, uint8 (image_size, image_size, 3) of the scene
       before the action.
     - `action`: `box`, float32 in [0, 1]; or `discrete`, an index.
-    - `render_mode`: `rgb_array`; or `human`, which opens the server's page at this world when the first episode begins.
+    - `render_mode`: `rgb_array`, the scene as it was before the action, or after it as it ended (`film()` has all that was
+      in between); or `human`, which opens the server's page at this world when the first episode begins.
     - `split`: what `reset` draws tasks from; `reset(options={"split": ..., "task": ...})` overrides it.
     """
 
     # The environment never resets itself, which is what "disabled" means to a vector of them.
     metadata: dict[str, Any] = {
         "render_modes": ["rgb_array", "human"],
-        "render_fps": 1,
+        # Of films: an episode has one step, so that `render()` shows two moments of it.
+        "render_fps": FPS,
         "autoreset_mode": gymnasium.vector.AutoresetMode.DISABLED,
     }
+    _spec: EnvSpec | None = None
 
     def __init__(
         self,
@@ -85,8 +93,9 @@ class PlacementEnv(gymnasium.Env[Observation, Any]):
             self.client.close()
             raise
         self._drawn = is_drawn(settings)
+        self._noisy = bool(settings.get("noise"))
         self._shown: tuple[str, NDArray[np.uint8]] | None = None
-        self._acted: int | list[float] | None = None
+        self._ended = False
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -106,18 +115,17 @@ class PlacementEnv(gymnasium.Env[Observation, Any]):
             window.show(self._page, self.world.id)
             self._page = None
         features, info = self.world.reset(seed=draw, task=task, split=split)
-        self._acted = None
+        self._ended = False
         return self._observe(features, info), _plain(info)
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Carries the action out and rolls the world out."""
         features, reward, terminated, truncated, info = self.world.step(action)
-        if info["valid"]:
-            self._acted = np.asarray(action).tolist()
+        self._ended = self._ended or bool(info["valid"])
         return self._observe(features, info), reward, terminated, truncated, _plain(info)
 
     def render(self) -> RenderFrame | list[RenderFrame] | None:
-        """(256, 256, 3) the scene, with what the last valid action placed; None for `human`: the page shows it."""
+        """(256, 256, 3) the scene before the action, or after it how it ended; None for `human`: the page shows it."""
         if self.render_mode == "human":
             return None
         if self.render_mode is None:
@@ -125,7 +133,14 @@ class PlacementEnv(gymnasium.Env[Observation, Any]):
                 'render() without a render mode; use gymnasium.make(..., render_mode="rgb_array")'
             )
             return None
-        return picture(self.world, RENDER_SIZE, self._acted)
+        return picture(self.world, RENDER_SIZE, end=self._ended)
+
+    def film(self, *, width: int = RENDER_SIZE, fps: int = FPS) -> Film:
+        """The step that was made last, frame by frame, as it was observed: no further interaction, whatever the world.
+
+        It is kept through a reset, until the next valid action. Where there was none, a `Problem` (409).
+        """
+        return self.world.film(width=width, fps=fps)
 
     def close(self) -> None:
         """Deletes the world and lets the server go; a second call does nothing."""
@@ -136,6 +151,15 @@ class PlacementEnv(gymnasium.Env[Observation, Any]):
             self.world.close()
         finally:
             self.client.close()
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """How it was made. `nondeterministic` where the world has noise, which goes on whatever an episode's seed."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = spec and replace(spec, nondeterministic=spec.nondeterministic or self._noisy)
 
     def set_latents(self, **latents: float) -> dict[str, float] | None:
         """Sets some of density, friction, restitution; gives all of them. A sealed world raises `Problem`."""
@@ -188,11 +212,10 @@ def actions(world: World, form: str) -> spaces.Box | spaces.Discrete:
     return spaces.Box(0.0, 1.0, (world.dimension,), np.float32)
 
 
-def picture(
-    world: World, size: int, action: Action | None = None, task: str | None = None
-) -> NDArray[np.uint8]:
-    """(size, size, 3) the scene of the current task or another, with an action placed in it."""
-    return _square(png.decode(world.render(width=size, action=action, task=task)), size)
+def picture(world: World, size: int, *, end: bool = False, task: str | None = None) -> NDArray[np.uint8]:
+    """(size, size, 3) the scene of the current task or another; or how the last step ended."""
+    view = "end" if end else "scene"
+    return _square(png.decode(world.render(view=view, width=size, task=task)), size)
 
 
 def settings_of(task: str | None, world: str | Mapping[str, Any]) -> dict[str, Any]:

@@ -366,8 +366,8 @@ OPERATIONS: dict[str, Operation] = {
         method="GET",
         path="/v1/worlds/{id}/render",
         status=200,
-        names=("id", "format", "view", "action", "task", "width"),
-        gives=("image/png", "image/svg+xml"),
+        names=("id", "format", "view", "action", "task", "width", "fps"),
+        gives=("image/png", "image/svg+xml", "image/apng"),
     ),
     "reset_world": Operation(
         method="POST",

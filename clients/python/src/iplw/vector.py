@@ -3,7 +3,8 @@
     gymnasium.make_vec("iplw/Bowling-v0", num_envs=256, vectorization_mode="vector_entry_point")
     iplw.make_vec("bowling", 256, autoreset_mode="SameStep")
 
-Observations, rewards and infos are those of `gymnasium.vector.SyncVectorEnv` over `PlacementEnv`, to the bit.
+Observations, rewards and infos are those of `gymnasium.vector.SyncVectorEnv` over `PlacementEnv`, to the bit, however many
+servers share the work: `iplw.make_vec("bowling", 256, url=["http://a:8080", "http://b:8080"])`.
 """
 
 from __future__ import annotations
@@ -20,8 +21,10 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from . import calls, envs, window
+from .errors import IplwError
+from .film import Film
+from .fleet import Fleet
 from .sync import Client, World
-from .rollout import Action
 
 #: Wire names of the modes.
 _MODES = {
@@ -45,6 +48,9 @@ _SOMETIMES = ("reason", "end")
 class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     """`num_envs` worlds on the server, stepped together; settings as for `PlacementEnv`.
 
+    `url` may name several servers: the first gets the first environments, and so on, in shares of one size. A `seed` in
+    `world` is the first world's (its noise, where it has any); world i has that plus i.
+
     `autoreset_mode` says what becomes of an environment whose episode has ended: the next step resets it
     (`NEXT_STEP`), the same step does and gives the end as `final_obs` and `final_info` (`SAME_STEP`), or you do with
     `reset(options={"reset_mask": mask})` (`DISABLED`). `reset` takes a seed for all, environment i getting seed + i,
@@ -57,7 +63,7 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         task: str | None = "bowling",
         world: Literal["sim", "real"] | Mapping[str, Any] = "sim",
         *,
-        url: str | None = None,
+        url: str | Sequence[str | None] | None = None,
         observation: Literal["features", "image"] = "features",
         action: Literal["box", "discrete"] = "box",
         render_mode: str | None = None,
@@ -77,28 +83,26 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         self._mode = mode
         self._image_size = image_size if observation == "image" else None
         self._split = split if envs.is_drawn(settings) else None
-        #: The connection, shared with nobody.
-        self.client = Client(url, timeout=timeout)
+        urls = [url] if url is None or isinstance(url, str) else list(url)
+        self._fleet = Fleet(urls, settings, num_envs, timeout)
         try:
+            self._first = self._fleet.world(0)
             #: The page that is to be opened; None once it was, or if nobody wants to look on.
             self._page = window.page(self.client) if render_mode == "human" else None
-            made = self.client._line.do(calls.create_worlds(settings, num_envs))
-            #: Ids of the environments' worlds, in order.
-            self.worlds: list[str] = list(made["worlds"])
-            self._first = World(self.client._line, made["world"])
             self.single_observation_space = envs.observations(self._first, self._image_size)
             self.single_action_space = envs.actions(self._first, action)
             self.observation_space = batch_space(self.single_observation_space, num_envs)
             self.action_space = batch_space(self.single_action_space, num_envs)
         except BaseException:
-            self.client.close()
+            self._fleet.close()
             raise
         self._generators: list[np.random.Generator | None] = [None] * num_envs
         self._seeds: list[int | None] = [None] * num_envs
         self._fresh = np.ones(num_envs, np.bool_)
         self._observations = np.zeros(self.observation_space.shape or (), self.observation_space.dtype)
         self._ended = np.zeros(num_envs, np.bool_)
-        self._acted: list[Action | None] = [None] * num_envs
+        #: Where the episode has had its step: what `render` shows is then its end.
+        self._over = np.zeros(num_envs, np.bool_)
         self._pictures: dict[str, NDArray[np.uint8]] = {}
 
     def reset(
@@ -117,10 +121,17 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             window.show(self._page, self._first.id)
             self._page = None
         everyone = bool(mask.all())
-        call = calls.reset_worlds(self.worlds, draws, task, split, None if everyone else mask)
-        answer = self.client._line.do(call)
+        if not everyone:
+            self._together("reset")
+        answer = self._fleet.ask(
+            lambda share: calls.reset_worlds(
+                share.worlds, draws[share.part], task, split, None if everyone else mask[share.part]
+            )
+        )
+        if everyone:
+            self._fleet.torn = None
         self._fresh &= ~mask
-        self._start(mask)
+        self._over &= ~mask
         self._observations = np.where(
             self._rows(mask), self._observe(answer["observation"], answer["task"]), self._observations
         )
@@ -135,14 +146,17 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         """Carries out one action in each environment; one that is being reset ignores its action."""
         sent = self._checked(actions)
         split = None if self._mode is AutoresetMode.DISABLED else self._split
-        answer = self.client._line.do(calls.step_worlds(self.worlds, sent, _MODES[self._mode], split))
+        self._together("step")
+        answer = self._fleet.ask(
+            lambda share: calls.step_worlds(share.worlds, sent[share.part], _MODES[self._mode], split),
+            self._doubtful(sent),
+        )
         reset = np.asarray(answer["reset"], np.bool_)
         ended = np.asarray(answer["terminated"], np.bool_)
         truncated = np.asarray(answer["truncated"], np.bool_)
         acted = ~reset
         valid = np.asarray(answer["valid"], np.bool_)
-        for i in np.flatnonzero(acted & valid) if self.render_mode else ():
-            self._acted[i] = sent[i].tolist()
+        self._over |= acted & valid
         infos: dict[str, Any] = {}
         if self._mode is AutoresetMode.SAME_STEP:
             ends = ended | truncated
@@ -154,7 +168,7 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             _stepped(infos, acted, answer, answer["task"])
         if reset.any():
             _begun(infos, reset, answer)
-            self._start(reset)
+            self._over &= ~reset
         self._ended = (ended | truncated) if self._mode is not AutoresetMode.SAME_STEP else self._ended
         self._observations = self._observe(answer["observation"], answer["task"])
         reward = np.asarray(answer["reward"], np.float64)
@@ -172,22 +186,37 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
                 'render() without a render mode; use gymnasium.make_vec(..., render_mode="rgb_array")'
             )
             return None
-        line = self.client._line
         return tuple(
-            envs.picture(World(line, {"id": id}), envs.RENDER_SIZE, action)
-            for id, action in zip(self.worlds, self._acted)
+            envs.picture(self._fleet.world(i), envs.RENDER_SIZE, end=bool(over)) for i, over in enumerate(self._over)
         )
+
+    @property
+    def client(self) -> Client:
+        """The connection to the first server, shared with nobody."""
+        return self._fleet.shares[0].client
+
+    @property
+    def worlds(self) -> list[str]:
+        """Ids of the environments' worlds, in order."""
+        return self._fleet.worlds
+
+    def world(self, index: int) -> World:
+        """Environment `index`'s world as it stands, on whichever server it is."""
+        return self._fleet.world(index).refresh()
+
+    def film(self, index: int, *, width: int = envs.RENDER_SIZE, fps: int = envs.FPS) -> Film:
+        """The step that environment `index` made last, as `PlacementEnv.film` has it, also where it was reset since."""
+        return self._fleet.world(index).film(width=width, fps=fps)
 
     def set_latents(self, **latents: float | Sequence[float] | NDArray[Any]) -> None:
         """Sets latent factors of all worlds, or of each its own; a request for each world."""
         each = {name: np.broadcast_to(np.asarray(v, np.float64), self.num_envs) for name, v in latents.items()}
-        for i, id in enumerate(self.worlds):
-            self.client._line.do(calls.set_latents(id, {name: v[i] for name, v in each.items()}))
+        for i in range(self.num_envs):
+            self._fleet.world(i).set_latents(**{name: float(values[i]) for name, values in each.items()})
 
     def close_extras(self, **_: Any) -> None:
         """Deletes the worlds and lets the server go."""
-        with self.client:
-            self.client._line.forget(calls.delete_worlds(self.worlds))
+        self._fleet.close()
 
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
@@ -216,11 +245,22 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
                 draws[int(i)] = int(self._generator(i).integers(2**32))
         return draws
 
-    def _start(self, mask: NDArray[np.bool_]) -> None:
-        """Forgets what was placed where an episode begins."""
-        if self.render_mode is not None:
-            for i in np.flatnonzero(mask).tolist():
-                self._acted[i] = None
+    def _together(self, what: str) -> None:
+        """Refuses to go on where some environments have acted and others have not."""
+        if self._fleet.torn is not None:
+            raise IplwError(
+                f"cannot {what}: some environments have acted and others have not, since {self._fleet.torn}; "
+                "reset all of them, or make new ones"
+            )
+
+    def _doubtful(self, actions: NDArray[Any]) -> NDArray[np.intp]:
+        """Environments whose server may refuse the step, as far as it can be known here."""
+        doubt = self._ended & (self._mode is AutoresetMode.DISABLED)
+        if actions.dtype.kind == "f":
+            doubt = doubt | ((actions < 0) | (actions > 1)).any(axis=1)
+        else:
+            doubt = doubt | (actions < 0) | (actions >= self._first.actions)
+        return np.flatnonzero(doubt)
 
     def _finish(self, infos: dict[str, Any], ends: NDArray[np.bool_], answer: Mapping[str, Any]) -> None:
         """`final_obs` and `final_info` of those that ended and were reset in the same step."""
@@ -247,8 +287,7 @@ class PlacementVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     def _picture(self, i: int, task: str) -> NDArray[np.uint8]:
         # A task's scene does not change, so neither does its picture.
         if task not in self._pictures:
-            world = World(self.client._line, {"id": self.worlds[i]})
-            self._pictures[task] = envs.picture(world, self._image_size or 0, task=task)
+            self._pictures[task] = envs.picture(self._fleet.world(i), self._image_size or 0, task=task)
         return self._pictures[task]
 
     def _rows(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from typing_extensions import Self
 
 from .. import calls
+from ..film import Film
 from ..rollout import Action, Rollout, Rollouts
 from .handle import AsyncHandle
 from .job import AsyncJob
@@ -100,17 +101,26 @@ class AsyncWorld(AsyncHandle):
     async def render(
         self,
         *,
-        format: str = "png",
+        format: str | None = None,
         view: str = "scene",
         action: Action | None = None,
         task: str | None = None,
         width: int | None = None,
+        fps: int | None = None,
     ) -> bytes:
-        """A picture as PNG or SVG: the `scene`, or an action's `filmstrip` or `animation` (SVG only).
+        """A picture as PNG or SVG: the `scene`, or the `end`, a `filmstrip`, an `animation` (SVG) or a `film` (APNG).
 
-        Filming an action on a real world counts as an interaction.
+        All but the scene show the step that was made last, as it was observed and at no interaction. With an `action`
+        they attempt it, on `task`, which in a real world is an interaction.
         """
-        return await self._line.do(calls.render(self.id, format, view, action, task, width))
+        return await self._line.do(calls.render(self.id, format, view, action, task, width, fps))
+
+    async def film(self, *, width: int = 256, fps: int = 30) -> Film:
+        """The step that was made last, frame by frame, as it was observed: noise and all, at no interaction.
+
+        `width` in pixels, 16 to 4096; `fps` frames a second, 1 to 60. Where no step was made, a `Problem` (409).
+        """
+        return await self._line.do(calls.film(self.id, width, fps))
 
     async def close(self) -> None:
         """Deletes the world; a second call does nothing, nor does a world or server that is already gone."""

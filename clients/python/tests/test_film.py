@@ -1,0 +1,194 @@
+"""Films: the whole of a step, at no further interaction, in files that others play."""
+
+from __future__ import annotations
+
+import asyncio
+import shutil
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TypeAlias
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.wrappers import Autoreset, TimeLimit
+from numpy.typing import NDArray
+from PIL import Image
+
+import iplw
+from iplw import png
+from iplw.envs import PlacementEnv
+from iplw.families import FAMILIES
+
+TASK = "bowling:000"
+Action: TypeAlias = NDArray[np.float64]
+
+
+@pytest.fixture(scope="module")
+def solution(client: iplw.Client) -> Action:
+    """An action that solves the task."""
+    return np.asarray(client.task(TASK)["certificate"]["action"])
+
+
+@pytest.fixture
+def played(solution: Action) -> Iterator[PlacementEnv]:
+    """An environment whose episode in a real world with noise has ended."""
+    env = PlacementEnv(world={"kind": "real", "noise": 0.01, "budget": 1}, render_mode="rgb_array")
+    env.reset(seed=1, options={"task": TASK})
+    env.step(solution)
+    yield env
+    env.close()
+
+
+def test_a_bowling_episode_is_filmed_whole_at_one_interaction(played: PlacementEnv, solution: Action) -> None:
+    film = played.film()
+    assert film.frames.dtype == np.uint8 and film.frames.shape[1:] == (256, 256, 3)
+    assert len({frame.tobytes() for frame in film}) >= 50
+    assert film.fps == played.metadata["render_fps"] and len(film) == len(film.frames)
+    assert np.array_equal(film[-1], png.decode(played.world.render(view="end", width=256)))
+    assert f"{len(film)} frames" in repr(film) and "data:image/apng;base64," in film._repr_html_()
+    # Seen again it is the same, noise and all; with twice the frames it takes as long.
+    again, finer = played.film(), played.film(fps=60, width=128)
+    assert again.png == film.png
+    assert abs(finer.duration - film.duration) < 1 / 30 and finer.frames.shape[1] == 128
+    assert played.world.interactions == 1
+    with pytest.raises(iplw.Problem) as caught:
+        played.world.rollout([solution])
+    assert caught.value.slug == "budget-spent", "there was no interaction left to be made for it"
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_a_simulations_film_is_of_the_physics_it_was_made_with(name: str) -> None:
+    env = gymnasium.make(name, render_mode="rgb_array").unwrapped
+    assert isinstance(env, PlacementEnv)
+    with pytest.raises(iplw.Problem, match="no step has been made") as caught:
+        env.film()
+    assert caught.value.status == 409
+    env.reset(seed=1)
+    while not env.step(env.action_space.sample())[-1]["valid"]:
+        pass
+    film = env.film()
+    env.set_latents(restitution=0.95)
+    env.reset(seed=2)
+    assert env.film().png == film.png
+    env.close()
+
+
+def test_pictures_show_the_start_and_then_the_end(played: PlacementEnv) -> None:
+    end = played.render()
+    assert isinstance(end, np.ndarray) and np.array_equal(end, played.film()[-1])
+    played.reset(options={"task": TASK})
+    start = played.render()
+    assert isinstance(start, np.ndarray)
+    assert not np.array_equal(start, end)
+    assert np.array_equal(start, png.decode(played.world.render(width=256)))
+
+
+def test_what_does_not_go_together_is_refused(played: PlacementEnv) -> None:
+    for settings, field in [({"width": 8}, "width"), ({"fps": 0}, "fps"), ({"fps": 61}, "fps")]:
+        with pytest.raises(iplw.Problem) as caught:
+            played.film(**settings)
+        assert (caught.value.status, caught.value.field) == (422, field)
+    with pytest.raises(iplw.Problem, match="pixels of a film") as caught:
+        played.film(width=4096, fps=60)
+    assert caught.value.status == 413
+    with pytest.raises(ValueError, match=r"path is 'film.avi'; allowed: .*\.png, .*\.mp4"):
+        played.film(width=64).save("film.avi")
+
+
+def test_files_hold_every_frame(played: PlacementEnv, tmp_path: Path) -> None:
+    film = played.film(width=96, fps=10)
+    for suffix in (".png", ".apng", ".gif", ".webp"):
+        path = film.save(tmp_path / f"film{suffix}")
+        with Image.open(path) as picture:
+            shown = []
+            frames = []
+            for number in range(picture.n_frames):
+                picture.seek(number)
+                frames.append(np.array(picture.convert("RGB")))
+                shown.append(picture.info["duration"])
+            # Frames that are alike may be one that is shown longer.
+            assert sum(shown) == pytest.approx(100 * (len(film) - 1) + 1000, abs=1), suffix
+            off = np.abs(frames[-1].astype(int) - film[-1]).mean()
+            assert off == 0 if suffix != ".gif" else off < 0.5, suffix
+
+
+def test_mp4_by_ffmpeg_or_a_word_on_how_to_get_it(
+    played: PlacementEnv, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    film = played.film(width=65, fps=10)
+    if shutil.which("ffmpeg") or _has("imageio_ffmpeg"):
+        path = film.save(tmp_path / "film.mp4")
+        assert path.read_bytes()[4:8] == b"ftyp" and path.stat().st_size > 1000
+        with pytest.raises(OSError, match="cannot write .*nowhere"):
+            film.save(tmp_path / "nowhere" / "film.mp4")
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    with pytest.raises(ValueError, match="needs ffmpeg.*pip install imageio-ffmpeg.*allowed without it: .png"):
+        film.save(tmp_path / "film.mp4")
+
+
+def _has(module: str) -> bool:
+    try:
+        __import__(module)
+    except ImportError:
+        return False
+    return True
+
+
+def test_awaited_and_of_an_attempt(solution: Action) -> None:
+    async def films() -> tuple[bytes, bytes, int]:
+        async with iplw.AsyncClient("tcp://private") as client, await client.create_world(TASK) as world:
+            await world.reset()
+            await world.step(solution)
+            film = await world.film(width=64)
+            attempted = await world.render(view="film", action=solution, width=64, fps=30)
+            return film.png, attempted, await world.interactions()
+
+    film, attempted, interactions = asyncio.run(films())
+    assert film == attempted and interactions == 2, "whoever names an action attempts it"
+
+
+def test_episodes_in_a_folder(tmp_path: Path) -> None:
+    env = gymnasium.make("iplw/Bowling-v0", world="real")
+    assert isinstance(env.unwrapped, PlacementEnv)
+    recorded = iplw.RecordVideo(TimeLimit(env, 4), tmp_path / "a" / "films", lambda k: k != 1, width=64, fps=10)
+    recorded.action_space.seed(0)
+    valid = []
+    for episode in range(4):
+        recorded.reset(seed=episode)
+        for _ in range(4):
+            *_, ended, truncated, info = recorded.step(recorded.action_space.sample())
+            if ended or truncated:
+                valid.append(info["valid"])
+                break
+    wanted = [k for k in (0, 2, 3) if valid[k]]
+    assert [path.name for path in recorded.films] == [f"rl-video-episode-{k}.png" for k in wanted] and wanted
+    assert {path.name for path in (tmp_path / "a" / "films").iterdir()} == {path.name for path in recorded.films}
+    assert env.unwrapped.world.interactions == sum(valid), "films are no interactions"
+    recorded.close()
+
+
+def test_a_folder_of_gifs_around_any_wrapper(tmp_path: Path) -> None:
+    env = gymnasium.make("iplw/Bowling-v0")
+    recorded = iplw.RecordVideo(
+        Autoreset(env), tmp_path, lambda _: True, name_prefix="try", format="gif", width=64, fps=5
+    )
+    recorded.reset(seed=1)
+    recorded.action_space.seed(1)
+    ends = sum(bool(recorded.step(recorded.action_space.sample())[2]) for _ in range(10))
+    assert [path.name for path in recorded.films] == [f"try-episode-{k}.gif" for k in range(ends)] and ends > 1
+    assert recorded.spec is not None
+    recorded.close()
+
+
+def test_the_recorder_says_what_it_takes(tmp_path: Path) -> None:
+    env = gymnasium.make("iplw/Bowling-v0")
+    with pytest.raises(ValueError, match="format is 'avi'; allowed: png, gif, webp, mp4"):
+        iplw.RecordVideo(env, tmp_path, format="avi")
+    env.close()
+    with pytest.raises(TypeError, match="allowed: an environment of iplw"):
+        iplw.RecordVideo(gymnasium.make("CartPole-v1"), tmp_path)
+    episodes = [k for k in range(4001) if iplw.video.ever_fewer(k)]
+    assert episodes == [k**3 for k in range(11)] + [2000, 3000, 4000]
