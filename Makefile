@@ -23,7 +23,7 @@ run:
 	$(CARGO) build --release --locked
 	./target/release/iplw run --out out/quickstart
 
-test: lint test-rust test-examples test-python test-clients test-web
+test: lint test-rust test-examples test-python test-clients test-openenv test-web
 
 lint:
 	$(CARGO) fmt --check
@@ -61,6 +61,20 @@ clients/generated/node_modules/.installed: clients/generated/package-lock.json
 $(VENV)/.installed: clients/python/pyproject.toml
 	python3 -m venv $(VENV)
 	$(PYTHON) -m pip install --quiet --disable-pip-version-check -e 'clients/python[test,learn,pandas,zmq]'
+	touch $@
+
+# OpenEnv's own client and server, in an environment of their own: they bring gradio, pandas and fastmcp. uv installs that in
+# seconds where pip takes a minute.
+test-openenv: $(VENV)-openenv/.installed
+	$(CARGO) build --locked $(LEVELS) --bin iplw --examples
+	cd clients/python && IPLW_BIN=$(CURDIR)/target/debug/iplw ../../$(VENV)-openenv/bin/python -m pytest -q tests_openenv
+	cd clients/python && ../../$(VENV)-openenv/bin/python -m mypy src/iplw/openenv tests_openenv
+
+$(VENV)-openenv/.installed: clients/python/pyproject.toml clients/python/tests_openenv/requirements.txt $(VENV)/.installed
+	$(PYTHON) -m pip install --quiet --disable-pip-version-check 'uv>=0.9'
+	$(PYTHON) -m uv venv --quiet --allow-existing --python $(PYTHON) $(VENV)-openenv
+	$(PYTHON) -m uv pip install --quiet --python $(VENV)-openenv/bin/python -e 'clients/python[openenv]' \
+		-r clients/python/tests_openenv/requirements.txt
 	touch $@
 
 damage:
@@ -162,4 +176,4 @@ tasks:
 		./target/release/iplw tasks $$(basename $$f .certified.json) --certify > $$f.new && mv $$f.new $$f; done
 
 clean:
-	rm -rf out $(VENV) $(VENV)-peers clients/generated/node_modules clients/generated/out web/node_modules web/out
+	rm -rf out $(VENV) $(VENV)-peers $(VENV)-openenv clients/generated/node_modules clients/generated/out web/node_modules web/out
