@@ -1,5 +1,6 @@
 # make run   builds what is missing and runs the story: hidden world, estimate, policy, transfer, report
 # make test  everything a fresh machine needs, then all tests
+# make docs  the reference pages, out/site
 # make bench-wire steps per second over HTTP and ZeroMQ, beside bare requests, other servers and the library in process
 # make damage  a data directory damaged at random, 1000 truncations and 1000 bit flips: wrong data handed out must be 0
 # make kill  a server killed at 100 random moments of a workload over both transports: nothing acknowledged may be lost
@@ -14,7 +15,7 @@ CARGO := cargo
 LEVELS := --features levels
 
 .PHONY: run test test-rust test-python test-clients test-examples lint damage kill bench bench-wire bench-hold harden soak fuzz \
-	fuzz-guided schemathesis deny openapi tasks web web-check test-web clean help
+	test-openenv test-docs docs diagrams fuzz-guided schemathesis deny openapi tasks web web-check test-web clean help
 
 help:
 	@sed -n 's/^# //p' Makefile
@@ -23,7 +24,7 @@ run:
 	$(CARGO) build --release --locked
 	./target/release/iplw run --out out/quickstart
 
-test: lint test-rust test-examples test-python test-clients test-openenv test-web
+test: lint test-rust test-examples test-python test-clients test-openenv test-docs test-web
 
 lint:
 	$(CARGO) fmt --check
@@ -61,6 +62,26 @@ clients/generated/node_modules/.installed: clients/generated/package-lock.json
 $(VENV)/.installed: clients/python/pyproject.toml
 	python3 -m venv $(VENV)
 	$(PYTHON) -m pip install --quiet --disable-pip-version-check -e 'clients/python[test,learn,pandas,zmq]'
+	touch $@
+
+# The reference pages, out/site: from docstrings, the OpenAPI document, what the commands say, and docs/. Any warning, link that
+# leads nowhere or thing loaded from elsewhere fails.
+docs: $(VENV)-docs/.installed
+	$(CARGO) build --locked $(LEVELS) --bin iplw --examples
+	$(VENV)-docs/bin/python docs/site/build.py --bin target/debug/iplw
+
+test-docs: docs
+	cd docs/site && ../../$(VENV)-docs/bin/python -m pytest -q
+	cd docs/site && ../../$(VENV)-docs/bin/python -m mypy
+
+# Draws what diagrams have changed (npm, Chromium).
+diagrams: $(VENV)-docs/.installed
+	$(VENV)-docs/bin/python docs/site/diagrams.py
+
+$(VENV)-docs/.installed: docs/site/requirements.txt $(VENV)/.installed
+	$(PYTHON) -m pip install --quiet --disable-pip-version-check 'uv>=0.9'
+	$(PYTHON) -m uv venv --quiet --allow-existing --python $(PYTHON) $(VENV)-docs
+	$(PYTHON) -m uv pip install --quiet --python $(VENV)-docs/bin/python -r docs/site/requirements.txt
 	touch $@
 
 # OpenEnv's own client and server, in an environment of their own: they bring gradio, pandas and fastmcp. uv installs that in
@@ -176,4 +197,4 @@ tasks:
 		./target/release/iplw tasks $$(basename $$f .certified.json) --certify > $$f.new && mv $$f.new $$f; done
 
 clean:
-	rm -rf out $(VENV) $(VENV)-peers $(VENV)-openenv clients/generated/node_modules clients/generated/out web/node_modules web/out
+	rm -rf out $(VENV) $(VENV)-peers $(VENV)-openenv $(VENV)-docs clients/generated/node_modules clients/generated/out web/node_modules web/out
