@@ -6,6 +6,7 @@
 # make kill  a server killed at 100 random moments of a workload over both transports: nothing acknowledged may be lost
 # make harden what the server does with those who flood it, leave or take their time
 # make soak  a mixed load for an hour (MINUTES=60), and whether memory grows
+# make release builds and tries what is published: wheel, sources, licences, bill of materials, container image
 # make bench rollouts per second beside Pymunk on the same scenes, and how far that is from the machine's limits
 
 VENV := .venv
@@ -15,7 +16,7 @@ CARGO := cargo
 LEVELS := --features levels
 
 .PHONY: run test test-rust test-python test-clients test-examples lint damage kill bench bench-wire bench-hold harden soak fuzz \
-	test-openenv test-docs docs diagrams fuzz-guided schemathesis deny openapi tasks web web-check test-web clean help
+	test-openenv test-docs docs diagrams fuzz-guided schemathesis deny openapi tasks web web-check test-web licences release clean help
 
 help:
 	@sed -n 's/^# //p' Makefile
@@ -27,6 +28,7 @@ run:
 test: lint test-rust test-examples test-python test-clients test-openenv test-docs test-web
 
 lint:
+	python3 release/licences.py --check
 	$(CARGO) fmt --check
 	$(CARGO) clippy --locked $(LEVELS) --all-targets -- -D warnings
 
@@ -43,7 +45,8 @@ test-examples:
 test-python: $(VENV)/.installed
 	$(CARGO) build --locked $(LEVELS) --bin iplw --examples
 	cd clients/python && IPLW_BIN=$(CURDIR)/target/debug/iplw ../../$(PYTHON) -m pytest -q
-	cd clients/python && ../../$(PYTHON) -m mypy
+	$(PYTHON) -m mypy
+	for v in 3.10 3.13; do $(PYTHON) -m mypy --python-version $$v clients/python/src || exit 1; done
 
 # (With the examples, as elsewhere: by itself the binary has other features of its dependencies and is built anew.)
 # Clients made from the OpenAPI document by others' generators, and the document held against the server.
@@ -59,9 +62,9 @@ clients/generated/node_modules/.installed: clients/generated/package-lock.json
 	if command -v npm >/dev/null; then cd clients/generated && npm ci --silent --no-audit --no-fund; fi
 	mkdir -p clients/generated/node_modules && touch $@
 
-$(VENV)/.installed: clients/python/pyproject.toml
+$(VENV)/.installed: pyproject.toml clients/python/develop.py
 	python3 -m venv $(VENV)
-	$(PYTHON) -m pip install --quiet --disable-pip-version-check -e 'clients/python[test,learn,pandas,zmq]'
+	$(PYTHON) clients/python/develop.py test learn pandas zmq
 	touch $@
 
 # The reference pages, out/site: from docstrings, the OpenAPI document, what the commands say, and docs/. Any warning, link that
@@ -88,14 +91,14 @@ $(VENV)-docs/.installed: docs/site/requirements.txt $(VENV)/.installed
 # seconds where pip takes a minute.
 test-openenv: $(VENV)-openenv/.installed
 	$(CARGO) build --locked $(LEVELS) --bin iplw --examples
-	cd clients/python && IPLW_BIN=$(CURDIR)/target/debug/iplw ../../$(VENV)-openenv/bin/python -m pytest -q tests_openenv
-	cd clients/python && ../../$(VENV)-openenv/bin/python -m mypy src/iplw/openenv tests_openenv
+	IPLW_BIN=$(CURDIR)/target/debug/iplw $(VENV)-openenv/bin/python -m pytest -q clients/openenv
+	$(VENV)-openenv/bin/python -m mypy clients/python/src/iplw/openenv clients/openenv
 
-$(VENV)-openenv/.installed: clients/python/pyproject.toml clients/python/tests_openenv/requirements.txt $(VENV)/.installed
+$(VENV)-openenv/.installed: pyproject.toml clients/openenv/requirements.txt $(VENV)/.installed
 	$(PYTHON) -m pip install --quiet --disable-pip-version-check 'uv>=0.9'
-	$(PYTHON) -m uv venv --quiet --allow-existing --python $(PYTHON) $(VENV)-openenv
-	$(PYTHON) -m uv pip install --quiet --python $(VENV)-openenv/bin/python -e 'clients/python[openenv]' \
-		-r clients/python/tests_openenv/requirements.txt
+	$(PYTHON) -m uv venv --quiet --seed --allow-existing --python $(PYTHON) $(VENV)-openenv
+	$(PYTHON) -m uv pip install --quiet --python $(VENV)-openenv/bin/python -r clients/openenv/requirements.txt
+	$(VENV)-openenv/bin/python clients/python/develop.py openenv
 	touch $@
 
 damage:
@@ -144,6 +147,19 @@ deny:
 	$(CARGO) deny --version || $(CARGO) install cargo-deny --locked
 	$(CARGO) deny check licenses bans sources
 	$(CARGO) deny check advisories
+
+# THIRD-PARTY.txt, the licences of what is inside: after a change of Cargo.lock or of what the page is made of.
+licences:
+	python3 release/licences.py
+
+# Wheel, sources, bill of materials and container image, built and tried: release/release.py (FINAL=1 for what is published).
+release: $(VENV)-release/.installed
+	$(VENV)-release/bin/python release/release.py
+
+$(VENV)-release/.installed: release/requirements.txt
+	python3 -m venv $(VENV)-release
+	$(VENV)-release/bin/python -m pip install --quiet --disable-pip-version-check -r release/requirements.txt
+	touch $@
 
 # A thousand sessions, 64 clients at once; the figure in the README is with SECONDS=300.
 SECONDS := 20
@@ -197,4 +213,5 @@ tasks:
 		./target/release/iplw tasks $$(basename $$f .certified.json) --certify > $$f.new && mv $$f.new $$f; done
 
 clean:
-	rm -rf out $(VENV) $(VENV)-peers $(VENV)-openenv $(VENV)-docs clients/generated/node_modules clients/generated/out web/node_modules web/out
+	rm -rf out $(VENV) $(VENV)-peers $(VENV)-openenv $(VENV)-docs $(VENV)-release dist clients/generated/node_modules \
+		clients/generated/out web/node_modules web/out

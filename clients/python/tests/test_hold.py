@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from iplw.server import find_binary
+from iplw.binary import find_binary
 
 CHECKOUT = Path(__file__).resolve().parents[3]
 

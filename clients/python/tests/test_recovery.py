@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 import iplw
-from iplw.server import find_binary
+from iplw.binary import find_binary
 
 
 def ports() -> tuple[int, int]:

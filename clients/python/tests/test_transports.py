@@ -25,7 +25,7 @@ from router import ok, router
 import iplw
 from iplw import codec, frames, zeromq
 from iplw.call import Call
-from iplw.server import find_binary
+from iplw.binary import find_binary
 
 @pytest.fixture(params=["http-json", "http-msgpack", "zmq"])
 def over(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[iplw.Client]:

@@ -20,7 +20,8 @@ The files, from the top down; each uses only those below it:
 | `calls`, `rollout`, `ranked`, `proposal`, `measured`, `bar` | what is asked, and what answers mean; nothing here waits |
 | `connect`, `http`, `zeromq`, `transport` | how a call goes to the server and back; `codec` and `frames` write it down |
 | `call`, `operations` | a call; the table of operations, which `generate.py` makes of the OpenAPI document |
-| `server`, `errors` | a private server; what all of them raise |
+| `server`, `binary`, `errors` | a private server; where its program is; what all of them raise |
+| `version`, `__main__` | which version this is; `python -m iplw` runs the program |
 """
 
 from .aio import AsyncAsking, AsyncClient, AsyncJob, AsyncPolicy, AsyncSurface, AsyncWorld
@@ -31,8 +32,9 @@ from .registration import register
 from .rollout import Rollout, Rollouts
 from .sync import Asking, Client, Job, Policy, Surface, World
 from .vector import PlacementVectorEnv, make_vec
+from .version import own_version
 
-__version__ = "0.1.0"
+__version__ = own_version()
 
 __all__ = [
     "Asking",

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import atexit
 import os
-import shutil
 import subprocess
 import threading
 from collections import deque
 from contextlib import suppress
 from pathlib import Path
 
+from .binary import HOW, find_binary
 from .errors import ServerUnavailable
 
 #: How long a server may take to say where it listens, s.
@@ -48,7 +48,7 @@ class PrivateServer:
                 env={name: value for name, value in os.environ.items() if name != "IPLW_TOKENS"},
             )
         except OSError as error:
-            raise ServerUnavailable(f"cannot start {binary}: {error}; {_HOW}") from error
+            raise ServerUnavailable(f"cannot start {binary}: {error}; {HOW}") from error
         self._reader = threading.Thread(target=self._read, name="iplw-server-output", daemon=True)
         self._reader.start()
         #: Its HTTP address.
@@ -126,7 +126,7 @@ class PrivateServer:
         )
         raise ServerUnavailable(
             f"`{self.binary} {' '.join(_ARGUMENTS)}` {how} instead of printing "
-            f"`listening on {scheme}://...`; {_HOW}{self._tail()}"
+            f"`listening on {scheme}://...`; {HOW}{self._tail()}"
         )
 
     def _tail(self) -> str:
@@ -157,34 +157,6 @@ def release(server: PrivateServer) -> None:
         server.stop()
 
 
-def find_binary(binary: str | os.PathLike[str] | None = None) -> Path:
-    """The `iplw` binary: the argument, else IPLW_BIN, else on PATH, else built in the checkout around us."""
-    for source, given in (("binary", binary), ("IPLW_BIN", os.environ.get("IPLW_BIN"))):
-        if given:
-            path = Path(given).expanduser()
-            found = shutil.which(path)
-            if found is None:
-                raise ServerUnavailable(
-                    f"{source} is {str(given)!r}, which is not an executable file; {_HOW}"
-                )
-            return Path(found).resolve()
-    on_path = shutil.which("iplw")
-    if on_path is not None:
-        return Path(on_path).resolve()
-    for root in Path(__file__).resolve().parents:
-        if (root / "Cargo.toml").is_file():
-            built = [root / "target" / profile / "iplw" for profile in ("release", "debug")]
-            built = [path for path in built if os.access(path, os.X_OK)]
-            if built:
-                # Whichever was built last: the other may be from before what this package needs.
-                return max(built, key=lambda path: path.stat().st_mtime)
-    raise ServerUnavailable(f"no `iplw` binary found; {_HOW}")
-
-
-_HOW = (
-    "build it with `cargo build --release` in the checkout, or name it with IPLW_BIN or "
-    "iplw.Client(binary=...), or give the address of a running server with iplw.Client(url=...)"
-)
 _lock = threading.Lock()
 _servers: dict[Path, PrivateServer] = {}
 #: Servers that belong to the process we were forked from.
