@@ -1,5 +1,6 @@
 # make run   builds what is missing and runs the story: hidden world, estimate, policy, transfer, report
 # make test  everything a fresh machine needs, then all tests
+# make docs  the reference pages, out/site
 # make bench-wire steps per second over HTTP and ZeroMQ, beside bare requests, other servers and the library in process
 # make damage  a data directory damaged at random, 1000 truncations and 1000 bit flips: wrong data handed out must be 0
 # make kill  a server killed at 100 random moments of a workload over both transports: nothing acknowledged may be lost
@@ -15,7 +16,7 @@ CARGO := cargo
 LEVELS := --features levels
 
 .PHONY: run test test-rust test-python test-clients test-examples lint damage kill bench bench-wire bench-hold harden soak fuzz \
-	fuzz-guided schemathesis deny openapi tasks web web-check test-web licences release clean help
+	test-openenv test-docs docs diagrams fuzz-guided schemathesis deny openapi tasks web web-check test-web licences release clean help
 
 help:
 	@sed -n 's/^# //p' Makefile
@@ -24,7 +25,7 @@ run:
 	$(CARGO) build --release --locked
 	./target/release/iplw run --out out/quickstart
 
-test: lint test-rust test-examples test-python test-clients test-web
+test: lint test-rust test-examples test-python test-clients test-openenv test-docs test-web
 
 lint:
 	python3 release/licences.py --check
@@ -64,6 +65,40 @@ clients/generated/node_modules/.installed: clients/generated/package-lock.json
 $(VENV)/.installed: pyproject.toml clients/python/develop.py
 	python3 -m venv $(VENV)
 	$(PYTHON) clients/python/develop.py test learn pandas zmq ray
+	touch $@
+
+# The reference pages, out/site: from docstrings, the OpenAPI document, what the commands say, and docs/. Any warning, link that
+# leads nowhere or thing loaded from elsewhere fails.
+docs: $(VENV)-docs/.installed
+	$(CARGO) build --locked $(LEVELS) --bin iplw --examples
+	$(VENV)-docs/bin/python docs/site/build.py --bin target/debug/iplw
+
+test-docs: docs
+	cd docs/site && ../../$(VENV)-docs/bin/python -m pytest -q
+	cd docs/site && ../../$(VENV)-docs/bin/python -m mypy
+
+# Draws what diagrams have changed (npm, Chromium).
+diagrams: $(VENV)-docs/.installed
+	$(VENV)-docs/bin/python docs/site/diagrams.py
+
+$(VENV)-docs/.installed: docs/site/requirements.txt $(VENV)/.installed
+	$(PYTHON) -m pip install --quiet --disable-pip-version-check 'uv>=0.9'
+	$(PYTHON) -m uv venv --quiet --allow-existing --python $(PYTHON) $(VENV)-docs
+	$(PYTHON) -m uv pip install --quiet --python $(VENV)-docs/bin/python -r docs/site/requirements.txt
+	touch $@
+
+# OpenEnv's own client and server, in an environment of their own: they bring gradio, pandas and fastmcp. uv installs that in
+# seconds where pip takes a minute.
+test-openenv: $(VENV)-openenv/.installed
+	$(CARGO) build --locked $(LEVELS) --bin iplw --examples
+	IPLW_BIN=$(CURDIR)/target/debug/iplw $(VENV)-openenv/bin/python -m pytest -q clients/openenv
+	$(VENV)-openenv/bin/python -m mypy clients/python/src/iplw/openenv clients/openenv
+
+$(VENV)-openenv/.installed: pyproject.toml clients/openenv/requirements.txt $(VENV)/.installed
+	$(PYTHON) -m pip install --quiet --disable-pip-version-check 'uv>=0.9'
+	$(PYTHON) -m uv venv --quiet --seed --allow-existing --python $(PYTHON) $(VENV)-openenv
+	$(PYTHON) -m uv pip install --quiet --python $(VENV)-openenv/bin/python -r clients/openenv/requirements.txt
+	$(VENV)-openenv/bin/python clients/python/develop.py openenv
 	touch $@
 
 damage:
@@ -178,4 +213,5 @@ tasks:
 		./target/release/iplw tasks $$(basename $$f .certified.json) --certify > $$f.new && mv $$f.new $$f; done
 
 clean:
-	rm -rf out $(VENV) $(VENV)-peers $(VENV)-release dist clients/generated/node_modules clients/generated/out web/node_modules web/out
+	rm -rf out $(VENV) $(VENV)-peers $(VENV)-openenv $(VENV)-docs $(VENV)-release dist clients/generated/node_modules \
+		clients/generated/out web/node_modules web/out

@@ -53,7 +53,9 @@ class AsyncAsking(AsyncJob):
     ) -> dict[str, Any]:
         """Tells what one proposal brought: times from 0 s on, and each body's states at them.
 
-        Returns where the round stands. Another answer than one told before needs `replace`.
+        t: (n,) s; bodies: name -> (n, 2) x and y of the centre, m, or (n, 3) with the angle, rad, or columns by name; NaN
+        where it was not seen, `ValueError` for another shape. Returns where the round stands. Another answer than one told
+        before needs `replace`.
         """
         return await self._tell({"trials": [trial(proposal, t, bodies)], **given(replace=replace or None)})
 

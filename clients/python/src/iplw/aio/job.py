@@ -27,7 +27,7 @@ class AsyncJob(AsyncHandle):
 
     @property
     def kind(self) -> str:
-        """`iplw`, `train` or `evaluate`."""
+        """What it does: `iplw`, `diagnose`, `train`, `learn`, `evaluate`, `surface`."""
         return str(self.data["kind"])
 
     @property
@@ -120,7 +120,7 @@ class AsyncJob(AsyncHandle):
         return await self._line.items("get_job_log", id=self.id, after=after)
 
     async def trials(self) -> list[dict[str, Any]]:
-        """What an estimation has measured: `trial`, `proposal`, `task`, `action`, `t`, `bodies`, ..."""
+        """What an estimation has measured: `trial`, `proposal`, `task`, `action`, `t` (s), `bodies` (m, rad), ..."""
         return await self._line.items("list_trials", id=self.id)
 
     async def rounds(self) -> list[dict[str, Any]]:

@@ -24,7 +24,10 @@ class AsyncPolicy(AsyncHandle):
     async def evaluate(
         self, world: AsyncWorld | str, *, split: str = "test", attempts: int = 100
     ) -> AsyncJob:
-        """AUCCESS on a world's tasks, as a job. Attempts on a real world are interactions."""
+        """AUCCESS on a world's tasks, as a job: `auccess` in [0, 1] of up to `attempts` (1 to 100) valid ones a task.
+
+        Attempts on a real world are interactions.
+        """
         answer = await self._line.do(calls.evaluate(self.id, calls.id_of(world), split, attempts))
         return AsyncJob(self._line, answer)
 

@@ -21,7 +21,7 @@ class AsyncSurface(AsyncHandle):
 
     @property
     def sensitivities(self) -> list[dict[str, Any]]:
-        """A row a factor: the slope of performance over what the prior holds likely."""
+        """A row a factor: the slope of performance (AUCCESS) over what the prior holds likely."""
         return list(self.data["sensitivities"])
 
     async def points(self) -> dict[str, Any]:

@@ -28,7 +28,7 @@ class AsyncWorld(AsyncHandle):
 
     @property
     def latents(self) -> dict[str, float] | None:
-        """Density, friction and restitution; None if the world is sealed."""
+        """Density (kg/m^2), friction and restitution, as of the last look; None if the world is sealed."""
         latents: dict[str, float] | None = self.data["latents"]
         return latents
 
@@ -51,14 +51,18 @@ class AsyncWorld(AsyncHandle):
     async def reset(
         self, *, seed: int | None = None, task: str | None = None, split: str | None = None
     ) -> calls.Start:
-        """Starts an episode on `task`, or on one drawn from `split` by `seed`: (observation, info)."""
+        """Starts an episode on `task`, or on one drawn from `split` by `seed`: (observation, info).
+
+        observation: (F,) state of the bodies, in [0, 1], named in `data["observation_space"]`; info: `task`, `split`.
+        """
         return await self._line.do(calls.reset(self.id, seed, task, split))
 
     async def step(self, action: Action) -> calls.Step:
         """Acts once: (observation, reward, terminated, truncated, info).
 
         An action that cannot be placed leaves the episode open: `info["valid"]` is False and
-        `info["reason"]` says why.
+        `info["reason"]` says why. The observation is (F,), at the end; the reward 1.0 if the goal was reached, else 0.0.
+        `Problem` before `reset` and after the end of an episode (409), and once a budget is spent (429).
         """
         return await self._line.do(calls.step(self.id, action))
 
@@ -73,6 +77,7 @@ class AsyncWorld(AsyncHandle):
     ) -> Rollouts:
         """Rolls out many actions on one task (default: the episode's), each from the start, as one batch.
 
+        actions: (n, dimension) in [0, 1], (n,) indices, or a list of both. On a real world each valid one is an interaction.
         More than `batch` actions go out in several requests; if one is refused, those before it have
         happened. `stop=False` goes on after the goal is reached.
         """
@@ -94,7 +99,7 @@ class AsyncWorld(AsyncHandle):
         return AsyncJob(self._line, answer)
 
     async def set_latents(self, **latents: float) -> Self:
-        """Sets some of density (or mass), friction, restitution. A sealed world refuses with a `Problem`."""
+        """Sets some of density (kg/m^2; or `mass`), friction, restitution. A sealed world refuses with a `Problem` (403)."""
         self.data = await self._line.do(calls.set_latents(self.id, latents))
         return self
 

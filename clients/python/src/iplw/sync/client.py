@@ -94,9 +94,19 @@ class Client:
     ) -> World:
         """A new world of a task family (`bowling`), a task (`bowling:017`) or a scene of your own.
 
-        With a `key` of your choice, asking twice makes one world.
+        - `scene`: an `iplw.scene/1` document with `action` and `goal`, instead of a task.
+        - `kind`: `sim` (the default), or `real`: latents are hidden, valid attempts counted.
+        - `engine`: `auto` (the default), `lanes` or `rapier`.
+        - `latents`: some of density (kg/m^2), friction, restitution; those absent are the family's prior mean (sim) or
+          its standard truth (real).
+        - `effects`: physics beyond gravity and contact, `[{"name": "wind", "parameters": {"ax": 0.5}}]`, in SI;
+          `damping`: the kept share of velocity per second, in (0, 1], short for one of them.
+        - `noise`: standard deviation of what is observed, m; `budget`: most valid attempts. Real worlds only.
+        - `sealed`: whether latents and effects are kept secret; as the kind has it if absent.
+        - `seed`: of resets without one, and of noise.
 
-        Close it, or use it as a context manager; else it goes when it has been idle for long.
+        With a `key` of your choice, asking twice makes one world. Close it, or use it as a context manager; else it goes
+        when it has been idle for long. `Problem` where something is not allowed, by name.
         """
         body = given(
             task=task,
@@ -190,6 +200,16 @@ class Client:
         instead: `{"damping": 0.8}`; with `real="ask_tell"` it is yours, and the job asks what to measure. `surface`
         says which latents matter; `fit` names parameters of effects to estimate along: `["linear_drag.c"]`. With a
         `key` of your choice, asking twice starts one job.
+
+        - `strategy`: which actions are spent: `collisions`, `rolling`, `random`, `mixed` (the default), `gradient`,
+          `informative`.
+        - `residual`: `trajectory` (the default), simulated from start to end; `shooting`, a stretch at a time from what
+          was seen, which bears noise.
+        - `rounds`: most rounds (5); `actions`: real interactions a round (10); `budget`: most in all; `samples`: latents
+          tried per iteration of the search.
+
+        The result has `latents`: rows of `name`, `value`, `ci95` and `identifiable`, density in kg/m^2; and
+        `real_interactions`.
         """
         body = given(
             task=task,
@@ -223,7 +243,9 @@ class Client:
         """Trains a policy in simulation, as a job; its result's `policy` is the policy's id.
 
         `training` is `fixed` (these latents) or `randomised` (latents drawn anew for each task). `validations`
-        looks so often at AUCCESS on validation tasks, told in the result.
+        looks so often at AUCCESS on validation tasks, told in the result. `latents`: some of density (kg/m^2), friction,
+        restitution, those absent at the family's prior mean; `effects`: of the simulation, in SI. `batches` updates of
+        `batch_size` examples; the family's own numbers if absent.
         """
         body = given(
             task=task,
@@ -253,7 +275,11 @@ class Client:
         `trials`: a file (its path, or its text), a pandas frame, or a list of arrays (n, 3) of t (s), x and y (m), each a
         trial; lists and mappings of files and frames, too. Of one body columns may be called as tracking programs do;
         what they do not say `reading` does: `{"fps": 240, "metres_per_pixel": 0.002, "y_down": True}`. Where one
-        ball flies, `ball={"radius": 0.02, "floor": 0.0}` does instead of a scene.
+        ball flies, `ball={"radius": 0.02, "floor": 0.0}` does instead of a scene: m; `mass` in kg, `gravity` in m/s^2.
+
+        The result has `verdict` (`none`, `named`, `ambiguous`, `unknown`, `insufficient_data`), `effects` with their
+        parameters, `rivals` and an `extended_scene`. `ValueError` where trials have another shape; `Problem` where
+        columns or units cannot be.
         """
         body = given(
             scene=scene,
@@ -276,7 +302,12 @@ class Client:
         seed: int | None = None,
         key: str | None = None,
     ) -> Job:
-        """Which latent factors a family's performance depends on, as a job; its result's `surface` is an id."""
+        """Which latent factors a family's performance depends on, as a job; its result's `surface` is an id.
+
+        `factors`: two or three of `density`, `friction`, `restitution` (default: the last two); `points`: design points, 3
+        to 5000 (40); `route`: `ideal` (the default, no learning) or `dqn` (a policy trained at every point); `actions`:
+        how many are sampled per task.
+        """
         body = given(
             task=task, factors=factors, points=points, route=route, actions=actions, seed=seed
         )
@@ -299,7 +330,7 @@ class Client:
         return Policy(self._line, self._line.do(calls.get("get_policy", id)))
 
     def upload_policy(self, id: str, weights: bytes | str | Path) -> Policy:
-        """Creates or replaces the policy `id` from safetensors bytes or a file of them."""
+        """Creates or replaces the policy `id` from safetensors bytes or a file of them; `Problem` if they are damaged."""
         data = weights if isinstance(weights, bytes) else Path(weights).read_bytes()
         self._line.do(calls.upload(id, data))
         return self.policy(id)

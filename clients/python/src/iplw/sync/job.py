@@ -28,7 +28,7 @@ class Job(Handle):
 
     @property
     def kind(self) -> str:
-        """`iplw`, `train` or `evaluate`."""
+        """What it does: `iplw`, `diagnose`, `train`, `learn`, `evaluate`, `surface`."""
         return str(self.data["kind"])
 
     @property
@@ -121,7 +121,7 @@ class Job(Handle):
         return self._line.items("get_job_log", id=self.id, after=after)
 
     def trials(self) -> list[dict[str, Any]]:
-        """What an estimation has measured: `trial`, `proposal`, `task`, `action`, `t`, `bodies`, ..."""
+        """What an estimation has measured: `trial`, `proposal`, `task`, `action`, `t` (s), `bodies` (m, rad), ..."""
         return self._line.items("list_trials", id=self.id)
 
     def rounds(self) -> list[dict[str, Any]]:

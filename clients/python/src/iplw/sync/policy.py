@@ -25,7 +25,10 @@ class Policy(Handle):
     def evaluate(
         self, world: World | str, *, split: str = "test", attempts: int = 100
     ) -> Job:
-        """AUCCESS on a world's tasks, as a job. Attempts on a real world are interactions."""
+        """AUCCESS on a world's tasks, as a job: `auccess` in [0, 1] of up to `attempts` (1 to 100) valid ones a task.
+
+        Attempts on a real world are interactions.
+        """
         answer = self._line.do(calls.evaluate(self.id, calls.id_of(world), split, attempts))
         return Job(self._line, answer)
 

@@ -22,7 +22,7 @@ class Surface(Handle):
 
     @property
     def sensitivities(self) -> list[dict[str, Any]]:
-        """A row a factor: the slope of performance over what the prior holds likely."""
+        """A row a factor: the slope of performance (AUCCESS) over what the prior holds likely."""
         return list(self.data["sensitivities"])
 
     def points(self) -> dict[str, Any]:

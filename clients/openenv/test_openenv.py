@@ -1,0 +1,346 @@
+"""OpenEnv's own client and tools, from PyPI, drive our worlds. In an environment of their own: `make test-openenv`."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import contextlib
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import requests
+import uvicorn
+import yaml
+from openenv.cli._validation import validate_running_environment
+from openenv.core import GenericEnvClient
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+import iplw
+from iplw.openenv import Budget, IplwAction, IplwEnv, IplwEnvironment, Settings, make_app, settings
+
+#: A place for bowling's red ball, and one that has no room.
+FINE, NO_ROOM = [0.5, 0.9, 0.3], [0.0, 0.0, 0.0]
+
+#: What OpenEnv sends beside an observation.
+BESIDE = {"reward", "done", "metadata"}
+
+
+@contextlib.contextmanager
+def serving(client: iplw.Client, given: Settings) -> Iterator[str]:
+    """The application as `python -m iplw.openenv` serves it, in a thread."""
+    listener = socket.create_server(("127.0.0.1", 0))
+    server = uvicorn.Server(uvicorn.Config(make_app(given, client), log_level="warning"))
+    thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
+    thread.start()
+    try:
+        yield f"http://127.0.0.1:{listener.getsockname()[1]}"
+    finally:
+        server.should_exit = True
+        thread.join(20)
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[iplw.Client]:
+    with iplw.Client() as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def sim(client: iplw.Client) -> Iterator[str]:
+    with serving(client, Settings(sessions=8, show=("scene", "picture"))) as url:
+        yield url
+
+
+@pytest.fixture(scope="module")
+def real(client: iplw.Client) -> Iterator[str]:
+    with serving(client, Settings(world="real", budget=4)) as url:
+        yield url
+
+
+def eventually(holds: Callable[[], bool], seconds: float = 10.0) -> bool:
+    until = time.monotonic() + seconds
+    while not holds():
+        if time.monotonic() > until:
+            return False
+        time.sleep(0.02)
+    return True
+
+
+def test_an_episode_in_simulation_by_openenvs_client_is_what_our_own_client_sees(sim: str, client: iplw.Client) -> None:
+    with GenericEnvClient(base_url=sim).sync() as env, client.create_world("bowling") as world:
+        start = env.reset(seed=1, episode_id="first")
+        features, info = world.reset(seed=1, split="train")
+        assert start.observation["features"] == features.tolist()
+        assert (start.observation["task"], start.reward, start.done) == (info["task"], None, False)
+        assert start.observation["scene"]["format"] == "iplw.scene/1"
+        png = base64.b64decode(start.observation["picture"])
+        assert png.startswith(b"\x89PNG")
+        refused = env.step({"action": NO_ROOM})
+        assert (refused.observation["valid"], refused.done) == (False, False)
+        assert refused.observation["reason"] == "red leaves the scene"
+        assert base64.b64decode(refused.observation["picture"]) == png
+        made = env.step({"action": FINE})
+        features, reward, terminated, _, info = world.step(FINE)
+        assert made.observation["features"] == features.tolist()
+        assert (made.reward, made.done, made.observation["valid"]) == (reward, terminated, True)
+        assert {key: made.observation[key] for key in ("steps", "solved", "end")} == {
+            key: info[key] for key in ("steps", "solved", "end")
+        }
+        assert base64.b64decode(made.observation["picture"]) != png, "what was placed is drawn"
+        state = env.state()
+        assert (state["episode_id"], state["step_count"], state["done"]) == ("first", 2, True)
+        assert state["latents"] == world.latents
+        again = env.reset(task="bowling:003", latents={"friction": 0.4})
+        assert again.observation["task"] == "bowling:003"
+        assert env.state()["latents"]["friction"] == 0.4
+
+
+def test_the_typed_client_solves_a_task_awaited(sim: str, client: iplw.Client) -> None:
+    tried = np.random.default_rng(0).random((500, 3))
+    with client.create_world("bowling:001") as world:
+        solution = tried[world.rollout(tried, task="bowling:001").solved][0].tolist()
+
+    async def episode() -> None:
+        async with IplwEnv(base_url=sim) as env:
+            await env.reset(task="bowling:001")
+            result = await env.step(IplwAction(action=solution))
+            assert (result.observation.solved, result.reward, result.done) == (True, 1.0, True)
+            assert result.observation.end == "goal" and (await env.state()).task == "bowling:001"
+            start = await env.reset(seed=5)
+            by_index = await env.step(IplwAction(action=17))
+            await env.reset(seed=5)
+            as_text = await env._send_and_receive({"type": "step", "data": {"action": "17"}})
+            counted = by_index.observation.interactions + bool(by_index.observation.valid)
+            told = {**by_index.observation.model_dump(exclude=BESIDE), "interactions": counted}
+            assert as_text["data"]["observation"] == told, "text is read as what it says"
+            assert start.observation.valid is None and isinstance(by_index.observation.valid, bool)
+
+    asyncio.run(episode())
+
+
+def test_real_interactions_are_counted_over_sessions_and_held_to_the_budget(real: str) -> None:
+    with GenericEnvClient(base_url=real).sync() as env:
+        assert env.reset(seed=1).observation["remaining"] == 4
+        assert env.state()["latents"] is None
+        assert env.step({"action": NO_ROOM}).observation["remaining"] == 4, "what cannot be placed is no attempt"
+        for bad in ([0.5, 0.9], [0.5, 0.9, 2.0], [float("nan")] * 3):
+            with pytest.raises(RuntimeError, match="allowed"):
+                env.step({"action": bad})
+        made = env.step({"action": FINE})
+        assert (made.observation["interactions"], made.observation["remaining"]) == (1, 3)
+        with pytest.raises(RuntimeError, match="the episode has ended; reset"):
+            env.step({"action": FINE})
+        with pytest.raises(RuntimeError, match="sealed|hidden"):
+            env.reset(latents={"friction": 0.1})
+        assert env.reset(seed=2).observation["remaining"] == 3
+    # Many at once, each with a world of its own, share what is left.
+    outcomes: list[str] = []
+
+    def attempt(seed: int) -> None:
+        with GenericEnvClient(base_url=real).sync() as env:
+            env.reset(seed=seed)
+            try:
+                outcomes.append("made" if env.step({"action": FINE}).observation["valid"] else "invalid")
+            except RuntimeError as error:
+                outcomes.append(str(error))
+
+    threads = [threading.Thread(target=attempt, args=(1,)) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60)
+    assert outcomes.count("made") == 3, outcomes
+    assert sum("the budget of 4 real interactions" in said for said in outcomes) == 5
+
+
+@pytest.mark.parametrize(
+    ("message", "says"),
+    [
+        ({"action": [0.5, 0.9]}, "`action` is 2 numbers; allowed: 3 numbers in [0, 1]"),
+        ({"action": [0.5, 0.9, 2]}, "`action[2]` is 2; allowed: a number from 0 to 1"),
+        ({"action": [float("nan")] * 3}, "allowed: finite numbers from 0 to 1"),
+        ({"action": 99999999}, "`action` is 99999999; allowed: an index from 0 to 49999"),
+        ({"action": "left"}, "`action` is 'left'; allowed: an index, or a list of numbers"),
+        ({}, "`action` is missing; allowed: an index, or a list"),
+        ({"vector": FINE}, "`vector`: Extra inputs are not permitted; allowed: action, metadata"),
+    ],
+)
+def test_what_is_wrong_with_an_action_is_said(sim: str, message: dict[str, Any], says: str) -> None:
+    with GenericEnvClient(base_url=sim).sync() as env:
+        env.reset(seed=1)
+        with pytest.raises(RuntimeError, match=re.escape(says)):
+            env.step(message)
+        assert env.step({"action": FINE}).done, "the session goes on"
+
+
+def test_what_is_wrong_with_a_reset_is_said(sim: str) -> None:
+    with GenericEnvClient(base_url=sim).sync() as env:
+        with pytest.raises(RuntimeError, match="no episode has begun; reset first"):
+            env.step({"action": FINE})
+        for given, says in (
+            ({"tsak": 1}, "reset has ['tsak']; allowed: seed, episode_id, task, split, latents"),
+            ({"task": "bowling:999"}, "no task named `bowling:999`; there are: bowling:000 to bowling:099"),
+            ({"split": "exam"}, "expected one of `train`, `validation`, `test`"),
+            ({"seed": -1}, "`seed`; allowed"),
+            ({"latents": {"friction": -1}}, "`friction` is -1; allowed"),
+        ):
+            with pytest.raises(RuntimeError, match=re.escape(says)):
+                env.reset(**given)
+
+
+def test_sessions_have_worlds_of_their_own_and_let_go_of_them(sim: str, client: iplw.Client) -> None:
+    def worlds() -> set[str]:
+        return {world.id for world in client.worlds()}
+
+    before = worlds()
+    with contextlib.ExitStack() as stack:
+        envs = [stack.enter_context(GenericEnvClient(base_url=sim).sync()) for _ in range(8)]
+        drawn = {tuple(env.reset().observation["task"] for _ in range(3)) for env in envs}
+        assert len(worlds() - before) == 8
+        assert len(drawn) > 1, "sessions without seeds do not all draw the same tasks"
+        # (Their client may see the connection closed before it reads why.)
+        with connect(sim.replace("http", "ws") + "/ws") as ninth:
+            assert json.loads(ninth.recv(10))["data"]["code"] == "CAPACITY_REACHED"
+        envs[0].reset(seed=1)
+        assert envs[0].step({"action": FINE}).done and not envs[1].state()["done"]
+    assert eventually(lambda: worlds() <= before), "a session that ends deletes its world"
+    # As does one whose client dies.
+    script = f"""
+from openenv.core.sync_client import SyncEnvClient
+from openenv.core.generic_client import GenericEnvClient
+import time
+env = GenericEnvClient(base_url={sim!r}).sync()
+env.reset(seed=1)
+print("begun", flush=True)
+time.sleep(60)
+"""
+    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True) as dying:
+        assert dying.stdout is not None and dying.stdout.readline() == "begun\n"
+        assert len(worlds() - before) == 1
+        dying.send_signal(signal.SIGKILL)
+    assert eventually(lambda: worlds() <= before)
+
+
+def test_a_session_that_lost_its_world_makes_no_new_one(client: iplw.Client) -> None:
+    session = IplwEnvironment(client, Settings(), Budget())
+    session.reset(seed=1)
+    session.close()
+    session.close()
+    with pytest.raises(RuntimeError, match="its world is gone; connect anew"):
+        session.reset(seed=1)
+
+
+def test_over_http_each_request_is_on_its_own_and_errors_have_words(sim: str, client: iplw.Client) -> None:
+    before = len(client.worlds())
+    made = requests.post(f"{sim}/reset", json={"seed": 1}, timeout=10).json()
+    assert made["observation"]["task"].startswith("bowling:")
+    for path, body, status, says in (
+        ("reset", {"tsak": 1}, 422, "reset has ['tsak']"),
+        ("reset", {"task": "bowling:999"}, 404, "no task named `bowling:999`"),
+        ("step", {"action": {"action": FINE}}, 409, "each request over HTTP is on its own"),
+        ("step", {"action": {"acton": FINE}}, 422, "`acton`"),
+    ):
+        answer = requests.post(f"{sim}/{path}", json=body, timeout=10)
+        assert answer.status_code == status and says in answer.json()["detail"]
+    assert len(client.worlds()) == before
+
+
+def test_openenvs_own_validation_passes_and_schemas_are_told(sim: str) -> None:
+    report = validate_running_environment(sim)
+    assert report["passed"], report
+    schema = requests.get(f"{sim}/schema", timeout=10).json()
+    assert schema["action"]["required"] == ["action"]
+    assert {"features", "valid", "solved", "interactions"} <= set(schema["observation"]["properties"])
+    assert requests.get(f"{sim}/metadata", timeout=10).json()["version"] == iplw.__version__
+
+
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [
+        ({}, 200),
+        ({"Origin": "http://evil.example"}, 403),
+        ({"Origin": "null"}, 403),
+        ({"Host": "rebound.example"}, 403),
+        ({"Host": "localhost:1"}, 200),
+    ],
+)
+def test_pages_of_other_origins_are_refused(sim: str, headers: dict[str, str], status: int) -> None:
+    assert requests.get(f"{sim}/health", headers=headers, timeout=10).status_code == status
+    if "Origin" in headers:
+        with pytest.raises(InvalidStatus, match="403"):
+            connect(sim.replace("http", "ws") + "/ws", additional_headers=headers)
+    own = requests.get(f"{sim}/health", headers={"Origin": sim}, timeout=10)
+    assert own.status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--task", "bwling"], "no task family named `bwling`"),
+        (["--world", "rel"], "world is 'rel'; allowed: 'sim', 'real'"),
+        (["--world", '{"kind": "real", "dampin": 1}'], "world has ['dampin']"),
+        (["--sessions", "0"], "sessions is 0; allowed: from 1"),
+        (["--budget", "-1"], "budget is -1"),
+        (["--scene", "nowhere.json"], "nowhere.json"),
+        (["--world", "{"], "--world"),
+    ],
+)
+def test_the_command_says_what_is_wrong(
+    arguments: list[str], says: str, client: iplw.Client, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from iplw.openenv.__main__ import main
+
+    code: Any = None
+    try:
+        code = main([*arguments, "--port", "0"])
+    except SystemExit as ended:
+        code = ended.code
+    assert code == 2
+    assert says in capsys.readouterr().err
+
+
+def test_the_command_serves_a_scene_of_ones_own(tmp_path: Path, client: iplw.Client) -> None:
+    file = tmp_path / "scene.json"
+    file.write_text(json.dumps(client.task("bowling:001")["scene"]))
+    command = [sys.executable, "-m", "iplw.openenv", "--scene", str(file), "--world", "real", "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as server:
+        try:
+            assert server.stdout is not None and server.stderr is not None
+            said = server.stdout.readline()
+            with GenericEnvClient(base_url=said.split()[-1]).sync() as env:
+                assert env.reset().observation["task"].startswith("custom:")
+                assert np.isfinite(env.step({"action": FINE}).observation["features"]).all()
+        finally:
+            server.send_signal(signal.SIGTERM)
+        assert server.stderr.read() == ""
+    assert server.returncode in (0, -signal.SIGTERM)
+
+
+def test_the_manifest_names_what_there_is() -> None:
+    import iplw.openenv
+
+    assert iplw.openenv.__file__ is not None
+    manifest = yaml.safe_load((Path(iplw.openenv.__file__).parent / "openenv.yaml").read_text())
+    assert (manifest["spec_version"], manifest["name"], manifest["runtime"]) == (1, "iplw", "fastapi")
+    os.environ["IPLW_OPENENV"] = "--task bowling:003 --sessions 2"
+    try:
+        module, _, name = manifest["app"].partition(":")
+        assert callable(getattr(__import__(module, fromlist=[name]), name))
+    finally:
+        del os.environ["IPLW_OPENENV"]
+    for name in (manifest["action"], manifest["observation"]):
+        assert hasattr(iplw.openenv, name)
+    assert settings.parser().parse_args([]).port == manifest["port"]

@@ -1,0 +1,82 @@
+"""What goes over the wire: action, observation and state, as OpenEnv's own types with our fields."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import Any
+
+from openenv.core.env_server.types import Action, Observation, State
+from pydantic import Field, ValidationError
+from typing_extensions import Self
+
+
+class IplwAction(Action):
+    """One placement."""
+
+    action: int | list[float] = Field(
+        description="a vector of numbers from 0 to 1, one for each component of the task's action space (bowling: x, y "
+        "and radius of the red ball); or the index of a discrete action",
+    )
+
+    @classmethod
+    def model_validate(cls, obj: Any, **how: Any) -> Self:
+        """Reads an action; a `ValueError` says in one line what is wrong.
+
+        OpenEnv's client shows the message of an error and drops the details, where pydantic has all it has to say. An
+        action may be text, too, `"[0.5, 0.9, 0.3]"`: what OpenEnv's page sends, and language models write.
+        """
+        if isinstance(obj, Mapping) and isinstance(obj.get("action"), str):
+            with suppress(ValueError):
+                obj = {**obj, "action": json.loads(obj["action"])}
+        try:
+            made: Self = super().model_validate(obj, **how)
+        except ValidationError as error:
+            raise ValueError(_told(obj, error)) from None
+        return made
+
+
+class IplwObservation(Observation):
+    """What is seen, and what became of the action. After `reset` nothing has become of any: `valid` is None."""
+
+    features: list[float] = Field(description="(F,) state of the bodies, each in [0, 1]; after a step, at its end")
+    task: str = Field(description="id of the task: bowling:017")
+    split: str | None = Field(None, description="split of the task: train, validation or test; after reset")
+    valid: bool | None = Field(None, description="whether the action could be placed; if not, the episode goes on")
+    reason: str | None = Field(None, description="why the action could not be placed")
+    solved: bool | None = Field(None, description="whether the goal was reached")
+    steps: int | None = Field(None, description="time steps simulated")
+    collisions: int | None = Field(None, description="collisions between movable bodies")
+    rolling_steps: int | None = Field(None, description="time steps in contact with the floor")
+    end: str | None = Field(None, description="how the rollout ended: goal, horizon, ...")
+    interactions: int = Field(0, description="valid attempts in this session's world so far")
+    remaining: int | None = Field(None, description="real interactions left to all sessions; null without a budget")
+    scene: dict[str, Any] | None = Field(None, description="after reset, if shown: the iplw.scene/1 document, SI")
+    picture: str | None = Field(
+        None, description="if shown: the scene at its start, with what a valid action placed; PNG in base64"
+    )
+
+
+class IplwState(State):
+    """Where a session stands."""
+
+    task: str | None = Field(None, description="id of the episode's task; null before the first reset")
+    world: str = Field("sim", description="sim, or real: its latents are hidden and its interactions counted")
+    done: bool = Field(False, description="whether the episode has ended")
+    interactions: int = Field(0, description="valid attempts in this session's world so far")
+    remaining: int | None = Field(None, description="real interactions left to all sessions; null without a budget")
+    latents: dict[str, float] | None = Field(
+        None, description="density (kg/m^2), friction, restitution; null if hidden"
+    )
+
+
+def _told(given: Any, error: ValidationError) -> str:
+    """Pydantic's errors as one line, without naming each form that an action might have had."""
+    allowed = "allowed: an index, or a list of numbers from 0 to 1, one a component"
+    if not isinstance(given, Mapping):
+        return f"the action is {given!r}; allowed: an object with the field `action`"
+    for said in error.errors():
+        if said["loc"][0] != "action":
+            return f"`{'.'.join(map(str, said['loc']))}`: {said['msg']}; allowed: action, metadata"
+    return f"`action` is {given['action']!r}; {allowed}" if "action" in given else f"`action` is missing; {allowed}"

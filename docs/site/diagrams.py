@@ -1,0 +1,80 @@
+"""Diagrams of documents (fences of `mermaid`), drawn beforehand: pages then need neither mermaid's 3 MB nor the network.
+
+    python docs/site/diagrams.py          draws what is new, forgets what is gone (`make diagrams`; npm and Chromium)
+
+They are committed under `docs/pictures/diagrams`, named by what they are drawn from.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+DRAWN = ROOT / "docs" / "pictures" / "diagrams"
+FENCE = re.compile(r"^```mermaid\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+#: Scheme -> mermaid's theme.
+THEMES = {"light": "neutral", "dark": "dark"}
+MERMAID = "mermaid@11.12.1"
+
+
+def pictured(text: str, up: str) -> str:
+    """A document with pictures for its diagrams; `up` leads from its page to the root of the pages."""
+
+    def picture(found: re.Match[str]) -> str:
+        name = _name(found[1])
+        if missing := [scheme for scheme in THEMES if not (DRAWN / f"{name}-{scheme}.svg").is_file()]:
+            raise SystemExit(f"a diagram has changed and is not drawn ({', '.join(missing)}): make diagrams")
+        words = ", ".join(label.partition("<")[0] for label in re.findall(r'"([^"]*)"', found[1]))
+        return "\n".join(f"![{words}]({up}diagrams/{name}-{scheme}.svg#only-{scheme})" for scheme in THEMES)
+
+    return FENCE.sub(picture, text)
+
+
+def _name(source: str) -> str:
+    return hashlib.sha256(source.encode()).hexdigest()[:12]
+
+
+def main() -> None:
+    sources = {_name(source): source for file in (ROOT / "docs").glob("*.md") for source in FENCE.findall(file.read_text())}
+    DRAWN.mkdir(parents=True, exist_ok=True)
+    for file in DRAWN.glob("*.svg"):
+        if file.stem.partition("-")[0] not in sources:
+            file.unlink()
+    wanted = [(name, scheme) for name in sources for scheme in THEMES if not (DRAWN / f"{name}-{scheme}.svg").is_file()]
+    if not wanted:
+        return
+    from playwright.sync_api import sync_playwright
+
+    folder = ROOT / "out" / "mermaid"
+    folder.mkdir(parents=True, exist_ok=True)
+    npm = ["npm", "install", "--silent", "--no-audit", "--no-fund", "--no-save", "--ignore-scripts", MERMAID]
+    subprocess.run(npm, cwd=folder, check=True)
+    with sync_playwright() as play:
+        browser = play.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox"])
+        for name, scheme in wanted:
+            page = browser.new_page()
+            page.add_script_tag(path=str(folder / "node_modules" / "mermaid" / "dist" / "mermaid.min.js"))
+            # A page is a column: what lies on its side elsewhere stands here.
+            standing = sources[name].replace("flowchart LR", "flowchart TB", 1)
+            svg = page.evaluate(DRAW, [standing, THEMES[scheme]])
+            (DRAWN / f"{name}-{scheme}.svg").write_text(svg + "\n")
+            print(f"drew {name}-{scheme}.svg", file=sys.stderr)
+        browser.close()
+
+
+#: Text as text, since a picture shows no HTML; fonts that every system has.
+DRAW = """async ([source, theme]) => {
+  const flowchart = {htmlLabels: false, wrappingWidth: 400, subGraphTitleMargin: {top: 6, bottom: 30}};
+  mermaid.initialize({startOnLoad: false, theme, flowchart, htmlLabels: false, fontFamily: "sans-serif",
+    deterministicIds: true});
+  const {svg} = await mermaid.render("diagram", source);
+  return new XMLSerializer().serializeToString(new DOMParser().parseFromString(svg, "text/html").querySelector("svg"));
+}"""
+
+
+if __name__ == "__main__":
+    main()
