@@ -60,7 +60,7 @@ clients/generated/node_modules/.installed: clients/generated/package-lock.json
 
 $(VENV)/.installed: clients/python/pyproject.toml
 	python3 -m venv $(VENV)
-	$(PYTHON) -m pip install --quiet --disable-pip-version-check -e 'clients/python[test,learn,pandas,zmq]'
+	$(PYTHON) -m pip install --quiet --disable-pip-version-check -e 'clients/python[test,learn,notebook,zmq]'
 	touch $@
 
 damage:
