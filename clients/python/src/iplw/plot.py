@@ -173,6 +173,7 @@ def rivals(found: Diagnosis | pandas.DataFrame, *, most: int = 10, ax: Axes | No
     ax.plot(np.zeros(len(frame)), np.arange(len(frame)), "|", color="0.4", ms=8)
     ax.set_yticks(range(len(frame)), list(frame["effects"]))
     ax.set_xscale("symlog", linthresh=1.0)
+    ax.xaxis.set_major_formatter("{x:g}")
     ax.set(xlabel="nats behind the reported set", ylim=(len(frame) - 0.5, -0.5), xlim=(0, None))
     return ax
 

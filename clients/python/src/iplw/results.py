@@ -40,6 +40,10 @@ class Result(dict[str, Any]):
     def _repr_html_(self) -> str:
         return card("result", table(["", ""], self._plain()))
 
+    def _repr_pretty_(self, printer: Any, cycle: bool) -> None:
+        # Beside HTML a notebook keeps this text; all of a diagnosis would be 200 kB.
+        printer.text(f"<iplw.{type(self).__name__}: {', '.join(self)}>")
+
 
 class Estimate(Result):
     """Latents of a real world, and of parameters fitted along: `iplw`."""

@@ -72,6 +72,9 @@ class Rollout:
         ]
         return pd.concat(parts, ignore_index=True)
 
+    def _repr_pretty_(self, printer: Any, cycle: bool) -> None:
+        printer.text(f"<iplw.Rollout valid={self.valid} solved={self.solved} steps={self.steps}>")
+
     def _repr_html_(self) -> str:
         facts = [
             ("solved", "–" if self.solved is None else self.solved),

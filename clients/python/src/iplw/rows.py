@@ -21,9 +21,12 @@ class Rows(list[dict[str, Any]]):
 
         return pd.json_normalize(list(self))
 
+    def _repr_pretty_(self, printer: Any, cycle: bool) -> None:
+        printer.text(f"<iplw.{type(self).__name__}: {len(self)}>")
+
     def _repr_html_(self) -> str:
         names = [name for name, value in self[0].items() if not isinstance(value, (dict, list))] if self else []
-        return card(str(len(self)), table(names, [[row.get(name) for name in names] for row in self]))
+        return card(f"{len(self)} rows", table(names, [[row.get(name) for name in names] for row in self]))
 
 
 class Rounds(Rows):

@@ -42,6 +42,9 @@ class Trials(list[dict[str, Any]]):
         frame = pd.concat(parts, ignore_index=True)
         return frame[[*COLUMNS, *(name for name in MORE if name in frame)]]
 
+    def _repr_pretty_(self, printer: Any, cycle: bool) -> None:
+        printer.text(f"<iplw.Trials: {len(self)}>")
+
     def _repr_html_(self) -> str:
         tracks = []
         for one in self[:MOST_DRAWN]:

@@ -30,8 +30,8 @@ def lines(title: str, drawn: Sequence[Line], *, x: str = "", width: int = 380, h
     def at(p: tuple[float, float]) -> str:
         return f"{_LEFT + w * (p[0] - x0) / (x1 - x0):.1f},{20 + h * (1 - (p[1] - y0) / (y1 - y0)):.1f}"
 
-    parts = [_text(_LEFT, 12, title), _text(_LEFT - 4, 26, number(y1), "end"), _text(_LEFT - 4, 20 + h, number(y0), "end")]
-    parts += [_text(_LEFT, height - 4, number(x0)), _text(_LEFT + w, height - 4, f"{number(x1)} {x}".strip(), "end")]
+    parts = [_text(_LEFT, 12, title), _text(_LEFT - 4, 26, f"{y1:.3g}", "end"), _text(_LEFT - 4, 20 + h, f"{y0:.3g}", "end")]
+    parts += [_text(_LEFT, height - 4, f"{x0:.3g}"), _text(_LEFT + w, height - 4, f"{x1:.3g} {x}".strip(), "end")]
     parts.append(f'<path d="M{_LEFT} 20V{20 + h}H{_LEFT + w}" fill="none" stroke="var(--line)"/>')
     for i, (name, points) in enumerate(kept):
         step = max(1, math.ceil(len(points) / MOST_POINTS))

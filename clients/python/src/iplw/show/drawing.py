@@ -19,6 +19,8 @@ Box: TypeAlias = "tuple[float, float, float, float]"
 _NAMED = {"green": 0, "blue": 1, "red": 2}
 #: Points of a way that are drawn; more cannot be told apart.
 MOST_POINTS = 400
+#: A velocity is drawn as the way in this time, s.
+ARROW_S = 0.1
 
 
 def drawing(scene: Mapping[str, Any] | None, tracks: Sequence[Tracks] = (), *, width: int = 320) -> str:
@@ -37,6 +39,7 @@ def drawing(scene: Mapping[str, Any] | None, tracks: Sequence[Tracks] = (), *, w
     for body in bodies:
         if "position" in body and not (tracks and body["name"] in tracks[0]):
             parts.append(_body(body["shape"], body["position"], body.get("angle", 0.0), colours[body["name"]], body["name"]))
+            parts.append(_arrow(body, colours[body["name"]], thin))
     shapes = {body["name"]: body["shape"] for body in bodies}
     for track in tracks:
         parts += [_way(states, colours[name], name, 1.5 if len(tracks) == 1 else 0.8) for name, states in track.items()]
@@ -65,8 +68,9 @@ def extent(scene: Mapping[str, Any] | None, tracks: Sequence[Tracks] = ()) -> Bo
     points = [states[:, :2] for track in tracks for states in track.values()]
     for body in (scene or {}).get("bodies", []):
         if "position" in body:
-            reach = _reach(body["shape"])
-            points.append(np.array(body["position"], dtype=float)[None] + reach * np.array([[-1.0, -1.0], [1.0, 1.0]]))
+            reach, at = _reach(body["shape"]), np.array(body["position"], dtype=float)
+            points.append(at + reach * np.array([[-1.0, -1.0], [1.0, 1.0]]))
+            points.append((at + ARROW_S * np.array(body.get("velocity", (0.0, 0.0))))[None])
     if not points:
         points = [_corners(static) for static in (scene or {}).get("statics", []) if static["shape"]["type"] != "halfspace"]
     seen = np.concatenate([np.zeros((0, 2)), *points])
@@ -109,6 +113,19 @@ def _body(
         f'<g transform="translate({x:.5g},{y:.5g}) rotate({turn:.5g})" {fill}{dash}><title>{escape(name)}</title>'
         f"{_outline(shape)}{spoke}</g>"
     )
+
+
+def _arrow(body: Mapping[str, Any], colour: str, thin: float) -> str:
+    """The way that a moving body is about to go."""
+    vx, vy = body.get("velocity", (0.0, 0.0))
+    speed = math.hypot(vx, vy)
+    if ARROW_S * speed < 4 * thin:
+        return ""
+    (x, y), ux, uy, tip = body["position"], vx / speed, vy / speed, 6 * thin
+    ex, ey = x + ARROW_S * vx, y + ARROW_S * vy
+    sides = [(ex - tip * (ux + s * 0.5 * uy), ey - tip * (uy - s * 0.5 * ux)) for s in (1, -1)]
+    path = f"M{x:.5g} {y:.5g}L{ex:.5g} {ey:.5g}M{sides[0][0]:.5g} {sides[0][1]:.5g}L{ex:.5g} {ey:.5g}L{sides[1][0]:.5g} {sides[1][1]:.5g}"
+    return f'<path d="{path}" fill="none" stroke="{colour}" stroke-width="1.2" vector-effect="non-scaling-stroke"/>'
 
 
 def _way(states: NDArray[np.float64], colour: str, name: str, weight: float) -> str:
