@@ -64,7 +64,7 @@ clients/generated/node_modules/.installed: clients/generated/package-lock.json
 
 $(VENV)/.installed: pyproject.toml clients/python/develop.py
 	python3 -m venv $(VENV)
-	$(PYTHON) clients/python/develop.py test learn pandas zmq ray
+	$(PYTHON) clients/python/develop.py test learn notebook zmq ray
 	touch $@
 
 # The reference pages, out/site: from docstrings, the OpenAPI document, what the commands say, and docs/. Any warning, link that

@@ -17,6 +17,8 @@ The files, from the top down; each uses only those below it:
 | `envs`, `vector`, `fleet`, `video`, `registration`, `families` | Gymnasium's environments |
 | `aio`, `sync` | the client and its handles on worlds, jobs, policies, surfaces: written once, in `aio`; `generate.py` makes `sync` of it |
 | `runner` | the difference between the two: who does what blocks |
+| `plot`, `live` | figures by matplotlib; a job as it goes on, in a notebook |
+| `results`, `trials`, `rows`, `scene`, `show` | what a notebook shows, and pandas takes, of what the server tells |
 | `calls`, `rollout`, `film`, `ranked`, `proposal`, `measured`, `bar` | what is asked, and what answers mean; nothing here waits |
 | `connect`, `http`, `zeromq`, `transport` | how a call goes to the server and back; `codec` and `frames` write it down |
 | `call`, `operations` | a call; the table of operations, which `generate.py` makes of the OpenAPI document |
@@ -24,14 +26,19 @@ The files, from the top down; each uses only those below it:
 | `version`, `__main__` | which version this is; `python -m iplw` runs the program |
 """
 
+from . import plot
 from .aio import AsyncAsking, AsyncClient, AsyncJob, AsyncPolicy, AsyncSurface, AsyncWorld
 from .errors import IplwError, JobCancelled, JobFailed, Problem, ServerUnavailable
 from .film import Film
 from .proposal import Proposal
 from .ranked import Ranked
 from .registration import register
+from .results import Diagnosis, Estimate, Result, Score, Training
 from .rollout import Rollout, Rollouts
+from .rows import Rounds, Rows
+from .scene import Scene
 from .sync import Asking, Client, Job, Policy, Surface, World
+from .trials import Trials
 from .vector import PlacementVectorEnv, make_vec
 from .version import own_version
 from .video import RecordVideo
@@ -47,6 +54,8 @@ __all__ = [
     "AsyncSurface",
     "AsyncWorld",
     "Client",
+    "Diagnosis",
+    "Estimate",
     "Film",
     "IplwError",
     "Job",
@@ -58,12 +67,20 @@ __all__ = [
     "Proposal",
     "Ranked",
     "RecordVideo",
+    "Result",
     "Rollout",
     "Rollouts",
+    "Rounds",
+    "Rows",
+    "Scene",
+    "Score",
     "ServerUnavailable",
     "Surface",
+    "Training",
+    "Trials",
     "World",
     "make_vec",
+    "plot",
     "register",
 ]
 

@@ -7,6 +7,7 @@ An array is raw little-endian bytes in C order with its dtype and shape: in Mess
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -74,6 +75,8 @@ def from_bytes(dtype: str, shape: list[int], data: Any) -> NDArray[Any]:
 def _listed(value: Any) -> Any:
     if isinstance(value, (np.ndarray, np.generic)):
         return value.tolist()
+    if isinstance(value, Mapping) or (hasattr(value, "to_dict") and getattr(value, "ndim", None) == 1):
+        return dict(value.items())  # A pandas Series: latents by name, say.
     raise TypeError(f"cannot send {type(value).__name__}")
 
 

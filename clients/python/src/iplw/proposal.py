@@ -9,7 +9,11 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-#: States of a body: (n, 2) or (n, 3) x and y, m, and angle, rad; or columns by name (`x`, `y`, `angle`, `vx`, ...).
+from .scene import Scene
+
+#: Columns of a state.
+_COLUMNS = ("x", "y", "angle", "vx", "vy", "omega")
+#: States of a body: (n, 2) or (n, 3) x and y, m, and angle, rad; or columns by name (`x`, `y`, `angle`, `vx`, ...), a pandas frame, too.
 #: NaN where it was not seen.
 States: TypeAlias = "ArrayLike | Mapping[str, ArrayLike]"
 
@@ -27,7 +31,7 @@ class Proposal:
     #: (dimension,) the action vector, in [0, 1].
     action: NDArray[np.float64]
     #: An `iplw.scene/1` document: everything placed as it is to be let go.
-    scene: dict[str, Any]
+    scene: Scene
     #: (n,) times that a simulation is observed at, s; a measurement may take others.
     observe_at: NDArray[np.float64]
     #: Whether it was told of already.
@@ -42,7 +46,7 @@ def proposals(answer: Mapping[str, Any]) -> list[Proposal]:
             round=int(answer["round"]),
             task=str(p["task"]),
             action=np.asarray(p["action"], dtype=np.float64),
-            scene=p["scene"],
+            scene=Scene(p["scene"]),
             observe_at=np.asarray(p["observe_at"], dtype=np.float64),
             answered=bool(p["answered"]),
         )
@@ -65,7 +69,9 @@ def number_of(proposal: Proposal | int) -> int:
 
 
 def _columns(states: States, name: str) -> dict[str, list[float | None]]:
-    if isinstance(states, Mapping):
+    if isinstance(states, Mapping) or hasattr(states, "columns"):
+        # A pandas frame, too: by the names of its columns, of which it may have more.
+        states = {key: states[key] for key in states if key in _COLUMNS} if hasattr(states, "columns") else states
         columns = {key: np.asarray(values, dtype=np.float64) for key, values in states.items()}
     else:
         array = np.asarray(states, dtype=np.float64)

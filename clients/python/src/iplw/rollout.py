@@ -4,17 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from .scene import Scene
+from .show.drawing import drawing
+from .show.page import beside, card, said, table
 
 if TYPE_CHECKING:
     import pandas
 
 #: One action: a vector in [0, 1], one number a component; or the index of a discrete action.
 Action: TypeAlias = "int | Sequence[float] | NDArray[Any] | np.integer[Any]"
+
+
+#: Trajectories of a batch that are drawn beside the first; more hide each other.
+MOST_DRAWN = 23
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +45,16 @@ class Rollout:
     t: NDArray[np.float64] | None = None
     #: name -> (n, 3) x and y of the centre, m, and angle, rad; empty unless trajectories were asked for.
     bodies: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    #: The action: an index, or a vector.
+    action: Any = field(default=None, repr=False)
+    #: The scene that it was placed in, as it is before; None if that is not known.
+    scene: Scene | None = field(default=None, repr=False)
+
+    @property
+    def placed(self) -> Scene | None:
+        """The scene with the action placed, as far as known: of an index it is not known what it places."""
+        vector = isinstance(self.action, (list, np.ndarray))
+        return self.scene.placed(self.action) if self.scene is not None and vector else self.scene
 
     def frame(self) -> pandas.DataFrame:
         """The trajectory as a pandas data frame: `t,body,x,y,angle`, a row per observation and body."""
@@ -53,6 +71,23 @@ class Rollout:
             for name, track in self.bodies.items()
         ]
         return pd.concat(parts, ignore_index=True)
+
+    def _repr_pretty_(self, printer: Any, cycle: bool) -> None:
+        printer.text(f"<iplw.Rollout valid={self.valid} solved={self.solved} steps={self.steps}>")
+
+    def _repr_html_(self) -> str:
+        facts = [
+            ("solved", "–" if self.solved is None else self.solved),
+            ("steps", self.steps),
+            ("collisions between bodies", self.collisions),
+            ("steps on the floor", self.rolling_steps),
+        ]
+        if not self.valid:
+            return card("rollout", said(f"could not be placed: {self.reason}"))
+        if self.t is None:
+            return card("rollout", table(["", ""], facts), note="without trajectory: rollout(..., trajectories=True)")
+        seconds = f"{self.t[-1] - self.t[0]:.4g} s" if len(self.t) else ""
+        return card("rollout", beside(drawing(self.placed, [self.bodies]), table(["", ""], facts)), note=seconds)
 
 
 class Rollouts(Sequence[Rollout]):
@@ -88,6 +123,37 @@ class Rollouts(Sequence[Rollout]):
     def __len__(self) -> int:
         return len(self._items)
 
+    def frame(self) -> pandas.DataFrame:
+        """All trajectories as one pandas data frame: `trial,t,body,x,y,angle`.
+
+        `trial` is the number of the action in the batch; those that could not be placed have no rows. These are the
+        columns of a trials file: what `Client.diagnose` reads.
+        """
+        import pandas as pd
+
+        parts = [r.frame().assign(trial=i) for i, r in enumerate(self._items) if r.valid]
+        columns = ["trial", "t", "body", "x", "y", "angle"]
+        return pd.concat(parts, ignore_index=True)[columns] if parts else pd.DataFrame(columns=columns)
+
+    def outcomes(self) -> pandas.DataFrame:
+        """What became of each action as a pandas data frame, a row an action: `valid,solved,steps,collisions,...`."""
+        import pandas as pd
+
+        names = ["valid", "solved", "steps", "collisions", "rolling_steps", "reason"]
+        return pd.DataFrame([[getattr(r, name) for name in names] for r in self._items], columns=names)
+
+    def _repr_html_(self) -> str:
+        valid, solved = int(self.valid.sum()), int(self.solved.sum())
+        seen = [r for r in self._items if r.t is not None and r.valid]
+        reasons = sorted({str(r.reason) for r in self._items if not r.valid})
+        parts = [said(f"not placed: {'; '.join(reasons[:4])}")] if reasons else []
+        # Of different tasks, or placed differently, only what they have in common is drawn: the ways.
+        if seen:
+            first = next((r for r in seen if r.solved), seen[0])
+            others = [r.bodies for r in seen if r is not first][:MOST_DRAWN]
+            parts.insert(0, drawing(first.placed, [first.bodies, *others]))
+        return card("rollouts", *parts, note=f"{len(self)} actions: {valid} valid, {solved} solved")
+
     def __repr__(self) -> str:
         return f"<iplw.Rollouts {len(self)}: {self.valid.sum()} valid, {self.solved.sum()} solved>"
 
@@ -102,7 +168,7 @@ def encode(action: Action | ArrayLike, name: str = "action") -> int | list[float
         numbers = action
     if numbers is not None and all(map(math.isfinite, numbers)):
         return list(numbers)
-    array = np.asarray(action)
+    array = np.asarray(action)  # A pandas Series, too.
     if array.ndim == 0 and np.issubdtype(array.dtype, np.integer):
         return int(array)
     if array.ndim != 1 or not (
@@ -119,6 +185,8 @@ def encode(action: Action | ArrayLike, name: str = "action") -> int | list[float
 
 def encode_all(actions: Sequence[Action] | NDArray[Any]) -> NDArray[Any] | list[int | list[float]]:
     """Many actions as the wire has them: an array if they are all indices or all vectors, else one by one."""
+    # A pandas frame has an action a row, and would be gone through by its columns; a Series has an index each.
+    actions = actions.to_numpy() if hasattr(actions, "to_numpy") else actions
     if isinstance(actions, np.ndarray) and (
         (actions.ndim == 1 and np.issubdtype(actions.dtype, np.integer))
         or (actions.ndim == 2 and np.issubdtype(actions.dtype, np.floating))
@@ -136,6 +204,13 @@ def read_rollouts(answer: Mapping[str, Any]) -> list[Rollout]:
     if "states" in answer:
         return [_rollout(result, *_cut(answer, i)) for i, result in enumerate(results)]
     return [_rollout(result, *_columns(result)) for result in results]
+
+
+def told(
+    results: Sequence[Rollout], actions: Sequence[Action] | NDArray[Any], scene: Scene | None
+) -> list[Rollout]:
+    """The rollouts with the action of each, and the scene it was placed in."""
+    return [replace(result, action=action, scene=scene) for result, action in zip(results, encode_all(actions))]
 
 
 _Track: TypeAlias = "tuple[NDArray[np.float64] | None, dict[str, NDArray[np.float64]]]"

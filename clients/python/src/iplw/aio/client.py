@@ -13,7 +13,9 @@ from .. import calls, server
 from ..call import given
 from ..connect import connect
 from ..measured import Measured, texts
+from ..rows import Rows
 from ..runner import AsyncRunner
+from ..scene import Scene
 from .asking import AsyncAsking
 from .job import AsyncJob
 from .line import AsyncLine
@@ -123,21 +125,22 @@ class AsyncClient:
             sealed=sealed,
             seed=seed,
         )
-        return AsyncWorld(self._line, await self._line.do(calls.post("create_world", body, key)))
+        return AsyncWorld(self._line, await self._line.do(calls.post("create_world", body, key)), scene)
 
-    async def tasks(self) -> list[dict[str, Any]]:
+    async def tasks(self) -> Rows:
         """The task families: name, about, number of tasks, split, action space."""
-        return await self._line.items("list_families")
+        return Rows(await self._line.items("list_families"))
 
     async def family(self, name: str) -> dict[str, Any]:
         """One family with the id, split and certificate of each of its tasks."""
         family = await self._line.do(calls.post("list_tasks", {"family": name, "limit": 1}))
-        family["tasks"] = await self._line.items("list_tasks", family=name)
+        family["tasks"] = Rows(await self._line.items("list_tasks", family=name))
         return family
 
     async def task(self, id: str) -> dict[str, Any]:
         """One task, `bowling:017`: its split, scene and certificate."""
-        return await self._line.do(calls.task(id))
+        task = await self._line.do(calls.task(id))
+        return {**task, "scene": Scene(task["scene"])}
 
     async def task_ids(self, family: str, split: str | None = None) -> list[str]:
         """Ids of a family's tasks, all or those of one split, in order."""

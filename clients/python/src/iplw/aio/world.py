@@ -9,10 +9,13 @@ from numpy.typing import NDArray
 from typing_extensions import Self
 
 from .. import calls
+from ..errors import Problem
 from ..film import Film
-from ..rollout import Action, Rollout, Rollouts
+from ..rollout import Action, Rollout, Rollouts, told
+from ..scene import Scene
 from .handle import AsyncHandle
 from .job import AsyncJob
+from .line import AsyncLine
 
 
 class AsyncWorld(AsyncHandle):
@@ -20,6 +23,12 @@ class AsyncWorld(AsyncHandle):
 
     _look = "get_world"
     _closed = False
+
+    def __init__(self, line: AsyncLine, data: dict[str, Any], scene: Mapping[str, Any] | None = None) -> None:
+        super().__init__(line, data)
+        # Of its own, where it was made of one; and of tasks that were looked at.
+        self._scenes = {str(data["task"]): Scene(scene)} if scene is not None else {}
+        self._task: str | None = (data.get("state") or {}).get("task")
 
     @property
     def kind(self) -> str:
@@ -55,7 +64,9 @@ class AsyncWorld(AsyncHandle):
 
         observation: (F,) state of the bodies, in [0, 1], named in `data["observation_space"]`; info: `task`, `split`.
         """
-        return await self._line.do(calls.reset(self.id, seed, task, split))
+        observation, info = await self._line.do(calls.reset(self.id, seed, task, split))
+        self._task = info["task"]
+        return observation, info
 
     async def step(self, action: Action) -> calls.Step:
         """Acts once: (observation, reward, terminated, truncated, info).
@@ -81,11 +92,25 @@ class AsyncWorld(AsyncHandle):
         More than `batch` actions go out in several requests; if one is refused, those before it have
         happened. `stop=False` goes on after the goal is reached.
         """
+        scene = await self.scene(task) if trajectories else None
         results: list[Rollout] = []
         for call in calls.rollouts(self.id, actions, task, trajectories, stop, batch):
             part = await self._line.do(call)
             results.extend(part)
-        return Rollouts(results)
+        return Rollouts(told(results, actions, scene) if trajectories else results)
+
+    async def scene(self, task: str | None = None) -> Scene | None:
+        """The scene of a task (default: the episode's) before anything is placed; None where the server does not tell.
+
+        Latents in it are the family's own, not those that this world was given.
+        """
+        name = task or self._task or str(self.data["task"])
+        if name not in self._scenes and ":" in name:
+            try:
+                self._scenes[name] = Scene((await self._line.do(calls.task(name)))["scene"])
+            except Problem:
+                return None
+        return self._scenes.get(name)
 
     async def evaluate(
         self, ranking: Mapping[str, Sequence[Action] | NDArray[Any]], *, attempts: int = 100

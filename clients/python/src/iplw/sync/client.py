@@ -14,7 +14,9 @@ from .. import calls, server
 from ..call import given
 from ..connect import connect
 from ..measured import Measured, texts
+from ..rows import Rows
 from ..runner import Runner
+from ..scene import Scene
 from .asking import Asking
 from .job import Job
 from .line import Line
@@ -121,21 +123,22 @@ class Client:
             sealed=sealed,
             seed=seed,
         )
-        return World(self._line, self._line.do(calls.post("create_world", body, key)))
+        return World(self._line, self._line.do(calls.post("create_world", body, key)), scene)
 
-    def tasks(self) -> list[dict[str, Any]]:
+    def tasks(self) -> Rows:
         """The task families: name, about, number of tasks, split, action space."""
-        return self._line.items("list_families")
+        return Rows(self._line.items("list_families"))
 
     def family(self, name: str) -> dict[str, Any]:
         """One family with the id, split and certificate of each of its tasks."""
         family = self._line.do(calls.post("list_tasks", {"family": name, "limit": 1}))
-        family["tasks"] = self._line.items("list_tasks", family=name)
+        family["tasks"] = Rows(self._line.items("list_tasks", family=name))
         return family
 
     def task(self, id: str) -> dict[str, Any]:
         """One task, `bowling:017`: its split, scene and certificate."""
-        return self._line.do(calls.task(id))
+        task = self._line.do(calls.task(id))
+        return {**task, "scene": Scene(task["scene"])}
 
     def task_ids(self, family: str, split: str | None = None) -> list[str]:
         """Ids of a family's tasks, all or those of one split, in order."""

@@ -8,12 +8,17 @@ import math
 import time
 from collections.abc import Generator
 from contextlib import closing
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from .. import calls
-from ..bar import Bar
 from ..errors import JobCancelled, JobFailed, Problem, ServerUnavailable
+from ..live import job_card, watching
+from ..results import Result, result_of
+from ..rows import Rounds, Rows
+from ..scene import Scene
+from ..trials import Trials
 from .handle import Handle
 
 #: Longest time between two looks at a job where events do not come through, s; often at first, for the short ones.
@@ -47,8 +52,8 @@ class Job(Handle):
         left = (self.data.get("progress") or {}).get("eta_s")
         return None if left is None else float(left)
 
-    def result(self) -> dict[str, Any]:
-        """The result of an ended job; raises as `wait` does, `RuntimeError` if it has not ended."""
+    def result(self) -> Result:
+        """The result of an ended job, a dict of the class that its kind has in `iplw.results`; raises as `wait` does, `RuntimeError` if it has not ended."""
         if self.state == "cancelled":
             raise JobCancelled(self.id)
         if self.state == "failed":
@@ -57,15 +62,15 @@ class Job(Handle):
         if self.state != "succeeded":
             raise RuntimeError(f"job {self.id} is {self.state}; wait() for it first")
         result = self.data.get("result")
-        return result if isinstance(result, dict) else {}
+        return result_of(self.kind, result if isinstance(result, dict) else {})
 
-    def wait(self, progress: bool = False, timeout: float | None = None) -> dict[str, Any]:
-        """The job's result, once it has one.
+    def wait(self, progress: bool = False, timeout: float | None = None) -> Result:
+        """The job's result, once it has one: an `Estimate`, a `Diagnosis`, ..., each a dict.
 
-        `progress` draws a bar on stderr. Raises `JobFailed`, `JobCancelled`, or, after `timeout` seconds,
+        `progress` draws a card that changes in place in a notebook, and a bar on stderr elsewhere. Raises `JobFailed`, `JobCancelled`, or, after `timeout` seconds,
         `TimeoutError` (the job goes on; wait again or cancel it).
         """
-        bar = Bar() if progress else None
+        bar = watching() if progress else None
         try:
             with closing(self.follow(timeout)) as states:
                 for data in states:
@@ -116,17 +121,24 @@ class Job(Handle):
         if not self.ended:
             self._line.do(calls.cancel(self.id))
 
-    def log(self, after: int = 0) -> list[dict[str, Any]]:
+    def log(self, after: int = 0) -> Rows:
         """What happened to it, line by line: `number`, `at` (s since 1970), `level`, `text`; those after a number."""
-        return self._line.items("get_job_log", id=self.id, after=after)
+        return Rows(self._line.items("get_job_log", id=self.id, after=after))
 
-    def trials(self) -> list[dict[str, Any]]:
-        """What an estimation has measured: `trial`, `proposal`, `task`, `action`, `t` (s), `bodies` (m, rad), ..."""
-        return self._line.items("list_trials", id=self.id)
+    def trials(self) -> Trials:
+        """What an estimation has measured, `trial`, `proposal`, `task`, `action`, `t` (s), `bodies` (m, rad), ...; or a diagnosis was given."""
+        op = "list_given_trials" if self.kind == "diagnose" else "list_trials"
+        return Trials(self._line.items(op, id=self.id))
 
-    def rounds(self) -> list[dict[str, Any]]:
+    def scene(self) -> Scene:
+        """The scene that these trials go with; with them it is what `Client.diagnose` takes."""
+        if self.kind == "diagnose":
+            return Scene((self._line.do(calls.post("list_given_trials", {"id": self.id, "limit": 1})))["scene"])
+        return Scene(json.loads(self._line.do(calls.trials(self.id, "scene"))))
+
+    def rounds(self) -> Rounds:
         """The course of an estimation: `proposals`, `choice`, `residual`, `latents` with intervals, ... of each round."""
-        return self._line.items("list_rounds", id=self.id)
+        return Rounds(self._line.items("list_rounds", id=self.id))
 
     def save_trials(self, directory: str | Path) -> None:
         """Writes `trials.csv` and the `scene.json` that goes with it, as `iplw measure` does."""
@@ -135,6 +147,14 @@ class Job(Handle):
         for format, name in (("csv", "trials.csv"), ("scene", "scene.json")):
             file = self._line.do(calls.trials(self.id, format))
             (folder / name).write_bytes(file)
+
+    def _repr_html_(self) -> str:
+        log = Rows()
+        # What is shown is how it stands now, as far as the server can be asked.
+        with suppress(Problem, ServerUnavailable):
+            self.refresh()
+            log = self.log()
+        return job_card(self.data, log)
 
     def _in_time(self, deadline: float) -> None:
         if time.monotonic() > deadline:

@@ -10,10 +10,13 @@ from numpy.typing import NDArray
 from typing_extensions import Self
 
 from .. import calls
+from ..errors import Problem
 from ..film import Film
-from ..rollout import Action, Rollout, Rollouts
+from ..rollout import Action, Rollout, Rollouts, told
+from ..scene import Scene
 from .handle import Handle
 from .job import Job
+from .line import Line
 
 
 class World(Handle):
@@ -21,6 +24,12 @@ class World(Handle):
 
     _look = "get_world"
     _closed = False
+
+    def __init__(self, line: Line, data: dict[str, Any], scene: Mapping[str, Any] | None = None) -> None:
+        super().__init__(line, data)
+        # Of its own, where it was made of one; and of tasks that were looked at.
+        self._scenes = {str(data["task"]): Scene(scene)} if scene is not None else {}
+        self._task: str | None = (data.get("state") or {}).get("task")
 
     @property
     def kind(self) -> str:
@@ -56,7 +65,9 @@ class World(Handle):
 
         observation: (F,) state of the bodies, in [0, 1], named in `data["observation_space"]`; info: `task`, `split`.
         """
-        return self._line.do(calls.reset(self.id, seed, task, split))
+        observation, info = self._line.do(calls.reset(self.id, seed, task, split))
+        self._task = info["task"]
+        return observation, info
 
     def step(self, action: Action) -> calls.Step:
         """Acts once: (observation, reward, terminated, truncated, info).
@@ -82,11 +93,25 @@ class World(Handle):
         More than `batch` actions go out in several requests; if one is refused, those before it have
         happened. `stop=False` goes on after the goal is reached.
         """
+        scene = self.scene(task) if trajectories else None
         results: list[Rollout] = []
         for call in calls.rollouts(self.id, actions, task, trajectories, stop, batch):
             part = self._line.do(call)
             results.extend(part)
-        return Rollouts(results)
+        return Rollouts(told(results, actions, scene) if trajectories else results)
+
+    def scene(self, task: str | None = None) -> Scene | None:
+        """The scene of a task (default: the episode's) before anything is placed; None where the server does not tell.
+
+        Latents in it are the family's own, not those that this world was given.
+        """
+        name = task or self._task or str(self.data["task"])
+        if name not in self._scenes and ":" in name:
+            try:
+                self._scenes[name] = Scene((self._line.do(calls.task(name)))["scene"])
+            except Problem:
+                return None
+        return self._scenes.get(name)
 
     def evaluate(
         self, ranking: Mapping[str, Sequence[Action] | NDArray[Any]], *, attempts: int = 100

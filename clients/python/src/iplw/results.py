@@ -1,0 +1,251 @@
+"""What jobs come to: dicts as the server tells them, with what a notebook wants of each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .scene import Scene
+from .show import chart
+from .show.page import beside, card, folded, interval, said, table
+
+if TYPE_CHECKING:
+    import pandas
+
+#: Sets of effects that are drawn of a diagnosis, the best first.
+MOST_SETS = 8
+
+
+def result_of(kind: str, told: Mapping[str, Any]) -> Result:
+    """The result of a job of this kind."""
+    return _KINDS.get(kind, Result)(told)
+
+
+class Result(dict[str, Any]):
+    """What a job came to, as the server tells it; a dict like any other."""
+
+    def frame(self) -> pandas.DataFrame:
+        """As a pandas data frame, a row a figure: `name,value`."""
+        import pandas as pd
+
+        return pd.DataFrame(self._plain(), columns=["name", "value"])
+
+    def _plain(self) -> list[tuple[str, Any]]:
+        return [(key, value) for key, value in self.items() if isinstance(value, (str, int, float, type(None)))]
+
+    def _repr_html_(self) -> str:
+        return card("result", table(["", ""], self._plain()))
+
+    def _repr_pretty_(self, printer: Any, cycle: bool) -> None:
+        # Beside HTML a notebook keeps this text; all of a diagnosis would be 200 kB.
+        printer.text(f"<iplw.{type(self).__name__}: {', '.join(self)}>")
+
+
+class Estimate(Result):
+    """Latents of a real world, and of parameters fitted along: `iplw`."""
+
+    @property
+    def known(self) -> dict[str, float]:
+        """Latents that the trials tell, by name: what `Client.train` and `World.set_latents` take."""
+        return {row["name"]: float(row["value"]) for row in self["latents"] if row["identifiable"]}
+
+    def frame(self) -> pandas.DataFrame:
+        """A row a latent: `name,value,low,high,identifiable`; the ends of the 95 % interval are NaN if it has none."""
+        return _latents_frame(self["latents"])
+
+    def _repr_html_(self) -> str:
+        residuals = [float("nan") if r is None else r for r in self.get("residuals", [])]
+        line = [(i + 1.0, float(value)) for i, value in enumerate(residuals)]
+        drawn = chart.lines("residual of the best sample, m² per trajectory", [("", line)], x="round") if len(line) > 1 else ""
+        note = f"{self.get('real_interactions')} real interactions in {len(line)} rounds, {self.get('strategy')}"
+        return card("estimate", _latents_table(self["latents"]), beside(_drawn(self["latents"]), drawn), note=note)
+
+
+class Diagnosis(Result):
+    """What a simulation lacks, by name: an `iplw.diagnosis/1` document with what is drawn of it."""
+
+    @property
+    def verdict(self) -> str:
+        """`none`, `named`, `ambiguous`, `unknown` or `insufficient_data`."""
+        return str(self["verdict"])
+
+    @property
+    def extended_scene(self) -> Scene | None:
+        """The scene with the latents and effects that were found; it rolls out like any other."""
+        return Scene(self["extended_scene"]) if self.get("extended_scene") else None
+
+    @property
+    def next_scene(self) -> Scene | None:
+        """The next experiment as it would be simulated; None where it is no launch."""
+        return Scene(self["next_scene"]) if self.get("next_scene") else None
+
+    def frame(self) -> pandas.DataFrame:
+        """The found effects, a row a parameter: `effect,acts_on,parameter,value,low,high,unit,setting,spread,p_value`."""
+        import pandas as pd
+
+        rows = [
+            (e["name"], e["acts_on"], p["name"], p["value"], *_ends(p["ci95"]), p["unit"], p["setting"], p["spread"], e["p_value"])
+            for e in self["effects"]
+            for p in e["parameters"]
+        ]
+        names = ["effect", "acts_on", "parameter", "value", "low", "high", "unit", "setting", "spread", "p_value"]
+        return pd.DataFrame(rows, columns=names)
+
+    def scores(self) -> pandas.DataFrame:
+        """Every set that was fitted, those that the data cannot tell from the best first: `effects` (joined by `+`),
+        `score` (nats beside the reported set's), `probability_worse`, `rival`."""
+        import pandas as pd
+
+        return pd.DataFrame(self.sets(), columns=["effects", "score", "probability_worse", "rival"])
+
+    def sets(self) -> list[tuple[str, float, float, bool]]:
+        """The same as rows."""
+        rivals = {frozenset(rival) for rival in self.get("rivals", [])}
+        rows = [
+            (" + ".join(s["effects"]) or "nothing", float(s["score"]), float(s["probability_worse"]), frozenset(s["effects"]) in rivals)
+            for s in self.get("scores", [])
+        ]
+        return sorted(rows, key=lambda row: (not row[3], -row[1]))
+
+    def points(self) -> pandas.DataFrame:
+        """Observations with what is left of them: `trial,setting,t,x,y,vx,vy,before_x,...,after_y`; seen - simulated, m."""
+        import pandas as pd
+
+        points = self["evidence"]["points"]
+        return pd.DataFrame(points["rows"], columns=points["columns"]).astype({"trial": int, "setting": int})
+
+    def residuals(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """(n,) times, s, and (n, 2) residuals before and after, m, of the observations in `points`."""
+        points = self["evidence"]["points"]
+        table = np.array(points["rows"], dtype=np.float64).reshape(-1, len(points["columns"]))
+        column = {name: table[:, i] for i, name in enumerate(points["columns"])}
+        before, after = (np.column_stack([column[f"{when}_x"], column[f"{when}_y"]]) for when in ("before", "after"))
+        return column["t"], before, after
+
+    def _repr_html_(self) -> str:
+        found = [
+            (e["name"], e["acts_on"], p["name"], p["value"], interval(p["ci95"]), p["unit"]) for e in self["effects"] for p in e["parameters"]
+        ]
+        parts = [said(str(self.get("reason", "")))]
+        if found:
+            parts.append(table(["effect", "acts on", "parameter", "value", "95 % interval", "unit"], found))
+        if len(self.get("rivals", [])) > 1:
+            parts.append(said("cannot be told apart: " + "; ".join(" + ".join(r) or "nothing" for r in self["rivals"])))
+        if self.get("calibrated"):
+            parts.append(folded("latents estimated along", _latents_table(self["calibrated"])))
+        parts.append(beside(self._ranking(), self._left()))
+        ask = self.get("next_experiment")
+        if ask:
+            parts.append(said(f"next experiment: {ask['do']} {ask['why']}"))
+        return card(f"diagnosis: {self.verdict}", *parts, note=self._gain())
+
+    def _ranking(self) -> str:
+        shown = [(name, max(-score, 0.0), rival) for name, score, _, rival in self.sets()[:MOST_SETS]]
+        return chart.bars("nats behind the reported set", shown) if shown else ""
+
+    def _left(self) -> str:
+        """Root mean square of the residuals over time, before and after."""
+        if not (self.get("evidence") or {}).get("points", {}).get("rows"):
+            return ""
+        t, *both = self.residuals()
+        edges = np.linspace(t.min(), t.max() + 1e-9, 25)
+        bins = np.digitize(t, edges) - 1
+        drawn = []
+        for name, left in zip(("base model", "with what was found"), both):
+            squares = np.nansum(left**2, axis=1)
+            ways = [(float(t[bins == b].mean()), math.sqrt(float(squares[bins == b].mean()))) for b in np.unique(bins)]
+            drawn.append((name, ways))
+        return chart.lines("residual, m (rms)", drawn, x="s")
+
+    def _gain(self) -> str:
+        gain = (self.get("gain") or {}).get("held_out")
+        if not gain:
+            return ""
+        return f"on {gain['trials']} held-out trials {gain['base_rmse']:.3g} m before, {gain['extended_rmse']:.3g} m after"
+
+
+class Training(Result):
+    """A policy's training: `train` and `learn`; `self["policy"]` is its id."""
+
+    def frame(self) -> pandas.DataFrame:
+        """A row a batch, from 1: `loss` (binary cross-entropy, nats) and, where it was looked at, `auccess`."""
+        import pandas as pd
+
+        loss = self.get("loss", [])
+        frame = pd.DataFrame({"loss": loss}, index=pd.RangeIndex(1, len(loss) + 1, name="batch"))
+        seen = {row["batches"]: row["auccess"] for row in self.get("validation") or []}
+        frame["auccess"] = [seen.get(batch, math.nan) for batch in frame.index]
+        return frame
+
+    def _repr_html_(self) -> str:
+        loss = [(i + 1.0, float(value)) for i, value in enumerate(self.get("loss", []))]
+        seen = [(float(row["batches"]), float(row["auccess"])) for row in self.get("validation") or []]
+        drawn = [chart.lines("loss, nats", [("", loss)], x="batches"), chart.lines("AUCCESS, validation tasks", [("", seen)], x="batches")]
+        facts = [(key, self[key]) for key in ("examples", "solving", "interactions") if self.get(key) is not None]
+        return card("training", beside(*drawn), table(["", ""], facts), note=f"policy {self.get('policy')}")
+
+
+class Score(Result):
+    """A policy's AUCCESS in a world: `evaluate`."""
+
+    @property
+    def auccess(self) -> float:
+        """Mean share of tasks solved within k attempts, weighted towards few: 0 to 1."""
+        return float(self["auccess"])
+
+    @property
+    def solved_within(self) -> NDArray[np.float64]:
+        """(attempts,) share of tasks solved within 1, 2, ... attempts."""
+        return np.asarray(self["solved_within"], dtype=np.float64)
+
+    def frame(self) -> pandas.DataFrame:
+        """A row a task: `task,solved_at` (the attempt that solved it, from 1; NaN for none)."""
+        import pandas as pd
+
+        rows = [(row["task"], row["solved_at"]) for row in self.get("tasks", [])]
+        return pd.DataFrame(rows, columns=["task", "solved_at"]).astype({"solved_at": float})
+
+    def _repr_html_(self) -> str:
+        curve = [(k + 1.0, float(share)) for k, share in enumerate(self["solved_within"])]
+        drawn = chart.lines("share of tasks solved", [("", curve)], x="attempts")
+        solved = sum(row["solved_at"] is not None for row in self.get("tasks", []))
+        facts = [("AUCCESS", self["auccess"]), ("tasks solved", f"{solved} of {len(self.get('tasks', []))}"), ("attempts", self.get("interactions"))]
+        return card("score", beside(table(["", ""], facts), drawn), note=f"{self.get('world_kind', '')} world")
+
+
+_KINDS: dict[str, type[Result]] = {
+    "iplw": Estimate,
+    "diagnose": Diagnosis,
+    "train": Training,
+    "learn": Training,
+    "evaluate": Score,
+}
+
+
+def _latents_frame(rows: Sequence[Mapping[str, Any]]) -> pandas.DataFrame:
+    import pandas as pd
+
+    table = [(row["name"], row["value"], *_ends(row["ci95"]), row["identifiable"]) for row in rows]
+    return pd.DataFrame(table, columns=["name", "value", "low", "high", "identifiable"])
+
+
+def _latents_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    shown = [
+        (row["name"], row["value"], interval(row["ci95"])) if row["identifiable"] else (row["name"], None, "these trials do not tell")
+        for row in rows
+    ]
+    return table(["latent", "value", "95 % interval"], shown)
+
+
+def _drawn(rows: Sequence[Mapping[str, Any]]) -> str:
+    known = [(row["name"], float(row["value"]), *_ends(row["ci95"])) for row in rows if row["identifiable"]]
+    return chart.intervals([row for row in known if all(map(math.isfinite, row[1:]))])
+
+
+def _ends(ci95: Sequence[float | None] | None) -> tuple[float, float]:
+    low, high = ci95 or (None, None)
+    return (math.nan if low is None else float(low)), (math.nan if high is None else float(high))

@@ -1,0 +1,70 @@
+"""The tutorials run from top to bottom, with what a fresh reader has; they are kept without outputs."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+nbformat = pytest.importorskip("nbformat")
+nbclient = pytest.importorskip("nbclient")
+pytest.importorskip("matplotlib")
+pytest.importorskip("pandas")
+
+NOTEBOOKS = sorted((Path(__file__).resolve().parents[3] / "examples" / "notebooks").glob("*.ipynb"))
+#: Longest that a cell may take, s, on a machine that has much else to do.
+CELL_S = 300
+#: Most characters of one output: a page with many of them has to stay light.
+MOST_HTML = 200_000
+
+
+def outputs(notebook: Any) -> list[Any]:
+    """What the cells gave, in order."""
+    return [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
+
+
+def shown(notebook: Any, kind: str = "text/html") -> list[str]:
+    """What the cells showed in this form."""
+    return [output["data"][kind] for output in outputs(notebook) if kind in output.get("data", {})]
+
+
+def test_there_are_tutorials() -> None:
+    assert {file.name[:2] for file in NOTEBOOKS} >= {"01"}
+
+
+@pytest.mark.parametrize("file", NOTEBOOKS, ids=lambda file: file.stem)
+def test_kept_without_outputs(file: Path) -> None:
+    notebook = nbformat.read(file, as_version=nbformat.NO_CONVERT)
+    nbformat.validate(notebook)
+    assert (notebook.nbformat, notebook.nbformat_minor) == (4, 5)
+    ids = [cell.id for cell in notebook.cells]
+    # Ids that mean something stay the same when a cell is moved, and a difference can be read.
+    assert len(set(ids)) == len(ids) and not [id for id in ids if re.fullmatch(r"[0-9a-f-]{8,}", id)]
+    code = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    assert not outputs(notebook) and all(cell.execution_count is None for cell in code)
+    assert any("assert " in cell.source for cell in code), "nothing would fail if a result were wrong"
+
+
+@pytest.mark.parametrize("file", NOTEBOOKS, ids=lambda file: file.stem)
+def test_runs_from_top_to_bottom(file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # A server of its own, started by the notebook from IPLW_BIN.
+    for name in ("IPLW_URL", "IPLW_TOKEN"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("MPLBACKEND", "module://matplotlib_inline.backend_inline")
+    notebook = nbformat.read(file, as_version=4)
+    runner = nbclient.NotebookClient(
+        notebook, timeout=CELL_S, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}}
+    )
+    runner.execute()
+    assert all(cell.execution_count for cell in notebook.cells if cell.cell_type == "code" and cell.source.strip())
+    html = shown(notebook)
+    assert any('class="iplw"' in text for text in html)
+    assert all(len(text) < MOST_HTML and "<script" not in text for text in html if 'class="iplw"' in text)
+    for output in outputs(notebook):
+        assert output.get("name") != "stderr", output["text"]
+    keep = tmp_path / file.name
+    nbformat.write(notebook, keep)
+    print(f"{keep}, {sys.executable}")
