@@ -9,6 +9,7 @@ mod experiment;
 mod keep;
 mod launches;
 mod layout;
+mod mcp;
 mod measure;
 mod output;
 mod parse;
@@ -44,6 +45,8 @@ enum Command {
     Experiment(experiment::ExperimentArgs),
     /// Serve worlds over HTTP.
     Serve(serve::Args),
+    /// Serve an agent: tools over standard input and output (MCP).
+    Mcp(mcp::Args),
     /// Make, list and revoke the tokens by which a server knows who asks.
     Token(token::Args),
     /// Say whether a data directory is whole, and what of it is not.
@@ -96,6 +99,7 @@ pub fn main() -> ExitCode {
         Command::Run(args) => experiment::run(&args),
         Command::Experiment(args) => experiment::experiment(&args),
         Command::Serve(args) => serve::run(&args),
+        Command::Mcp(args) => mcp::run(&args),
         Command::Token(args) => token::run(&args),
         Command::Check(args) => keep::run_check(&args),
         Command::Backup(args) => keep::run_backup(&args),
