@@ -33,7 +33,7 @@ async def agent(
 ) -> AsyncIterator[Client]:
     """A client and its own `iplw mcp`."""
     server = StdioServerParameters(
-        command=str(find_binary()), args=["mcp", "--log", "text", *arguments], env={"RUST_LOG": "warn", **environment}
+        command=str(find_binary()), args=["mcp", "--log", "json", *arguments], env={"RUST_LOG": "warn", **environment}
     )
     with open(log or os.devnull, "a", encoding="utf-8") as errors:
         async with Client(stdio_client(server, errlog=errors), mode=mode) as client:
@@ -290,7 +290,7 @@ def test_a_call_can_be_cancelled(tmp_path: Path) -> None:
             deadline = time.monotonic() + 20.0
             while not (line := ended(log)) and time.monotonic() < deadline:
                 await asyncio.sleep(0.05)
-            assert line and "state=cancelled" in line
+            assert line and json.loads(line)["state"] == "cancelled"
             assert "2 s" in await refusal(client, "estimate", **{**long, "seconds": 2})
             assert (await call(client, "list_tasks"))["families"]
 
@@ -300,7 +300,7 @@ def test_a_call_can_be_cancelled(tmp_path: Path) -> None:
 def ended(log: Path) -> str | None:
     """The line of the log about a job that ended."""
     lines = log.read_text(encoding="utf-8").splitlines()
-    return next((line for line in lines if "event=job" in line), None)
+    return next((line for line in lines if '"event":"job"' in line), None)
 
 
 def test_what_was_spent_lasts_and_more_may_be_allowed(tmp_path: Path) -> None:

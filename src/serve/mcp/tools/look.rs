@@ -4,11 +4,13 @@ use rmcp::schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+use crate::error::Result;
+use crate::json::from_value;
 use crate::serve::mcp::desk::{Budget, family};
 use crate::serve::mcp::show::{WIDTH, component_words, goal_words, scene_words};
 use crate::serve::mcp::tool::{Call, Effect, Told, Tool, tool as declared};
 use crate::serve::problem::Answer;
-use crate::task::Scene;
+use crate::task::{Placement, Scene};
 
 pub fn tool() -> Tool {
     declared(
@@ -56,26 +58,18 @@ struct Task {
     scene: Value,
 }
 
-#[derive(Deserialize)]
-struct Places {
-    reasons: Vec<Option<String>>,
-}
-
 async fn run(call: Call, asked: In) -> Answer<Told<Out>> {
     let task = found(&call, &asked.task).await?;
+    let scene: Scene = from_value(task.scene.clone())?;
     let obstacle = match &asked.action {
         None => None,
-        Some(action) => {
-            let looked: Places = call.read("place", json!({"task": task.id, "actions": [action]})).await?;
-            looked.reasons.into_iter().next().flatten()
-        }
+        Some(action) => obstacle(&scene, action)?,
     };
     let placed = asked.action.filter(|_| obstacle.is_none());
     let world = format!("{}-sim", family(&task.id));
     let action = placed.map(|a| a.iter().map(f64::to_string).collect::<Vec<_>>().join(","));
     let wish = json!({"id": world, "task": task.id, "action": action, "width": WIDTH});
     let picture = call.picture("render_world", wish).await?;
-    let scene: Scene = crate::json::from_value(task.scene.clone())?;
     let components = scene.action.iter().flat_map(|space| &space.components).enumerate();
     let told = Out {
         goal: scene.goal.as_ref().map(goal_words),
@@ -96,6 +90,15 @@ fn words(told: &Out) -> String {
     lines.extend(told.obstacle.iter().map(|why| format!("The action cannot be placed: {why}.")));
     lines.push(told.budget.words());
     lines.join("\n")
+}
+
+/// Why an action cannot be placed.
+fn obstacle(scene: &Scene, action: &[f64]) -> Result<Option<String>> {
+    let Some(space) = &scene.action else { return Ok(None) };
+    Ok(match space.place(scene, &space.validate(action)?) {
+        Placement::Valid(_) => None,
+        Placement::Invalid(reason) => Some(reason),
+    })
 }
 
 /// A task by its id.

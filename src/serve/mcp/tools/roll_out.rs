@@ -106,7 +106,7 @@ async fn run(call: Call, asked: In) -> Answer<Told<Out>> {
             "task": asked.task, "scene": asked.scene, "action": action, "latents": asked.latents, "effects": asked.effects,
         });
         let simulated: Simulated = call.read("simulate", wish).await.map_err(|mut problem| {
-            if problem.field.as_deref() == Some("action") {
+            if problem.field.as_deref().is_some_and(|field| field.starts_with("action")) {
                 problem.detail = format!("actions[{i}]: {}", problem.detail);
             }
             problem
