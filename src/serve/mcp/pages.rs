@@ -15,7 +15,8 @@ pub const INSTRUCTIONS: &str = "\
 numbers from 0 to 1 that place things. roll_out simulates, as often as you like, with latents that you choose; measure acts \
 in the real world, whose latents are hidden, and every such interaction is counted against a budget. To calibrate: \
 propose_actions, measure each proposal, propose_actions again (it tells what is known by then), and roll_out with those \
-latents; or estimate does all of it. Where the simulation stays wrong, diagnose says which effect is missing. SI units, y up.";
+latents; or estimate does all of it. Where latents stay unknown or the simulation stays wrong, an effect is missing: diagnose \
+says which, from trials or from what was measured for proposals; name its parameters in `fit`. SI units, y up.";
 
 /// A page of documentation, as the program was built with it.
 struct Page {
@@ -104,8 +105,8 @@ pub fn prompt(name: &str, arguments: Option<&JsonObject>) -> Result<GetPromptRes
     let text = match name {
         CALIBRATE => format!(
             "Solve the task {} in the real world with as few real interactions as you can. Look at it. Let propose_actions \
-             say what to measure, measure those, and propose again until friction and restitution are known well enough. \
-             Then search by roll_out with those latents for an action that solves the task and still does when it is moved \
+             say what to measure, measure those, and propose again until friction and restitution are known well enough. If \
+             they stay unknown, let diagnose say which effect the simulation lacks, and begin anew with it in `fit`. Then search by roll_out with those latents and effects for an action that solves the task and still does when it is moved \
              a little, and measure that one. Report the action, the latents with their intervals, and what was spent.",
             given("task")?
         ),

@@ -76,8 +76,34 @@ where
             Ok(Shown { words, value, picture })
         })
     });
-    let takes = schema_for_input::<I>().expect("arguments are an object");
-    Tool { name, title, about, effect, takes, gives: schema_for_output::<O>(), run }
+    let takes = plain(&schema_for_input::<I>().expect("arguments are an object"));
+    Tool { name, title, about, effect, takes, gives: plain(&schema_for_output::<O>()), run }
+}
+
+/// A schema without what is Rust's alone (`format: uint64`), which strict readers of JSON Schema refuse, and without the line
+/// breaks of comments.
+fn plain(schema: &JsonObject) -> Arc<JsonObject> {
+    let mut schema = Value::Object(schema.clone());
+    strip(&mut schema);
+    match schema {
+        Value::Object(schema) => Arc::new(schema),
+        _ => Arc::default(),
+    }
+}
+
+fn strip(schema: &mut Value) {
+    match schema {
+        Value::Object(fields) => {
+            // A property called so has a schema, not a word.
+            fields.retain(|name, value| !(name == "format" && value.is_string()));
+            if let Some(Value::String(text)) = fields.get_mut("description") {
+                *text = text.replace('\n', " ");
+            }
+            fields.values_mut().for_each(strip);
+        }
+        Value::Array(items) => items.iter_mut().for_each(strip),
+        _ => {}
+    }
 }
 
 /// What a tool's function gives.
@@ -168,7 +194,7 @@ impl Call {
                 self.progress(elapsed, &stage).await;
                 said = (stage, elapsed);
             }
-            let pause = Duration::from_millis(if elapsed < 1.0 { 20 } else { 100 });
+            let pause = Duration::from_millis(if elapsed < 1.0 { 20 } else { 250 });
             tokio::select! {
                 biased;
                 () = self.context.ct.cancelled() => return Err(Problem::cancelled()),
@@ -239,7 +265,7 @@ pub fn known_words(known: &[Known]) -> String {
     let word = |k: &Known| match (k.identifiable, k.ci95) {
         (true, [Some(low), Some(high)]) => format!("{} {:.3} (95 % {low:.3} to {high:.3})", k.name, k.value),
         (true, _) => format!("{} {:.3}", k.name, k.value),
-        (false, _) => format!("{} is not told by these trials", k.name),
+        (false, _) => format!("{} is not told by these trials (the search stands at {:.3})", k.name, k.value),
     };
     known.iter().map(word).collect::<Vec<_>>().join("; ")
 }

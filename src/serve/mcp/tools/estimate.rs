@@ -48,7 +48,7 @@ struct In {
 #[derive(Serialize, JsonSchema)]
 #[schemars(crate = "rmcp::schemars")]
 struct Out {
-    /// What the trials tell of each latent.
+    /// What the trials tell of each latent, and of each parameter fitted along.
     latents: Vec<Known>,
     /// Spent by this call.
     real_interactions: u64,
@@ -61,6 +61,8 @@ struct Out {
 #[derive(Deserialize)]
 struct Report {
     latents: Vec<Known>,
+    /// Parameters fitted along.
+    effects: Vec<Known>,
     real_interactions: u64,
     stopped: String,
 }
@@ -76,7 +78,8 @@ async fn run(call: Call, asked: In) -> Answer<Told<Out>> {
     let done = call.job("start_iplw", wish, seconds).await?;
     let found: Report = crate::json::from_value(done.result.ok_or_else(Problem::defect)?)?;
     let (_, budget) = call.desk().real_world(family(&asked.task)).await?;
-    let Report { latents, real_interactions, stopped } = found;
+    let Report { mut latents, effects, real_interactions, stopped } = found;
+    latents.extend(effects);
     let words = format!(
         "{} real interactions tell: {}. Stopped by: {stopped}. {}",
         real_interactions,

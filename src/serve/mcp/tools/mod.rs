@@ -45,6 +45,10 @@ mod tests {
                 assert!(schema["description"].as_str().is_some_and(|d| d.len() > 10), "{}: {name}", tool.name);
             }
             assert_eq!(tool.gives["type"], "object", "{}", tool.name);
+            for schema in [&tool.takes, &tool.gives] {
+                let text = serde_json::to_string(schema).unwrap();
+                assert!(!text.contains("\"format\":\"") && !text.contains("\\n"), "{}: {text}", tool.name);
+            }
         }
     }
 }
