@@ -9,25 +9,9 @@ use iplw::serve::{Log, LogForm, McpConfig, mcp_blocking};
 
 use super::serve::{environment, notices, to_stderr};
 
-/// Let an agent (a language model's program) look, propose, simulate, measure within a budget and diagnose: MCP, the Model Context
-/// Protocol, over standard input and output.
-///
-/// The agent's program starts it. Its configuration usually takes this:
-///
-///   {
-///     "mcpServers": {
-///       "iplw": {
-///         "command": "iplw",
-///         "args": ["mcp", "--real-interactions", "20"]
-///       }
-///     }
-///   }
-///
-/// Tools: list_tasks, look, propose_actions, roll_out, measure, estimate, diagnose. Simulation is free; `measure` and `estimate` act in
-/// real worlds, whose latents are hidden and whose interactions are counted and refused beyond the budget. Standard output
-/// is the protocol's alone; what there is to say besides goes to standard error.
+/// Serves one agent until its input ends.
 #[derive(clap::Args)]
-#[command(verbatim_doc_comment)]
+#[command(after_long_help = CONFIGURATION)]
 pub struct Args {
     /// Most real interactions in the real world of each family. With --data-dir those spent before count as well.
     #[arg(long, value_name = "N", default_value_t = 20)]
@@ -47,6 +31,23 @@ pub struct Args {
     #[arg(long, value_name = "FORM")]
     log: Option<String>,
 }
+
+/// What people put where their agent looks, and what it gets.
+const CONFIGURATION: &str = r#"The agent's program starts it and speaks MCP, the Model Context Protocol, to it. Its configuration usually takes this:
+
+  {
+    "mcpServers": {
+      "iplw": {
+        "command": "iplw",
+        "args": ["mcp", "--real-interactions", "20"]
+      }
+    }
+  }
+
+Tools: list_tasks, look, propose_actions, roll_out, measure, estimate, diagnose. Simulation is free. measure and estimate act
+in real worlds, whose latents are hidden: each interaction is counted, what is left is told with every answer, and what goes
+beyond the budget is refused. Standard output is the protocol's alone; what else there is to say goes to standard error.
+docs/agents.md tells more, which the agent can read as well."#;
 
 pub fn run(args: &Args) -> Result<()> {
     let may = match Scope::from_name("--may", &args.may)? {

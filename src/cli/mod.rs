@@ -45,7 +45,7 @@ enum Command {
     Experiment(experiment::ExperimentArgs),
     /// Serve worlds over HTTP.
     Serve(serve::Args),
-    /// Serve an agent: tools over standard input and output (MCP).
+    /// Serve an agent: tools to look, simulate, measure within a budget and diagnose, over standard input and output (MCP).
     Mcp(mcp::Args),
     /// Make, list and revoke the tokens by which a server knows who asks.
     Token(token::Args),

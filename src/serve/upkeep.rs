@@ -33,8 +33,7 @@ impl Upkeep {
     /// Begins it, on the async threads.
     pub fn start(shared: &Arc<Shared>) -> Upkeep {
         let idle = Limits::span(shared.limits.world_idle_seconds);
-        let mut tasks =
-            vec![tokio::spawn(sweep(shared.clone(), idle)), tokio::spawn(write(shared.clone()))];
+        let mut tasks = vec![tokio::spawn(sweep(shared.clone(), idle)), tokio::spawn(write(shared.clone()))];
         let kept = shared.limits.job_kept_seconds.map(Limits::span);
         tasks.extend(kept.map(|kept| tokio::spawn(forget(shared.clone(), kept))));
         Upkeep { shared: shared.clone(), tasks }

@@ -8,7 +8,8 @@ use rmcp::handler::server::ServerHandler;
 use rmcp::model::{
     CallToolRequestParams, CallToolResponse, CallToolResult, ContentBlock, GetPromptRequestParams,
     GetPromptResponse, Implementation, ListPromptsResult, ListResourcesResult, ListToolsResult,
-    PaginatedRequestParams, ReadResourceRequestParams, ReadResourceResponse, ServerCapabilities, ServerConfig,
+    PaginatedRequestParams, ReadResourceRequestParams, ReadResourceResponse, ServerCapabilities,
+    ServerConfig,
 };
 use rmcp::service::RequestContext;
 use rmcp::{ErrorData, RoleServer, model};
@@ -38,7 +39,8 @@ type Result<T> = std::result::Result<T, ErrorData>;
 impl ServerHandler for Handler {
     fn get_info(&self) -> ServerConfig {
         let can = ServerCapabilities::builder().enable_tools().enable_resources().enable_prompts().build();
-        let name = Implementation::new("iplw", env!("CARGO_PKG_VERSION")).with_title("iplw: 2D physics worlds");
+        let name =
+            Implementation::new("iplw", env!("CARGO_PKG_VERSION")).with_title("iplw: 2D physics worlds");
         ServerConfig::new(can).with_server_info(name).with_instructions(pages::INSTRUCTIONS)
     }
 
@@ -57,7 +59,10 @@ impl ServerHandler for Handler {
     ) -> Result<CallToolResponse> {
         let Some(tool) = TOOLS.iter().find(|t| t.name == request.name) else {
             let names = TOOLS.iter().map(|t| t.name).collect::<Vec<_>>().join(", ");
-            return Err(ErrorData::invalid_params(format!("no tool {:?}; there are {names}", request.name), None));
+            return Err(ErrorData::invalid_params(
+                format!("no tool {:?}; there are {names}", request.name),
+                None,
+            ));
         };
         let arguments = Value::Object(request.arguments.unwrap_or_default());
         let answer = (tool.run)(Call::new(self.desk.clone(), context), arguments).await;
@@ -127,7 +132,9 @@ fn next(kind: &str) -> Option<&'static str> {
         "forbidden" => "Whoever started `iplw mcp` decides what it may (--may, or the token).",
         "malformed" | "invalid-value" => "Nothing was done. Change that argument and call again.",
         "not-found" => "list_tasks tells which tasks there are.",
-        "deadline" => "It was given up. Ask for less at a time, or give it more `seconds` where the tool takes them.",
+        "deadline" => {
+            "It was given up. Ask for less at a time, or give it more `seconds` where the tool takes them."
+        }
         "no-result" => "The numbers lead to no result: other trials or arguments may.",
         "busy" | "capacity" => "Try again in a few seconds.",
         _ => return None,

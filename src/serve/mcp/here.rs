@@ -114,8 +114,7 @@ impl Here {
 }
 
 fn given(reply: Reply) -> Answer<Given> {
-    let value =
-        |json: &[u8]| serde_json::from_slice(json).map(Given::Value).map_err(Problem::unwritable);
+    let value = |json: &[u8]| serde_json::from_slice(json).map(Given::Value).map_err(Problem::unwritable);
     match reply.content {
         Content::Nothing => Ok(Given::Nothing),
         Content::Value(whole) => value(&whole.json().map_err(Problem::unwritable)?),

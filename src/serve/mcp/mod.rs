@@ -6,7 +6,7 @@
 //! | `tools/` | what an agent can call: each a few of the server's operations, put together; one file a tool |
 //! | `tool` | how a tool is declared, what it is given and what it gives |
 //! | `desk` | asks for operations as one who is known; the real worlds with their budgets, and the jobs begun |
-//! | `here` `there` | the operations in this process, or of a server that runs elsewhere |
+//! | `here` | the operations, done in this process |
 //! | `handler` | the protocol's requests |
 //! | `pages` | documentation as resources, and prompts |
 //! | `show` | trajectories and scenes as pictures, rows and words |

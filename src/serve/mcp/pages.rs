@@ -87,12 +87,21 @@ const WRONG: &str = "what_is_wrong";
 
 /// What can be begun with.
 pub fn prompts() -> Vec<Prompt> {
-    let argument = |name: &str, about: &str| PromptArgument::new(name).with_description(about).with_required(true);
+    let argument =
+        |name: &str, about: &str| PromptArgument::new(name).with_description(about).with_required(true);
     let of_task = argument("task", "Id of the task, such as bowling:017");
     let of_trials = argument("trials", "What was measured, as CSV, or where it is");
     vec![
-        Prompt::new(CALIBRATE, Some("Calibrate a simulation, and solve a task in the real world"), Some(vec![of_task])),
-        Prompt::new(WRONG, Some("Find what a simulation gets wrong about measured trials"), Some(vec![of_trials])),
+        Prompt::new(
+            CALIBRATE,
+            Some("Calibrate a simulation, and solve a task in the real world"),
+            Some(vec![of_task]),
+        ),
+        Prompt::new(
+            WRONG,
+            Some("Find what a simulation gets wrong about measured trials"),
+            Some(vec![of_trials]),
+        ),
     ]
 }
 

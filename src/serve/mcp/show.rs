@@ -88,20 +88,25 @@ impl Rolled {
     }
 
     fn trajectory(self) -> Trajectory {
-        let track = |(name, b): (String, Body)| Track {
-            name,
-            x: b.x,
-            y: b.y,
-            angle: b.angle,
-            ..Track::default()
-        };
-        Trajectory { times: self.t, bodies: self.bodies.into_iter().map(track).collect(), ..Trajectory::default() }
+        let track =
+            |(name, b): (String, Body)| Track { name, x: b.x, y: b.y, angle: b.angle, ..Track::default() };
+        Trajectory {
+            times: self.t,
+            bodies: self.bodies.into_iter().map(track).collect(),
+            ..Trajectory::default()
+        }
     }
 }
 
 /// To a thousandth: nothing finer is read off a row.
 fn milli(value: f64) -> f64 {
     (value * 1e3).round() / 1e3
+}
+
+/// An action to a thousandth, as words have it.
+pub fn action_words(action: &[f64]) -> String {
+    let numbers: Vec<String> = action.iter().map(|v| milli(*v).to_string()).collect();
+    format!("[{}]", numbers.join(", "))
 }
 
 /// What stands where, a line each, and what is asked of it.
@@ -139,11 +144,7 @@ pub fn goal_words(goal: &Goal) -> String {
         }
         Goal::Inside { body, region, hold_s, .. } => {
             let corners: Vec<String> = region.iter().map(|[x, y]| format!("({x:.2}, {y:.2})")).collect();
-            format!(
-                "the centre of {body} is within the polygon {} m{}",
-                corners.join(" "),
-                hold(*hold_s)
-            )
+            format!("the centre of {body} is within the polygon {} m{}", corners.join(" "), hold(*hold_s))
         }
     }
 }

@@ -10,7 +10,7 @@ use super::propose::{Open, Proposal};
 use super::roll_out::scene_of;
 use crate::error::Error;
 use crate::serve::mcp::desk::{Budget, family};
-use crate::serve::mcp::show::{Path, Rolled};
+use crate::serve::mcp::show::{Path, Rolled, action_words};
 use crate::serve::mcp::tool::{Call, Effect, Told, Tool, tool as declared};
 use crate::serve::problem::Answer;
 
@@ -81,10 +81,10 @@ async fn run(call: Call, asked: In) -> Answer<Told<Out>> {
         None => None,
     };
     let rolled: Rolled = crate::json::from_value(measured)?;
-    let mut said = format!("{task} {action:?}, measured: {}.", rolled.words());
+    let mut said = format!("{task} {}, measured: {}.", action_words(&action), rolled.words());
     match open {
         Some(0) => said += " The round is complete: propose_actions tells what is known now.",
-        Some(n) => said += &format!(" {n} proposals of the round are open."),
+        Some(n) => said += &format!(" Open in the round: {n}."),
         None => {}
     }
     said = format!("{said} {}", budget.words());
@@ -123,11 +123,8 @@ async fn meant(call: &Call, asked: In) -> Answer<(Option<String>, Proposal)> {
         return Err(Error::input("task", format!("{task:?}"), allowed).into());
     };
     let open: Open = call.read("list_proposals", json!({"id": job})).await?;
-    let (left, mut meant): (Vec<Proposal>, Vec<Proposal>) = open
-        .proposals
-        .into_iter()
-        .filter(|p| !p.answered)
-        .partition(|p| p.number != number);
+    let (left, mut meant): (Vec<Proposal>, Vec<Proposal>) =
+        open.proposals.into_iter().filter(|p| !p.answered).partition(|p| p.number != number);
     match meant.pop() {
         Some(proposal) => Ok((Some(job), proposal)),
         None => {

@@ -42,7 +42,11 @@ mod tests {
             assert!(tool.about.len() > 80 && tool.about.len() < 1200, "{}", tool.name);
             assert_eq!(tool.takes["additionalProperties"], false, "{}", tool.name);
             for (name, schema) in tool.takes["properties"].as_object().unwrap() {
-                assert!(schema["description"].as_str().is_some_and(|d| d.len() > 10), "{}: {name}", tool.name);
+                assert!(
+                    schema["description"].as_str().is_some_and(|d| d.len() > 10),
+                    "{}: {name}",
+                    tool.name
+                );
             }
             assert_eq!(tool.gives["type"], "object", "{}", tool.name);
             for schema in [&tool.takes, &tool.gives] {

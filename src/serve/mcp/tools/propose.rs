@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use crate::serve::mcp::desk::{Budget, family};
+use crate::serve::mcp::show::action_words;
 use crate::serve::mcp::tool::{Call, Effect, Job, Known, Told, Tool, known_words, tool as declared};
 use crate::serve::problem::{Answer, Problem};
 
@@ -197,7 +198,7 @@ fn words(told: &Out) -> String {
     if !told.known.is_empty() {
         lines.push(format!("Known by now: {}.", known_words(&told.known)));
     }
-    let of = |p: &Proposal| format!("proposal {}: {} {:?}", p.number, p.task, p.action);
+    let of = |p: &Proposal| format!("proposal {}: {} {}", p.number, p.task, action_words(&p.action));
     lines.extend(told.proposals.iter().map(of));
     let expect = |e: &Expected| format!("{} from {:.3} to {:.3}", e.name, e.before, e.after);
     if !told.expected.is_empty() {
