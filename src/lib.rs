@@ -18,7 +18,7 @@
 //! | `experiment` | the main path: explore -> measure -> estimate -> train -> transfer -> report |
 //! | `store/` `access/` `job/` | what lasts, who may do what, and work that takes long |
 //! | `session/` | Gymnasium's reset and step over a task and a world |
-//! | `serve/` | HTTP and ZeroMQ: thin adapters; sole home of axum; knows no physics |
+//! | `serve/` | HTTP, ZeroMQ and MCP: thin adapters; sole home of axum and rmcp; knows no physics |
 //!
 //! Follow one trial from `experiment.rs`: a [`task::Task`] and an action give a placed [`task::Scene`];
 //! [`world::simulate`] turns it into a [`trajectory::Trajectory`]; a reality measures the same; the residual

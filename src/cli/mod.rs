@@ -10,6 +10,7 @@ mod experiment;
 mod keep;
 mod launches;
 mod layout;
+mod mcp;
 mod measure;
 mod output;
 mod parse;
@@ -47,6 +48,8 @@ enum Command {
     Experiment(Computing<experiment::ExperimentArgs>),
     /// Serve worlds over HTTP.
     Serve(serve::Args),
+    /// Serve an agent: tools to look, simulate, measure within a budget and diagnose, over standard input and output (MCP).
+    Mcp(mcp::Args),
     /// Make, list and revoke the tokens by which a server knows who asks.
     Token(token::Args),
     /// Say whether a data directory is whole, and what of it is not.
@@ -99,6 +102,7 @@ pub fn main() -> ExitCode {
         Command::Run(args) => args.run(experiment::run),
         Command::Experiment(args) => args.run(experiment::experiment),
         Command::Serve(args) => serve::run(&args),
+        Command::Mcp(args) => mcp::run(&args),
         Command::Token(args) => token::run(&args),
         Command::Check(args) => keep::run_check(&args),
         Command::Backup(args) => keep::run_backup(&args),

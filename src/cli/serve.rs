@@ -102,11 +102,7 @@ pub fn run(args: &Args) -> Result<()> {
         None => Log::default(),
         Some(form) => Log::new(LogForm::from_name("--log", form)?, Arc::new(to_stderr)),
     };
-    // What the server notices goes to stderr; RUST_LOG says how much of it.
-    let asked = std::env::var("RUST_LOG").ok().and_then(|text| text.parse::<Targets>().ok());
-    let filter = asked.unwrap_or_else(|| Targets::new().with_default(tracing::Level::WARN));
-    let lines = tracing_subscriber::fmt::layer().with_writer(std::io::stderr);
-    tracing_subscriber::registry().with(lines).with(filter).init();
+    notices();
     serve_blocking(ServeConfig {
         http,
         zmq: args.zmq.clone(),
@@ -124,15 +120,23 @@ pub fn run(args: &Args) -> Result<()> {
     })
 }
 
+/// What a server notices goes to stderr; RUST_LOG says how much of it.
+pub fn notices() {
+    let asked = std::env::var("RUST_LOG").ok().and_then(|text| text.parse::<Targets>().ok());
+    let filter = asked.unwrap_or_else(|| Targets::new().with_default(tracing::Level::WARN));
+    let lines = tracing_subscriber::fmt::layer().with_writer(std::io::stderr);
+    tracing_subscriber::registry().with(lines).with(filter).init();
+}
+
 /// A line in one piece: in two, another process's could come between them.
-fn to_stderr(line: &str) {
+pub fn to_stderr(line: &str) {
     let whole = [line.as_bytes(), b"\n"].concat();
     // Nobody reading it is no reason not to serve.
     let _ = std::io::stderr().lock().write_all(&whole);
 }
 
 /// A variable of the environment, if it is set to something.
-fn environment(name: &str) -> Result<Option<String>> {
+pub fn environment(name: &str) -> Result<Option<String>> {
     match std::env::var(name) {
         Ok(value) => Ok(Some(value).filter(|v| !v.trim().is_empty())),
         Err(std::env::VarError::NotPresent) => Ok(None),

@@ -32,7 +32,7 @@ pub enum LogForm {
 pub struct RequestLine<'a> {
     /// `X-Request-Id`, given or made.
     pub request: &'a str,
-    /// `http` or `zmq`.
+    /// `http`, `zmq` or `mcp`.
     pub transport: &'static str,
     /// Its `operationId`; `none` for what leads nowhere.
     pub operation: &'a str,

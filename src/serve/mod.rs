@@ -1,4 +1,4 @@
-//! HTTP and ZeroMQ around the sessions, jobs and policies: thin adapters that know no physics.
+//! HTTP, ZeroMQ and MCP around the sessions, jobs and policies: thin adapters that know no physics.
 //!
 //! | file | what it does |
 //! |---|---|
@@ -6,16 +6,18 @@
 //! | `operation/` | how an operation is declared, and what its function takes and gives |
 //! | `http/` | routes and the OpenAPI document, from the declarations; bodies and headers |
 //! | `zmq/` | the same over ZeroMQ: connections, frames, order |
+//! | `mcp/` | tools for language models over standard input and output: a few operations each; sole home of rmcp |
 //! | `wire/` | JSON and msgpack in and out |
 //! | `problem` | errors as RFC 9457 |
 //! | `shared` `app` | what requests share, and what one of them sees of it; work runs off the async threads |
+//! | `upkeep` | how a server is opened, kept and brought to its end |
 //! | `client` `fair` `gate` `crowd` `weight` | whom the server shares itself out between, and how |
 //! | `exposure` | who could reach the server, and what is asked for before they can |
 //! | `leave` | how long a request may go on |
 //! | `limits` | what is taken, and for how long |
 //! | `metrics` `log` | what happened: counters and times, a line for each request and job |
 //! | `memory` | what the allocator keeps, and when it gives back |
-//! | `config` | how a server is run |
+//! | `config` `signal` | how a server is run, and told to stop |
 //! | `fuzz` | what fuzzing reaches of all this |
 //!
 //! An action on its way: `http/route` (or `zmq/peer`) makes an `Asked` of what was sent; the operation's declaration
@@ -40,12 +42,15 @@ mod http;
 mod leave;
 mod limits;
 mod log;
+mod mcp;
 mod memory;
 mod metrics;
 mod operation;
 mod operations;
 mod problem;
 mod shared;
+mod signal;
+mod upkeep;
 mod weight;
 mod wire;
 mod zmq;
@@ -57,16 +62,16 @@ use std::time::Duration;
 
 use tokio::net::TcpListener;
 
-use crate::access::{Who, now};
 use crate::error::{Error, Result};
-use app::App;
-use client::Client;
 pub use config::{Clock, ServeConfig};
 use fair::Fair;
 pub use limits::Limits;
 pub use log::{Log, LogForm, Sink};
+pub use mcp::{McpConfig, mcp_blocking};
 use operations::OPERATIONS;
 use shared::Shared;
+use signal::stop_signal;
+use upkeep::Upkeep;
 
 /// A server that listens and does not answer yet.
 pub struct Server {
@@ -74,7 +79,6 @@ pub struct Server {
     listener: TcpListener,
     address: SocketAddr,
     zmq: Option<zmq::Endpoint>,
-    idle: Duration,
     callers: http::Callers,
     tls: Option<Arc<http::Tls>>,
 }
@@ -130,7 +134,6 @@ impl Server {
             None => None,
         };
         config.limits.validate()?;
-        let idle = Limits::span(config.limits.world_idle_seconds);
         let files = config.tls.as_ref();
         let tls = files.map(|(cert, key)| http::Tls::read(cert, key)).transpose()?.map(Arc::new);
         let callers = http::Callers::new(address.ip(), &config.allow_host, &config.allow_origin);
@@ -138,15 +141,12 @@ impl Server {
         let made = move || {
             let keyring = exposure::keyring(&config)?;
             exposure::allowed(&config, &keyring, address.ip(), zmq_at)?;
-            let shared = Arc::new(Shared::new(&config, keyring, operations::recipes, &DOCUMENT)?);
-            let day = Duration::from_secs(86_400);
-            operations::asked::catch_up(&App::new(&shared, Who::anybody(), &Client::local(), day))?;
-            Ok(shared)
+            upkeep::open(&config, keyring, &DOCUMENT)
         };
         let shared = tokio::task::spawn_blocking(made)
             .await
             .map_err(|e| Error::Failed(format!("the server could not be made: {e}")))??;
-        Ok(Server { shared, listener, address, zmq, idle, callers, tls })
+        Ok(Server { shared, listener, address, zmq, callers, tls })
     }
 
     /// Where it listens.
@@ -167,12 +167,9 @@ impl Server {
     /// Answers until `stop` is ready; then ends what it is doing. Jobs it has not finished are left to the next
     /// server on the same directory.
     pub async fn run(self, stop: impl Future<Output = ()> + Send + 'static) -> Result<()> {
-        let Server { shared, listener, zmq, idle, callers, tls, .. } = self;
-        let sweeper = tokio::spawn(sweep(shared.clone(), idle));
-        let writer = tokio::spawn(write(shared.clone()));
-        let kept = shared.limits.job_kept_seconds.map(Limits::span);
-        let forgetter = kept.map(|kept| tokio::spawn(forget(shared.clone(), kept)));
-        let (told, stopping) = (shared.clone(), shared.clone());
+        let Server { shared, listener, zmq, callers, tls, .. } = self;
+        let upkeep = Upkeep::start(&shared);
+        let told = shared.clone();
         let service = http::service(shared.clone(), &OPERATIONS, callers);
         let renewal = tokio::spawn(renew(tls.clone()));
         let graceful = async move {
@@ -198,86 +195,14 @@ impl Server {
             // Clients that do not hang up are not waited for.
             () = late => {}
         }
-        sweeper.abort();
         renewal.abort();
-        writer.abort();
-        if let Some(forgetter) = forgetter {
-            forgetter.abort();
-        }
-        let last = move || {
-            stopping.jobs.stop(GRACE);
-            flush(&stopping);
-        };
-        let _ = tokio::task::spawn_blocking(last).await;
+        upkeep.end(GRACE).await;
         Ok(())
     }
 }
 
 /// How long answers under way may take once the server is told to stop.
 const GRACE: Duration = Duration::from_secs(5);
-
-/// Forgets idle worlds from time to time, also when nobody asks, and gives back the memory that lies free.
-async fn sweep(shared: Arc<Shared>, idle: Duration) {
-    let pause = (idle / 4).clamp(Duration::from_millis(100), Duration::from_secs(10));
-    loop {
-        tokio::time::sleep(pause).await;
-        let base = shared.base.clone();
-        let sweep = move || {
-            let swept = base.worlds.sweep(base.now());
-            memory::give_back();
-            swept
-        };
-        let swept = tokio::task::spawn_blocking(sweep).await;
-        if let Ok(Err(e)) = swept {
-            tracing::error!("idle worlds could not be forgotten: {e}");
-        }
-    }
-}
-
-/// Forgets jobs that ended long ago, and weights that no policy names any more.
-async fn forget(shared: Arc<Shared>, kept: Duration) {
-    let pause = (kept / 10).clamp(Duration::from_millis(200), Duration::from_secs(600));
-    loop {
-        let shared = shared.clone();
-        let before = now().saturating_sub(kept.as_secs());
-        let forget = move || {
-            let forgotten = shared.jobs.forget_ended(before)?;
-            shared.base.store.sweep_blobs().map(|()| forgotten)
-        };
-        match tokio::task::spawn_blocking(forget).await {
-            Ok(Ok(forgotten)) if forgotten > 0 => {
-                tracing::info!("{forgotten} jobs that ended long ago are forgotten")
-            }
-            Ok(Err(e)) => tracing::error!("jobs that ended long ago could not be forgotten: {e}"),
-            _ => {}
-        }
-        tokio::time::sleep(pause).await;
-    }
-}
-
-/// Every second writes down what need not last at once (counters of simulated worlds), and looks at the tokens.
-async fn write(shared: Arc<Shared>) {
-    loop {
-        tokio::time::sleep(Duration::from_secs(1)).await;
-        let shared = shared.clone();
-        let now_and_then = move || {
-            flush(&shared);
-            if let Err(e) = shared.keyring.refresh() {
-                tracing::error!("tokens cannot be read, those read before stay: {e}");
-            }
-        };
-        let _ = tokio::task::spawn_blocking(now_and_then).await;
-    }
-}
-
-fn flush(shared: &Shared) {
-    if let Err(e) = shared.base.store.flush_worlds() {
-        tracing::error!("counters of worlds could not be stored: {e}");
-    }
-    if let Err(e) = shared.base.store.flush_log() {
-        tracing::error!("logs of jobs could not be stored: {e}");
-    }
-}
 
 /// Reads the certificate again whenever SIGHUP says that it was renewed.
 #[cfg(unix)]
@@ -296,25 +221,3 @@ async fn renew(tls: Option<Arc<http::Tls>>) {
 /// There is no such signal.
 #[cfg(not(unix))]
 async fn renew(_: Option<Arc<http::Tls>>) {}
-
-/// Ready once the process is told to stop.
-#[cfg(unix)]
-fn stop_signal() -> Result<impl Future<Output = ()> + Send + 'static> {
-    use tokio::signal::unix::{SignalKind, signal};
-    let watch = |kind| signal(kind).map_err(|e| Error::Failed(format!("signals cannot be watched: {e}")));
-    let (mut interrupt, mut terminate) = (watch(SignalKind::interrupt())?, watch(SignalKind::terminate())?);
-    Ok(async move {
-        tokio::select! {
-            _ = interrupt.recv() => {}
-            _ = terminate.recv() => {}
-        }
-    })
-}
-
-/// Ready once the process is told to stop.
-#[cfg(not(unix))]
-fn stop_signal() -> Result<impl Future<Output = ()> + Send + 'static> {
-    Ok(async {
-        let _ = tokio::signal::ctrl_c().await;
-    })
-}

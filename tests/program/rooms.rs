@@ -37,7 +37,7 @@ const ROOMS: [&str; 21] = [
 const LAST: &str = "serve";
 
 /// A crate and the only places that may name it.
-const HOMES: [(&str, &[&str]); 19] = [
+const HOMES: [(&str, &[&str]); 20] = [
     ("rapier2d", &["world"]),
     ("dfdx", &["policy"]),
     ("safetensors", &["policy"]),
@@ -54,6 +54,7 @@ const HOMES: [(&str, &[&str]); 19] = [
     ("hyper", &["serve"]),
     ("libc", &["serve"]),
     ("hyper_util", &["serve"]),
+    ("rmcp", &["serve"]),
     ("plotters", &["picture"]),
     ("png", &["picture"]),
     ("resvg", &["picture"]),

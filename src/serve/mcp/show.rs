@@ -1,0 +1,185 @@
+//! Scenes and trajectories for an agent: pictures, few rows, and words with units.
+
+use std::collections::BTreeMap;
+
+use rmcp::schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::error::Result;
+use crate::picture::{Style, filmstrip_svg, svg_to_png};
+use crate::serve::problem::{Answer, Problem};
+use crate::task::action::{Component, Quantity};
+use crate::task::scene::{Goal, Shape};
+use crate::task::{Placement, Scene};
+use crate::trajectory::{Track, Trajectory};
+
+/// What is read of a rollout, simulated or measured.
+#[derive(Deserialize)]
+pub struct Rolled {
+    pub reason: Option<String>,
+    pub solved: Option<bool>,
+    /// s
+    #[serde(default)]
+    pub t: Vec<f64>,
+    #[serde(default)]
+    pub bodies: BTreeMap<String, Body>,
+}
+
+/// A body's states, one for each time.
+#[derive(Deserialize)]
+pub struct Body {
+    /// m
+    pub x: Vec<f64>,
+    /// m, up
+    pub y: Vec<f64>,
+    /// rad
+    pub angle: Vec<f64>,
+}
+
+/// The way of a body: `[t, x, y]` each, in s, m and m (y up), evenly over the rollout, the first and the last included.
+#[derive(Serialize, JsonSchema)]
+#[schemars(crate = "rmcp::schemars")]
+#[serde(transparent)]
+pub struct Path(Vec<[f64; 3]>);
+
+/// Rows of a path: enough to see where something went, few enough to be read.
+const ROWS: usize = 13;
+/// Width of pictures, px.
+pub const WIDTH: u32 = 640;
+
+impl Rolled {
+    /// By name of the body.
+    pub fn paths(&self) -> BTreeMap<String, Path> {
+        let n = self.t.len();
+        let rows = ROWS.min(n);
+        let at = |k: usize| if rows < 2 { 0 } else { k * (n - 1) / (rows - 1) };
+        let path = |body: &Body| {
+            let row = |k: usize| [milli(self.t[at(k)]), milli(body.x[at(k)]), milli(body.y[at(k)])];
+            Path((0..rows).map(row).collect())
+        };
+        self.bodies.iter().map(|(name, body)| (name.clone(), path(body))).collect()
+    }
+
+    /// How it went, in words.
+    pub fn words(&self) -> String {
+        match (&self.reason, self.solved) {
+            (Some(reason), _) => format!("cannot be placed: {reason}"),
+            (None, Some(true)) => format!("solved after {:.2} s", self.t.last().unwrap_or(&0.0)),
+            (None, Some(false)) => "not solved".into(),
+            (None, None) => format!("{:.2} s", self.t.last().unwrap_or(&0.0)),
+        }
+    }
+
+    /// Moments of it side by side, PNG. `scene` is what `action`, if there is one, was placed in.
+    pub async fn film(self, scene: Scene, action: Option<Vec<f64>>) -> Answer<Vec<u8>> {
+        let draw = move || -> Result<Vec<u8>> {
+            let placed = match (&scene.action, action) {
+                (Some(space), Some(action)) => match space.place(&scene, &space.validate(&action)?) {
+                    Placement::Valid(placed) => *placed,
+                    Placement::Invalid(_) => scene,
+                },
+                _ => scene,
+            };
+            let style = Style { width: WIDTH, ..Style::default() };
+            svg_to_png(&filmstrip_svg(&placed, &self.trajectory(), &style), WIDTH)
+        };
+        let drawn = tokio::task::spawn_blocking(draw).await.map_err(|_| Problem::defect())?;
+        Ok(drawn?)
+    }
+
+    fn trajectory(self) -> Trajectory {
+        let track =
+            |(name, b): (String, Body)| Track { name, x: b.x, y: b.y, angle: b.angle, ..Track::default() };
+        Trajectory {
+            times: self.t,
+            bodies: self.bodies.into_iter().map(track).collect(),
+            ..Trajectory::default()
+        }
+    }
+}
+
+/// To a thousandth: nothing finer is read off a row.
+fn milli(value: f64) -> f64 {
+    (value * 1e3).round() / 1e3
+}
+
+/// An action to a thousandth, as words have it.
+pub fn action_words(action: &[f64]) -> String {
+    let numbers: Vec<String> = action.iter().map(|v| milli(*v).to_string()).collect();
+    format!("[{}]", numbers.join(", "))
+}
+
+/// What stands where, a line each, and what is asked of it.
+pub fn scene_words(scene: &Scene) -> Vec<String> {
+    let at = |p: [f64; 2]| format!("at ({:.2}, {:.2}) m", p[0], p[1]);
+    let bodies = scene.bodies.iter().map(|b| match b.position {
+        Some(p) => format!("{}: {}, {}", b.name, shape(&b.shape), at(p)),
+        None => format!("{}: {}, where the action puts it", b.name, shape(&b.shape)),
+    });
+    let statics = scene.statics.iter().map(|s| {
+        let turned = if s.angle == 0.0 { String::new() } else { format!(", turned by {:.2} rad", s.angle) };
+        format!("{} (fixed): {}, {}{turned}", s.name, shape(&s.shape), at(s.position))
+    });
+    bodies.chain(statics).collect()
+}
+
+fn shape(shape: &Shape) -> String {
+    let value = serde_json::to_value(shape).unwrap_or_default();
+    let number = |name: &str| value.get(name).and_then(serde_json::Value::as_f64).unwrap_or(0.0);
+    match value.get("type").and_then(serde_json::Value::as_str).unwrap_or("thing") {
+        "disc" => format!("disc of radius {:.2} m", number("radius")),
+        "box" => {
+            format!("box {:.2} m wide, {:.2} m high", 2.0 * number("half_width"), 2.0 * number("half_height"))
+        }
+        other => other.into(),
+    }
+}
+
+/// The goal in words.
+pub fn goal_words(goal: &Goal) -> String {
+    let hold = |s: f64| if s > 0.0 { format!(" for {s} s") } else { String::new() };
+    match goal {
+        Goal::Contact { bodies: [one, other], hold_s, .. } => {
+            format!("{one} and {other} touch{}", hold(*hold_s))
+        }
+        Goal::Inside { body, region, hold_s, .. } => {
+            let corners: Vec<String> = region.iter().map(|[x, y]| format!("({x:.2}, {y:.2})")).collect();
+            format!("the centre of {body} is within the polygon {} m{}", corners.join(" "), hold(*hold_s))
+        }
+    }
+}
+
+/// What a number of an action sets, in words.
+pub fn component_words(index: usize, component: &Component) -> String {
+    let (name, unit) = match component.set {
+        Quantity::X => ("x", "m"),
+        Quantity::Y => ("y", "m"),
+        Quantity::Radius => ("radius", "m"),
+        Quantity::Angle => ("angle", "rad"),
+        Quantity::Vx => ("vx", "m/s"),
+        Quantity::Vy => ("vy", "m/s"),
+        Quantity::Omega => ("omega", "rad/s"),
+    };
+    let Component { target, low, high, .. } = component;
+    format!("action[{index}]: {name} of {target}, {low:.2} {unit} at 0 to {high:.2} {unit} at 1")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_path_has_few_rows_and_both_ends() {
+        for n in [0, 1, 2, 12, 13, 14, 500] {
+            let t: Vec<f64> = (0..n).map(|i| i as f64 * 0.01).collect();
+            let body = Body { x: t.clone(), y: t.clone(), angle: t.clone() };
+            let bodies = BTreeMap::from([("red".to_string(), body)]);
+            let rolled = Rolled { reason: None, solved: None, t: t.clone(), bodies };
+            let Path(rows) = &rolled.paths()["red"];
+            assert_eq!(rows.len(), n.min(ROWS));
+            assert_eq!(rows.first().map(|r| r[0]), t.first().map(|t| milli(*t)));
+            assert_eq!(rows.last().map(|r| r[1]), t.last().map(|t| milli(*t)));
+            assert!(rows.windows(2).all(|w| w[0][0] < w[1][0]), "{n}");
+        }
+    }
+}
