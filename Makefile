@@ -25,7 +25,8 @@ run:
 	$(CARGO) build --release --locked
 	./target/release/iplw run --out out/quickstart
 
-test: lint test-rust test-examples test-python test-clients test-openenv test-docs test-web
+# (The pages after the page: that one sees to Chromium.)
+test: lint test-rust test-examples test-python test-clients test-openenv test-web test-docs
 
 lint:
 	python3 release/licences.py --check

@@ -39,10 +39,13 @@ SOURCES = ROOT / "clients" / "python" / "src"
 
 #: Path in the repository -> path on the pages, heading in the list. What else is in `docs/` comes after them.
 DOCUMENTS: dict[str, tuple[str, str]] = {
+    "docs/install.md": ("install.md", "Installing"),
     "clients/python/README.md": ("python/index.md", "Guide"),
+    "docs/environments.md": ("environments.md", "Spaces, as tables"),
     "docs/formats.md": ("formats.md", "Files"),
     "docs/zeromq.md": ("zeromq.md", "ZeroMQ"),
     "docs/openenv.md": ("openenv.md", "OpenEnv"),
+    "docs/agents.md": ("agents.md", "Agents (MCP)"),
     "docs/limits.md": ("limits.md", "Limits"),
     "SECURITY.md": ("security.md", "Security"),
     "docs/figures.md": ("figures.md", "Figures"),
@@ -53,7 +56,10 @@ DOCUMENTS: dict[str, tuple[str, str]] = {
     "CONTRIBUTING.md": ("contributing.md", "Contributing"),
     "CHANGELOG.md": ("changelog.md", "Changelog"),
 }
-SERVER = ("docs/formats.md", "docs/zeromq.md", "docs/openenv.md", "docs/limits.md", "SECURITY.md")
+START = ("docs/install.md",)
+PYTHON = ("docs/environments.md",)
+AGENTS = ("docs/openenv.md", "docs/agents.md")
+SERVER = ("docs/formats.md", "docs/zeromq.md", "docs/limits.md", "SECURITY.md")
 EVIDENCE = ("docs/figures.md", "docs/results/README.md")
 PROJECT = ("docs/architecture.md", "docs/extending.md", "web/README.md", "CONTRIBUTING.md", "CHANGELOG.md")
 
@@ -86,7 +92,10 @@ def assemble(binary: Path, pages: Path) -> list[Any]:
     tutorials = []
     for notebook in sorted((ROOT / "examples" / "notebooks").glob("*.ipynb")):
         there = pages / "tutorials" / f"{notebook.stem}.md"
-        write(there, four_spaces(notebook_page(notebook, there)))
+        # The file itself lies beside its page, to be taken along.
+        whole = f"\n[`{notebook.name}`]({notebook.name}) is this page as a notebook, to be run.\n"
+        write(there, four_spaces(notebook_page(notebook, there) + whole))
+        shutil.copyfile(notebook, there.with_name(notebook.name))
         tutorials.append(f"tutorials/{there.name}")
     return nav(found, made, tutorials)
 
@@ -100,13 +109,14 @@ def nav(found: dict[str, tuple[str, str]], made: dict[str, str], tutorials: list
     first = [f"python/{name}.md" for name in PAGES]
     rest = sorted(page for page in made if page.startswith("python/") and page not in first)
     http = [page for page in made if page.startswith("http/") and page not in ("http/index.md", "http/schemas.md")]
-    placed = {*SERVER, *EVIDENCE, *PROJECT, "clients/python/README.md"}
+    placed = {*START, *PYTHON, *AGENTS, *SERVER, *EVIDENCE, *PROJECT, "clients/python/README.md"}
     return [
-        {"Start": "index.md"},
+        {"Start": ["index.md", *rows(*START)]},
         *([{"Tutorials": tutorials}] if tutorials else []),
-        {"Python": ["python/index.md", *first, *rest]},
+        {"Python": ["python/index.md", *rows(*PYTHON), *first, *rest]},
         {"HTTP": ["http/index.md", *http, {"Schemas": "http/schemas.md"}]},
         {"Command line": "commands.md"},
+        {"Agents": rows(*AGENTS)},
         {"Formats and server": [*rows(*SERVER), *rows(*(source for source in found if source not in placed))]},
         {"Figures": rows(*EVIDENCE)},
         {"Project": rows(*PROJECT)},
