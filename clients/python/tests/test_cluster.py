@@ -206,6 +206,18 @@ def test_a_policy_goes_to_the_nodes_as_a_file(nodes: Any) -> None:
     assert compute([evaluate], files={"p": policy}).json() == found[1]
 
 
+def test_a_program_finds_the_cluster_by_its_address(nodes: Any, tmp_path: Path) -> None:
+    sweep = Path(__file__).resolve().parents[3] / "examples" / "cluster" / "sweep.py"
+    small = ["--task", "basketball", "--seeds", "2", "--rounds", "1", "--out", str(tmp_path / "sweep.csv")]
+    there = {**os.environ, "RAY_ADDRESS": nodes.address}
+    run = subprocess.run([sys.executable, sweep, *small], env=there, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    assert "4 estimations" in run.stderr
+    rows = [line.split(",") for line in (tmp_path / "sweep.csv").read_text().splitlines()[1:]]
+    cells = [(damping, seed) for damping in ("0.8", "0.9") for seed in ("0", "1")]
+    assert [(row[0], row[1]) for row in rows[::3]] == cells, "three latents each"
+
+
 def test_hidden_worlds_by_seeds_make_a_matrix(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[Any] = []
 
