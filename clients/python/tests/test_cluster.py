@@ -248,12 +248,18 @@ def test_versions_are_not_mixed(nodes: Any, monkeypatch: pytest.MonkeyPatch) -> 
         cluster.map(halves, [4], errors="return", progress=False)
 
 
-def test_machines_of_two_kinds_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_machines_of_two_kinds_are_told() -> None:
     machine = here()
-    old = replace(machine, instructions="x86_64 sse4_2")
-    ran = [Ran(one, "node", 1, 0.1) for one in (machine, replace(machine, host="other", cpu="other"), old)]
-    assert Results([1, 2], [1, 2], ran[:2]).alike
-    assert not Results([1, 2, 3], [1, 2, 3], ran).alike
+    wide = replace(machine, instructions="x86_64 avx512f fma avx2")
+
+    def alike(**other: str) -> bool:
+        machines = (wide, replace(wide, **other))
+        return Results([1, 2], [1, 2], [Ran(one, "node", 1, 0.1) for one in machines]).alike
+
+    assert alike(host="other", cpu="other") and alike(instructions="x86_64 fma avx2")
+    # Weights of policies were seen to differ without fused operations.
+    assert not alike(instructions="x86_64 avx2")
+    assert not alike(libc="glibc 2.28") and not alike(build="0123456789ab")
 
 
 @pytest.mark.parametrize(
