@@ -4,7 +4,7 @@ The robot is Pymunk: another engine, true friction and restitution that only it 
 simulation does not have (damping 0.8). It shares nothing with the server but HTTP: proposals come as scenes with
 everything placed, and go back as times and positions. At the end the estimate stands beside the truth.
 
-    pip install -e 'clients/python[test]' && python examples/python/robot.py
+    pip install iplw pymunk && python examples/python/robot.py
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ ${Object.entries(e).map(([n,r])=>`  ${JSON.stringify(n)}: ${am(r)}`).join(`,
 `}function xa(e){return`${(e.name??"").replaceAll(/[^\p{L}\p{N}._-]+/gu,"-").replaceAll(/^[-.]+|-+$/g,"")||"scene"}.json`}function ka(e,t,n){let r=n?`  -H "Authorization: Bearer $IPLW_TOKEN" \\
 `:"",o=qn(e).trimEnd().replaceAll("'","'\\''");return`curl -s ${t}/v1/worlds -H 'Content-Type: application/json' \\
 ${r}  -d '{"scene": ${o}}'
-`}function Sa(e,t){return["import json","","import iplw  # pip install -e clients/python","",`scene = json.loads(r"""${qn(e).trimEnd()}""")`,"",`with iplw.Client(${JSON.stringify(t)}) as client, client.create_world(scene=scene) as world:  # a token: IPLW_TOKEN`,"    world.reset(seed=1)","    observation, reward, terminated, truncated, info = world.step([0.5] * world.dimension)","    print(world.id, reward, info)",""].join(`
+`}function Sa(e,t){return["import json","","import iplw  # pip install iplw","",`scene = json.loads(r"""${qn(e).trimEnd()}""")`,"",`with iplw.Client(${JSON.stringify(t)}) as client, client.create_world(scene=scene) as world:  # a token: IPLW_TOKEN`,"    world.reset(seed=1)","    observation, reward, terminated, truncated, info = world.step([0.5] * world.dimension)","    print(world.id, reward, info)",""].join(`
 `)}function am(e){return Array.isArray(e)&&e.some(n=>typeof n=="object"&&n!==null)?`[
 ${e.map(n=>`    ${zn(n)}`).join(`,
 `)}

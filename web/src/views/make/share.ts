@@ -27,7 +27,7 @@ export function python(scene: Scene, server: string): string {
   return [
     "import json",
     "",
-    "import iplw  # pip install -e clients/python",
+    "import iplw  # pip install iplw",
     "",
     `scene = json.loads(r"""${pretty(scene).trimEnd()}""")`,
     "",
