@@ -306,6 +306,54 @@ fn help_and_unknown_words() {
     assert_eq!(iplw(&["fly"], "").status.code(), Some(2));
 }
 
+/// Threads are for every command that computes, and results do not depend on them.
+#[test]
+fn results_are_the_same_with_any_number_of_threads() {
+    let estimate = ["estimate", "--task", "basketball", "--rounds", "1", "--actions", "4", "--samples", "24"];
+    let with = |threads| {
+        let all = [&estimate[..], &["--json", "--threads", threads]].concat();
+        let mut report: Value = serde_json::from_str(&good(&all, "")).unwrap();
+        report["seconds"] = Value::Null;
+        report
+    };
+    assert_eq!(with("1"), with("3"));
+    for wrong in ["0", "1025", "two"] {
+        refused(&["measure", "--task", "bowling", "--out", "nowhere", "--threads", wrong], "", "--threads");
+    }
+    for command in [
+        "run",
+        "experiment",
+        "rollout",
+        "measure",
+        "estimate",
+        "surface",
+        "diagnose",
+        "train",
+        "evaluate",
+        "serve",
+    ] {
+        let help = good(&[command, "--help"], "");
+        assert!(help.contains("--threads") && help.contains("--exit-with-stdin"), "{command}");
+    }
+}
+
+/// Whoever started a command holds the other end of its standard input, and it goes with them.
+#[test]
+fn a_command_ends_with_its_standard_input() {
+    let minutes = ["estimate", "--preset", "paper", "--exit-with-stdin"];
+    let mut child = Command::new(env!("CARGO_BIN_EXE_iplw"))
+        .args(minutes)
+        .stdin(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    std::thread::sleep(std::time::Duration::from_millis(300));
+    assert!(child.try_wait().unwrap().is_none(), "it computes while the pipe is open");
+    drop(child.stdin.take());
+    assert_eq!(child.wait().unwrap().code(), Some(1));
+    refused(&["rollout", "--exit-with-stdin"], FALL, "--exit-with-stdin");
+}
+
 fn files(dir: &Path) -> Vec<String> {
     std::fs::read_dir(dir).unwrap().map(|e| e.unwrap().file_name().to_string_lossy().into_owned()).collect()
 }

@@ -206,6 +206,18 @@ def test_a_policy_goes_to_the_nodes_as_a_file(nodes: Any) -> None:
     assert compute([evaluate], files={"p": policy}).json() == found[1]
 
 
+def test_a_program_finds_the_cluster_by_its_address(nodes: Any, tmp_path: Path) -> None:
+    sweep = Path(__file__).resolve().parents[3] / "examples" / "cluster" / "sweep.py"
+    small = ["--task", "basketball", "--seeds", "2", "--rounds", "1", "--out", str(tmp_path / "sweep.csv")]
+    there = {**os.environ, "RAY_ADDRESS": nodes.address}
+    run = subprocess.run([sys.executable, sweep, *small], env=there, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    assert "4 estimations" in run.stderr
+    rows = [line.split(",") for line in (tmp_path / "sweep.csv").read_text().splitlines()[1:]]
+    cells = [(damping, seed) for damping in ("0.8", "0.9") for seed in ("0", "1")]
+    assert [(row[0], row[1]) for row in rows[::3]] == cells, "three latents each"
+
+
 def test_hidden_worlds_by_seeds_make_a_matrix(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[Any] = []
 
@@ -236,12 +248,18 @@ def test_versions_are_not_mixed(nodes: Any, monkeypatch: pytest.MonkeyPatch) -> 
         cluster.map(halves, [4], errors="return", progress=False)
 
 
-def test_machines_of_two_kinds_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_machines_of_two_kinds_are_told() -> None:
     machine = here()
-    old = replace(machine, instructions="x86_64 sse4_2")
-    ran = [Ran(one, "node", 1, 0.1) for one in (machine, replace(machine, host="other", cpu="other"), old)]
-    assert Results([1, 2], [1, 2], ran[:2]).alike
-    assert not Results([1, 2, 3], [1, 2, 3], ran).alike
+    wide = replace(machine, instructions="x86_64 avx512f fma avx2")
+
+    def alike(**other: str) -> bool:
+        machines = (wide, replace(wide, **other))
+        return Results([1, 2], [1, 2], [Ran(one, "node", 1, 0.1) for one in machines]).alike
+
+    assert alike(host="other", cpu="other") and alike(instructions="x86_64 fma avx2")
+    # Weights of policies were seen to differ without fused operations.
+    assert not alike(instructions="x86_64 avx2")
+    assert not alike(libc="glibc 2.28") and not alike(build="0123456789ab")
 
 
 @pytest.mark.parametrize(

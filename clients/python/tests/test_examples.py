@@ -58,3 +58,13 @@ def test_robot() -> None:
         truth, estimate = map(float, rows[latent][:2])
         # The prior's deviation is 0.25 and more; another engine and air, which the model lacks, take their share.
         assert abs(estimate - truth) < 0.06, run.stdout
+
+
+def test_many_processes() -> None:
+    pytest.importorskip("joblib")
+    small = ["--task", "basketball", "--seeds", "3", "--rounds", "1", "--jobs", "2"]
+    run = subprocess.run(
+        [sys.executable, EXAMPLES / "many_processes.py", *small], capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 0, run.stderr
+    assert [line.split()[:2] for line in run.stdout.splitlines()] == [["seed", str(seed)] for seed in range(3)]

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from ..binary import find_binary
 
-#: Instruction sets that programs and mathematical libraries choose by, the widest first.
+#: Instruction sets that the program and mathematical libraries choose by, the widest first.
 _SETS = ("avx512f", "fma", "avx2", "avx", "sse4_2", "asimd")
 
 
@@ -33,8 +33,10 @@ class Machine:
     build: str
 
     def kind(self) -> tuple[str, ...]:
-        """Equal for machines that give the same bits."""
-        return self.build, self.instructions, self.libc
+        """Equal for machines that give the same bits: the program, the architecture and whether it has fused operations
+        (trained weights differ by that; wider registers change nothing), the C library."""
+        architecture, *sets = self.instructions.split()
+        return self.build, f"{architecture} {'with' if 'fma' in sets else 'without'} fma", self.libc
 
 
 @dataclass(frozen=True)

@@ -23,10 +23,10 @@ class Results(list[T]):
 
     @property
     def kinds(self) -> list[tuple[str, ...]]:
-        """The kinds of machines that computed: program, instruction sets, C library."""
+        """The kinds of machines that computed: program, fused operations or none, C library."""
         return sorted({ran.machine.kind() for ran in self.ran if ran is not None})
 
     @property
     def alike(self) -> bool:
-        """Whether every machine had the same program, instruction sets and C library: then bits are the same on any."""
+        """Whether all machines were of one kind: then bits are the same on any."""
         return len(self.kinds) <= 1
