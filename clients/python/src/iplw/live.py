@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -59,11 +60,10 @@ class Live:
             self._show()
 
     def _show(self) -> None:
-        from IPython.display import HTML, display
-
-        shown = HTML(job_card({**self._job, "result": None}, curves=self._curves))
+        screen: Any = importlib.import_module("IPython.display")
+        shown = screen.HTML(job_card({**self._job, "result": None}, curves=self._curves))
         if self._display is None:
-            self._display = display(shown, display_id=True)
+            self._display = screen.display(shown, display_id=True)
         else:
             self._display.update(shown)
         self._drawn = time.monotonic()

@@ -69,9 +69,11 @@ def number_of(proposal: Proposal | int) -> int:
 
 
 def _columns(states: States, name: str) -> dict[str, list[float | None]]:
-    if isinstance(states, Mapping) or hasattr(states, "columns"):
-        # A pandas frame, too: by the names of its columns, of which it may have more.
-        states = {key: states[key] for key in states if key in _COLUMNS} if hasattr(states, "columns") else states
+    if hasattr(states, "columns"):
+        # A pandas frame may have more columns.
+        frame: Any = states
+        states = {key: frame[key] for key in _COLUMNS if key in frame.columns}
+    if isinstance(states, Mapping):
         columns = {key: np.asarray(values, dtype=np.float64) for key, values in states.items()}
     else:
         array = np.asarray(states, dtype=np.float64)

@@ -126,12 +126,12 @@ class Rollouts(Sequence[Rollout]):
     def frame(self) -> pandas.DataFrame:
         """All trajectories as one pandas data frame: `trial,t,body,x,y,angle`.
 
-        `trial` is the number of the action in the batch; those that could not be placed have no rows. These are the
-        columns of a trials file: what `Client.diagnose` reads.
+        `trial` is the number of the action in the batch; those that could not be placed have no rows. Columns and order,
+        by trial and time, are those of a trials file: what `Client.diagnose` reads.
         """
         import pandas as pd
 
-        parts = [r.frame().assign(trial=i) for i, r in enumerate(self._items) if r.valid]
+        parts = [r.frame().sort_values("t", kind="stable").assign(trial=i) for i, r in enumerate(self._items) if r.valid]
         columns = ["trial", "t", "body", "x", "y", "angle"]
         return pd.concat(parts, ignore_index=True)[columns] if parts else pd.DataFrame(columns=columns)
 

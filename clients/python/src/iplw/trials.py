@@ -24,22 +24,22 @@ class Trials(list[dict[str, Any]]):
     """Trials as the server tells them: `trial`, `t` and `bodies`, each with `x`, `y` and what else was measured."""
 
     def frame(self) -> pandas.DataFrame:
-        """All of them as one pandas data frame with the columns of a trials file: `trial,t,body,x,y,...`.
+        """All of them as one pandas data frame, as a trials file has them: `trial,t,body,x,y,...`, by trial and time.
 
         What was not measured is NaN. `setting` is there where trials have one: where each has a scene of its own.
         """
         import pandas as pd
 
         parts = []
-        for one in self:
+        for i, one in enumerate(self):
             for body, states in one["bodies"].items():
                 measured = {name: _numbers(values) for name, values in states.items() if values is not None}
-                known = {"trial": one["trial"], "t": one["t"], "body": body, **measured}
+                known = {"order": i, "trial": one["trial"], "t": one["t"], "body": body, **measured}
                 setting = one.get("setting", one["trial"] if "proposal" in one else None)
                 parts.append(pd.DataFrame(known if setting is None else {**known, "setting": setting}))
         if not parts:
             return pd.DataFrame(columns=list(COLUMNS))
-        frame = pd.concat(parts, ignore_index=True)
+        frame = pd.concat(parts).sort_values(["order", "t"], kind="stable", ignore_index=True)
         return frame[[*COLUMNS, *(name for name in MORE if name in frame)]]
 
     def _repr_pretty_(self, printer: Any, cycle: bool) -> None:

@@ -132,8 +132,10 @@ class AsyncJob(AsyncHandle):
     async def scene(self) -> Scene:
         """The scene that these trials go with; with them it is what `Client.diagnose` takes."""
         if self.kind == "diagnose":
-            return Scene((await self._line.do(calls.post("list_given_trials", {"id": self.id, "limit": 1})))["scene"])
-        return Scene(json.loads(await self._line.do(calls.trials(self.id, "scene"))))
+            given = await self._line.do(calls.post("list_given_trials", {"id": self.id, "limit": 1}))
+            return Scene(given["scene"])
+        file = await self._line.do(calls.trials(self.id, "scene"))
+        return Scene(json.loads(file))
 
     async def rounds(self) -> Rounds:
         """The course of an estimation: `proposals`, `choice`, `residual`, `latents` with intervals, ... of each round."""

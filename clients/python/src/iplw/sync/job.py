@@ -133,8 +133,10 @@ class Job(Handle):
     def scene(self) -> Scene:
         """The scene that these trials go with; with them it is what `Client.diagnose` takes."""
         if self.kind == "diagnose":
-            return Scene((self._line.do(calls.post("list_given_trials", {"id": self.id, "limit": 1})))["scene"])
-        return Scene(json.loads(self._line.do(calls.trials(self.id, "scene"))))
+            given = self._line.do(calls.post("list_given_trials", {"id": self.id, "limit": 1}))
+            return Scene(given["scene"])
+        file = self._line.do(calls.trials(self.id, "scene"))
+        return Scene(json.loads(file))
 
     def rounds(self) -> Rounds:
         """The course of an estimation: `proposals`, `choice`, `residual`, `latents` with intervals, ... of each round."""

@@ -1,0 +1,232 @@
+"""What a notebook shows: whole in itself, escaped, small, light and dark; and frames of the same."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as xml
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+import iplw
+from iplw.live import job_card
+from iplw.results import result_of
+from iplw.show.drawing import drawing, extent
+from iplw.show.page import card, table
+
+NASTY = '<script>alert("x")</script>&'
+BALL = {"name": NASTY, "shape": {"type": "disc", "radius": 0.02}, "position": [0.0, 1.0], "velocity": [3.0, 1.0]}
+SHAPES: list[dict[str, Any]] = [
+    {"type": "disc", "radius": 0.1},
+    {"type": "box", "half_width": 0.2, "half_height": 0.1},
+    {"type": "polygon", "vertices": [[0, 0], [0.2, 0], [0.1, 0.2]]},
+    {"type": "segment", "from": [0, 0], "to": [0.2, 0.1], "radius": 0.01},
+    {"type": "compound", "pieces": [{"type": "box", "half_width": 0.1, "half_height": 0.1, "position": [0.1, 0], "angle": 0.3}]},
+    {"type": "halfspace", "normal": [0.0, 1.0], "offset": 0.0},
+]
+DIAGNOSIS: dict[str, Any] = {
+    "verdict": "ambiguous",
+    "reason": NASTY,
+    "effects": [
+        {
+            "name": "wind",
+            "acts_on": "motion",
+            "p_value": 0.001,
+            "parameters": [{"name": "ax", "value": -1.0, "ci95": [-1.2, None], "unit": "m/s^2", "setting": None, "spread": 0.1}],
+        }
+    ],
+    "rivals": [["wind"], ["linear_drag"]],
+    "calibrated": [{"name": "friction", "value": 0.5, "ci95": [None, None], "identifiable": False}],
+    "scores": [
+        {"effects": ["lift", "wind"], "score": 0.5, "probability_worse": 0.4},
+        {"effects": ["wind"], "score": 0.0, "probability_worse": 0.0},
+        {"effects": ["linear_drag"], "score": -1.0, "probability_worse": 0.9},
+        {"effects": [], "score": -40.0, "probability_worse": 1.0},
+    ],
+    "gain": {"held_out": {"trials": 4, "base_rmse": 0.1, "extended_rmse": 0.01}},
+    "evidence": {
+        "points": {
+            "columns": ["trial", "setting", "t", "before_x", "before_y", "after_x", "after_y"],
+            "rows": [[0, 0, 0.1 * k, 0.01 * k, 0.0, 0.001, 0.0] for k in range(9)],
+        }
+    },
+    "next_experiment": {"do": "throw", "why": "it parts them"},
+    "next_scene": None,
+    "extended_scene": {"name": "extended", "bodies": [BALL], "statics": []},
+}
+LATENTS = [
+    {"name": "density", "value": 1.0, "ci95": [None, None], "identifiable": False},
+    {"name": "friction", "value": 0.5, "ci95": [0.4, 0.6], "identifiable": True},
+]
+RESULTS: dict[str, dict[str, Any]] = {
+    "iplw": {"latents": LATENTS, "residuals": [9.0, None, 1.0], "real_interactions": 12, "strategy": "mixed"},
+    "diagnose": DIAGNOSIS,
+    "train": {"policy": "policy-1", "loss": [0.7, 0.5], "validation": [{"batches": 2, "auccess": 0.6}], "examples": 9},
+    "evaluate": {"auccess": 0.5, "solved_within": [0.5, 1.0], "tasks": [{"task": "a", "solved_at": None}], "interactions": 3},
+    "surface": {"surface": NASTY},
+}
+
+
+def whole(html: str) -> str:
+    """Holds HTML to what everything shown keeps to."""
+    assert "<script" not in html and "href=" not in html and "url(" not in html
+    assert "prefers-color-scheme:dark" in html and '[data-jp-theme-light="false"]' in html and ".vscode-dark" in html
+    assert len(html) < 200_000
+    for drawn in re.findall(r"<svg.*?</svg>", html, re.DOTALL):
+        xml.fromstring(drawn)
+        assert "nan" not in drawn and "inf" not in drawn
+    return html
+
+
+@pytest.fixture
+def rolled(client: iplw.Client) -> Iterator[iplw.Rollouts]:
+    with client.create_world("bowling:017") as world:
+        world.reset()
+        yield world.rollout(np.random.default_rng(1).random((30, 3)), trajectories=True)
+
+
+def test_rollouts_show_and_become_frames(rolled: iplw.Rollouts, client: iplw.Client) -> None:
+    pandas = pytest.importorskip("pandas")
+    whole(rolled._repr_html_())
+    one = rolled[int(rolled.valid.argmax())]
+    html = whole(one._repr_html_())
+    # As placed: the red ball has the size that the action gave it, which the family's scene does not know.
+    assert one.placed is not None and one.scene is not None and one.t is not None
+    red = next(body for body in one.placed["bodies"] if body["name"] == "red")
+    assert np.allclose(red["position"], one.bodies["red"][0, :2])
+    assert f'<circle r="{red["shape"]["radius"]:.5g}"' in html
+    refused = rolled[int((~rolled.valid).argmax())]
+    assert str(refused.reason) in whole(refused._repr_html_())
+    frame = rolled.frame()
+    assert list(frame.columns) == ["trial", "t", "body", "x", "y", "angle"]
+    assert set(frame["trial"]) == set(np.flatnonzero(rolled.valid))
+    part = frame[(frame["trial"] == int(rolled.valid.argmax())) & (frame["body"] == "red")]
+    assert (part[["x", "y", "angle"]].to_numpy() == one.bodies["red"]).all()
+    outcomes = rolled.outcomes()
+    assert isinstance(outcomes, pandas.DataFrame) and (outcomes["valid"] == rolled.valid).all()
+    assert list(rolled[:0].frame().columns) == list(frame.columns)
+
+
+def test_pandas_goes_in(client: iplw.Client) -> None:
+    pandas = pytest.importorskip("pandas")
+    actions = np.random.default_rng(2).random((5, 3))
+    with client.create_world("bowling:017", latents=pandas.Series({"friction": 0.4})) as world:
+        assert world.latents is not None and world.latents["friction"] == 0.4
+        world.reset()
+        world.set_latents(**pandas.Series({"restitution": np.float32(0.5)}))
+        assert world.latents["restitution"] == 0.5
+        said = [world.rollout(a).outcomes() for a in (actions, pandas.DataFrame(actions, columns=list("abc")), list(actions))]
+        assert said[0].equals(said[1]) and said[0].equals(said[2])
+        indices = [world.rollout(a).outcomes() for a in (np.arange(5), pandas.Series(range(5)))]
+        assert indices[0].equals(indices[1])
+        step = world.step(pandas.Series([0.1, 0.14, 0.5], index=list("abc")))
+        assert step[4]["valid"]
+    frame = client.tasks().frame()
+    assert {"bowling", "basketball"} <= set(frame["name"]) and frame["split.test"].min() > 0
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: str(shape["type"]))
+def test_every_shape_is_drawn(shape: dict[str, Any]) -> None:
+    scene = iplw.Scene(name="one", bodies=[BALL], statics=[{"name": "it", "shape": shape, "position": [0.3, 0.2], "angle": 0.5}])
+    html = whole(scene._repr_html_())
+    assert "&lt;script&gt;" in html
+    empty = drawing({"bodies": [], "statics": []})
+    assert drawing(scene).count("<") > empty.count("<") + 6
+
+
+def test_a_drawing_holds_what_moves() -> None:
+    track = {"ball": np.array([[0.0, 0.0, 0.0], [np.nan, np.nan, 0.0], [5.0, 1.0, 0.0], [6.0, 1.0, 0.0]])}
+    left, bottom, right, top = extent(None, [track])
+    assert left < 0.0 and right > 6.0 and bottom < 0.0 and top > 1.0
+    # What was not seen breaks the way.
+    assert drawing(None, [track]).count("M5 1L6 1") == 1
+    assert drawing(None, [{"ball": np.full((3, 3), np.nan)}])
+
+
+@pytest.mark.parametrize("kind", RESULTS)
+def test_results_are_dicts_that_show_themselves(kind: str) -> None:
+    pandas = pytest.importorskip("pandas")
+    result = result_of(kind, RESULTS[kind])
+    assert result == RESULTS[kind] and isinstance(result, dict)
+    whole(result._repr_html_())
+    assert isinstance(result.frame(), pandas.DataFrame)
+    job = {"id": "job-1", "kind": kind, "state": "succeeded", "result": RESULTS[kind], "error": None}
+    assert result._repr_html_() in whole(job_card(job))
+
+
+def test_frames_of_results_say_what_is_not_known() -> None:
+    pytest.importorskip("pandas")
+    estimate = iplw.Estimate(RESULTS["iplw"])
+    frame = estimate.frame().set_index("name")
+    assert frame.loc["friction", "low"] == 0.4 and np.isnan(frame.loc["density", "low"]) and estimate.known == {"friction": 0.5}
+    diagnosis = iplw.Diagnosis(DIAGNOSIS)
+    assert np.isnan(diagnosis.frame()["high"][0]) and diagnosis.frame()["low"][0] == -1.2
+    scores = diagnosis.scores()
+    assert list(scores["effects"]) == ["wind", "linear_drag", "lift + wind", "nothing"] and list(scores["rival"]) == [True, True, False, False]
+    assert isinstance(diagnosis.extended_scene, iplw.Scene) and diagnosis.next_scene is None
+    t, before, after = diagnosis.residuals()
+    assert t.shape == (9,) and before[8, 0] == 0.08 and after[8, 0] == 0.001
+    assert np.isnan(iplw.Score(RESULTS["evaluate"]).frame()["solved_at"][0])
+    assert iplw.Training(RESULTS["train"]).frame()["auccess"][2] == 0.6
+
+
+def test_a_job_under_way_is_shown() -> None:
+    job = {"id": "job-1", "kind": "train", "state": "running", "progress": {"stage": NASTY, "done": 30, "total": 120, "eta_s": 65.0}}
+    html = whole(job_card(job, [{"at": 0.0, "text": NASTY}], {"loss": [(1.0, 0.7), (2.0, 0.5)]}))
+    assert "width:25.0%" in html and "1:05 left" in html and "&lt;script&gt;" in html and "<polyline" in html
+    failed = {"id": "job-1", "kind": "train", "state": "failed", "error": {"detail": "out of luck"}}
+    assert "out of luck" in whole(job_card(failed))
+
+
+def test_a_job_of_the_server(client: iplw.Client) -> None:
+    job = client.iplw("bowling", real={"damping": 1.0}, rounds=2, actions=3, samples=20, seed=1)
+    assert isinstance(job.wait(), iplw.Estimate)
+    html = whole(job._repr_html_())
+    assert "<b>estimate</b>" in html and "<summary>log</summary>" in html and job.log()[-1]["text"] in html
+    for shown in (job.trials(), job.rounds(), job.log(), job.scene(), client.tasks(), client.world("bowling-sim")):
+        whole(shown._repr_html_())
+
+
+def test_trials_go_in_as_they_came_out(client: iplw.Client) -> None:
+    pandas = pytest.importorskip("pandas")
+    job = client.iplw("bowling", real={"damping": 0.8}, rounds=1, actions=2, samples=20, seed=1)
+    job.wait()
+    frame = job.trials().frame()
+    assert list(frame.columns[:5]) == ["trial", "t", "body", "x", "y"] and frame["trial"].nunique() == 2
+    given = client.diagnose(job.scene(), frame)
+    try:
+        back = given.trials().frame()
+        for name in ("trial", "t", "body", "x", "y", "angle"):
+            pandas.testing.assert_series_equal(frame[name], back[name])
+        assert (frame.groupby("trial")["t"].diff().dropna() >= 0).all(), "in the order of a trials file"
+        assert isinstance(given.scene(), iplw.Scene)
+    finally:
+        given.cancel()
+
+
+def test_a_frame_is_told_by_its_columns() -> None:
+    pandas = pytest.importorskip("pandas")
+    from iplw.proposal import trial
+
+    frame = pandas.DataFrame({"y": [1.0, 2.0], "note": ["a", "b"], "x": [3.0, None]})
+    assert trial(0, [0.0, 0.1], {"ball": frame})["bodies"]["ball"] == {"x": [3.0, None], "y": [1.0, 2.0]}
+
+
+def test_actions_are_placed() -> None:
+    component = {"target": "ball", "low": 0.0, "high": 10.0}
+    action = {"components": [{**component, "set": what} for what in ("x", "vy", "radius", "omega")]}
+    scene = iplw.Scene(bodies=[BALL], statics=[], action=action)
+    (ball,) = iplw.Scene({**scene, "bodies": [{**BALL, "name": "ball"}]}).placed([0.1, 0.2, 0.3, 0.4])["bodies"]
+    assert ball["position"] == [1.0, 1.0] and ball["velocity"] == [3.0, 2.0]
+    assert ball["shape"]["radius"] == 3.0 and ball["angular_velocity"] == 4.0
+    assert BALL["position"] == [0.0, 1.0], "the scene itself stays"
+    with pytest.raises(ValueError, match=r"action has shape \(1,\); allowed: \(4,\)"):
+        scene.placed([0.1])
+
+
+def test_tables_are_cut_and_escaped() -> None:
+    html = table(["a"], [[NASTY]] * 40, most=3)
+    assert html.count("<td>") == 3 and "and 37 more" in html and "&lt;script&gt;" in html
+    assert "&lt;script&gt;" in whole(card(NASTY, note=NASTY))
