@@ -29,12 +29,12 @@ TOOLS = ["list_tasks", "look", "propose_actions", "roll_out", "measure", "estima
 
 @asynccontextmanager
 async def agent(
-    *arguments: str, mode: str = "auto", log: Path | None = None, **environment: str
+    *arguments: str, mode: str = "auto", log: Path | None = None, token: str | None = None
 ) -> AsyncIterator[Client]:
     """A client and its own `iplw mcp`."""
-    server = StdioServerParameters(
-        command=str(find_binary()), args=["mcp", "--log", "json", *arguments], env={"RUST_LOG": "warn", **environment}
-    )
+    environment = {"RUST_LOG": "warn"} | ({} if token is None else {"IPLW_TOKEN": token})
+    command = ["mcp", "--log", "json", *arguments]
+    server = StdioServerParameters(command=str(find_binary()), args=command, env=environment)
     with open(log or os.devnull, "a", encoding="utf-8") as errors:
         async with Client(stdio_client(server, errlog=errors), mode=mode) as client:
             yield client
@@ -330,14 +330,15 @@ def test_an_agent_may_no_more_than_it_was_let(tmp_path: Path) -> None:
     token = subprocess.run(new, check=True, capture_output=True, text=True).stdout.split()[-1]
 
     async def conversation() -> None:
-        for arguments, environment in [(("--may", "read"), {}), (("--may", "read"), {"IPLW_TOKEN": token})]:
-            place = ("--data-dir", str(tmp_path)) if environment else ()
-            async with agent(*arguments, *place, **environment) as client:
+        for place, shown in [((), None), (("--data-dir", str(tmp_path)), token)]:
+            async with agent("--may", "read", *place, token=shown) as client:
                 assert (await call(client, "look", task=TASK))["things"]
-                for tool, asked in [("measure", {"action": [0.5, 0.9, 0.2]}), ("roll_out", {"actions": GRID})]:
-                    said = await refusal(client, tool, task=TASK, **asked)
+                for said in [
+                    await refusal(client, "measure", task=TASK, action=GRID[0]),
+                    await refusal(client, "roll_out", task=TASK, actions=GRID),
+                ]:
                     assert "may read" in said and "may act" in said
-        async with agent("--data-dir", str(tmp_path), IPLW_TOKEN=token) as client:
+        async with agent("--data-dir", str(tmp_path), token=token) as client:
             assert (await call(client, "roll_out", task=TASK, actions=GRID))["results"]
 
     run(conversation)

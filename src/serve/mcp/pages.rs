@@ -26,7 +26,7 @@ struct Page {
     text: &'static str,
 }
 
-const PAGES: [Page; 3] = [
+const PAGES: [Page; 2] = [
     Page {
         uri: "iplw://docs/agents",
         name: "agents.md",
@@ -38,12 +38,6 @@ const PAGES: [Page; 3] = [
         name: "formats.md",
         about: "Scenes (iplw.scene/1), trials as CSV, tracks of other programs, diagnoses.",
         text: include_str!("../../../docs/formats.md"),
-    },
-    Page {
-        uri: "iplw://docs/readme",
-        name: "README.md",
-        about: "What the whole is for, with figures.",
-        text: include_str!("../../../README.md"),
     },
 ];
 
