@@ -58,10 +58,10 @@ def map(
     address: str | None = None,
     label: str = "units",
 ) -> Results[T]:
-    """`[function(item) for item in items]`, each on some node of the cluster, as soon as `num_cpus` cores are free there.
+    """`[function(item) for item in items]`, each on some node of the cluster as soon as `num_cpus` cores are free.
 
-    `num_cpus` whole cores are a unit's, and as many threads it computes with. A unit whose process or node is killed is
-    begun anew, up to `tries` times in all; one that raises is not. With `errors="raise"` the first failure ends the
+    `num_cpus` whole cores are a unit's, and as many threads it computes with. A unit whose process or node is killed
+    is begun anew, up to `tries` times in all; one that raises is not. With `errors="raise"` the first failure ends the
     others and is raised; with "return" the `UnitFailed` stands in its place. `label` names the progress bar.
     """
     _whole("num_cpus", num_cpus)
