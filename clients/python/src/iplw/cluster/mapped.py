@@ -164,6 +164,8 @@ def _failure(index: int, item: object, error: Exception) -> IplwError:
     cause = cause if isinstance(cause, BaseException) else error
     text = repr(item)
     why = str(cause) if isinstance(cause, IplwError) else f"{type(cause).__name__}: {cause}"
+    if "No module named 'iplw'" in why:
+        why = f"a node has no iplw; pip install 'iplw[ray]=={_version()}' on every node"
     failed = UnitFailed(index, text if len(text) <= 80 else text[:77] + "...", why)
     failed.__cause__ = cause
     return failed
