@@ -8,12 +8,15 @@
 #SBATCH --nodes=2
 #SBATCH --ntasks-per-node=1
 #SBATCH --cpus-per-task=8
+# Ray is stopped at the end by `ray stop`, which stops any other of yours on the same machine.
+#SBATCH --exclusive
 #SBATCH --time=01:00:00
 
 set -euo pipefail
 
 VENV=${VENV:-$SLURM_SUBMIT_DIR/.venv}
 PORT=${PORT:-6379}
+export PATH="$VENV/bin:$PATH"
 export RAY_USAGE_STATS_ENABLED=0
 
 first=$(scontrol show hostnames "$SLURM_JOB_NODELIST" | head -n 1)
@@ -21,6 +24,6 @@ first=$(scontrol show hostnames "$SLURM_JOB_NODELIST" | head -n 1)
 address=$(srun --nodes=1 --ntasks=1 --nodelist="$first" hostname --ip-address | awk '{print $1}'):$PORT
 
 # A node killed by what it computes must not end the others' step.
-srun --kill-on-bad-exit=0 "$VENV/bin/ray" symmetric-run \
+srun --kill-on-bad-exit=0 ray symmetric-run \
     --address "$address" --min-nodes "$SLURM_JOB_NUM_NODES" --num-cpus "$SLURM_CPUS_PER_TASK" -- \
-    "$VENV/bin/python" "$SLURM_SUBMIT_DIR/examples/cluster/sweep.py" --seeds 16 --out "$SLURM_SUBMIT_DIR/sweep.csv"
+    python "$SLURM_SUBMIT_DIR/examples/cluster/sweep.py" --seeds 16 --out "$SLURM_SUBMIT_DIR/sweep.csv"

@@ -2,8 +2,8 @@
 
     pip install 'iplw[ray]' && python examples/cluster/sweep.py --seeds 4 --out sweep.csv
 
-The same file is what `rayjob.yaml` (Kubernetes) and `slurm.sh` run. However many nodes there are, and whichever are lost
-meanwhile, the table is the same to the byte.
+The same file is what `rayjob.yaml` (Kubernetes) and `slurm.sh` run. However many nodes there are, and whichever
+are lost meanwhile, the table is the same to the byte.
 """
 
 from __future__ import annotations
@@ -43,7 +43,8 @@ def main() -> None:
                 table.writerow([item["real"]["damping"], item["seed"], *told])
     hosts = {ran.machine.host for ran in found.ran if ran}
     seconds = sum(ran.seconds for ran in found.ran if ran)
-    print(f"{len(found)} estimations, {seconds:.0f} s of computing on {len(hosts)} machines: {arguments.out}", file=sys.stderr)
+    told = f"{len(found)} estimations, {seconds:.0f} s of computing on {len(hosts)} machines: {arguments.out}"
+    print(told, file=sys.stderr)
 
 
 if __name__ == "__main__":

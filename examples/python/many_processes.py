@@ -2,8 +2,8 @@
 
     pip install iplw joblib && python examples/python/many_processes.py --jobs 4
 
-A unit is commands of the program in a directory of their own; it ends with the process that asked for it. Threads do for
-handing them out, since it is the programs that compute. Prints the friction that each seed estimates.
+A unit is commands of the program in a directory of their own; it ends with the process that asked for it. Threads do
+for handing them out, since it is the programs that compute. Prints the friction that each seed estimates.
 """
 
 from __future__ import annotations

@@ -21,7 +21,8 @@ LONG = command("estimate", task="bowling", preset="paper", json=True)
 
 
 def test_options_are_written_as_the_program_reads_them() -> None:
-    assert command("estimate", real={"damping": 0.8, "noise": 0.01}, fit=["a.b", "c.d"], no_racing=True, budget=None) == [
+    real = {"damping": 0.8, "noise": 0.01}
+    assert command("estimate", real=real, fit=["a.b", "c.d"], no_racing=True, budget=None) == [
         "estimate",
         "--real=damping=0.8,noise=0.01",
         "--fit=a.b",
@@ -96,7 +97,8 @@ def test_no_command_outlives_who_asked_for_it(how: signal.Signals, tmp_path: Pat
     left = list(tmp_path.glob("iplw-unit-*"))
     assert len(left) == (1 if how == signal.SIGKILL else 0)
     # What a kill leaves on the disk goes with the next unit.
-    subprocess.run([sys.executable, "-c", f"from iplw.unit import compute; compute([{SMALL!r}])"], env=there, check=True)
+    again = f"from iplw.unit import compute; compute([{SMALL!r}])"
+    subprocess.run([sys.executable, "-c", again], env=there, check=True)
     assert not list(tmp_path.glob("iplw-unit-*"))
 
 

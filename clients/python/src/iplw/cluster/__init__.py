@@ -2,15 +2,15 @@
 
     from iplw import cluster
 
-    found = cluster.estimate("bowling", seeds=range(16), preset="paper")    # a list of reports, one a seed
-    found = cluster.diagnose("basketball", over={"effect": ["wind:..", "quadratic_drag:k=0.05"]}, seeds=range(4))
+    found = cluster.estimate("bowling", seeds=range(16), settings={"preset": "paper"})  # a list of reports
+    found = cluster.diagnose("basketball", over={"effect": ["linear_drag:c=1", "wind:ax=1"]}, seeds=range(4))
     found = cluster.run([["experiment", "harder", "--worlds", w, "--out", "out"] for w in worlds])
     found = cluster.map(function, items)                                    # any function of yours
 
-Results come in the order of what was asked and are the same to the bit, whatever the number of nodes, the order in which
-units end, and what dies meanwhile; `found.ran` says where each was computed, `found.alike` whether those machines and
-programs were of one kind. A unit whose process or node is killed is tried again elsewhere, and nothing that it started
-outlives it. A unit computes with `num_cpus` threads. Programs of different versions are not mixed.
+Results come in the order of what was asked and are the same to the bit, whatever the number of nodes, the order in
+which units end, and what dies meanwhile; `found.ran` says where each was computed, `found.alike` whether those
+machines and programs were of one kind. A unit whose process or node is killed is tried again elsewhere, and nothing
+that it started outlives it. A unit computes with `num_cpus` threads. Programs of different versions are not mixed.
 
 Without an address, Ray's own rules hold: RAY_ADDRESS, or a small cluster on this machine.
 

@@ -58,10 +58,10 @@ def map(
     address: str | None = None,
     label: str = "units",
 ) -> Results[T]:
-    """`[function(item) for item in items]`, each on some node of the cluster, as soon as `num_cpus` cores are free there.
+    """`[function(item) for item in items]`, each on some node of the cluster as soon as `num_cpus` cores are free.
 
-    `num_cpus` whole cores are a unit's, and as many threads it computes with. A unit whose process or node is killed is
-    begun anew, up to `tries` times in all; one that raises is not. With `errors="raise"` the first failure ends the
+    `num_cpus` whole cores are a unit's, and as many threads it computes with. A unit whose process or node is killed
+    is begun anew, up to `tries` times in all; one that raises is not. With `errors="raise"` the first failure ends the
     others and is raised; with "return" the `UnitFailed` stands in its place. `label` names the progress bar.
     """
     _whole("num_cpus", num_cpus)
@@ -164,6 +164,8 @@ def _failure(index: int, item: object, error: Exception) -> IplwError:
     cause = cause if isinstance(cause, BaseException) else error
     text = repr(item)
     why = str(cause) if isinstance(cause, IplwError) else f"{type(cause).__name__}: {cause}"
+    if "No module named 'iplw'" in why:
+        why = f"a node has no iplw; pip install 'iplw[ray]=={_version()}' on every node"
     failed = UnitFailed(index, text if len(text) <= 80 else text[:77] + "...", why)
     failed.__cause__ = cause
     return failed

@@ -74,7 +74,7 @@ def evaluate(
     settings: Mapping[str, object] | None = None,
     **options: Unpack[Options],
 ) -> Results[dict[str, Any]]:
-    """Tries a policy (weights, or the file that has them) in hidden worlds: `iplw evaluate`, as `estimate` estimates."""
+    """Tries a policy (weights, or their file) in hidden worlds: `iplw evaluate`, varied as `estimate` is."""
     weights = policy if isinstance(policy, bytes) else Path(policy).read_bytes()
     fixed = {"task": task, **(settings or {}), "policy": "policy.safetensors", "json": True}
     work = partial(_report, "evaluate", fixed, {"policy.safetensors": weights}, _threads(options))
