@@ -139,7 +139,9 @@ def rounds(course: Rounds | pandas.DataFrame, name: str, *, truth: float | None 
     if not (frame["name"] == name).any():
         raise ValueError(f"name is {name!r}; allowed: {', '.join(dict.fromkeys(frame['name']))}")
     ax.fill_between(rows["interactions"], rows["low"], rows["high"], alpha=0.2, lw=0)
-    ax.plot(rows["interactions"], rows["value"], "o-", ms=4)
+    # One round alone has no width to fill.
+    ends = np.abs(rows[["low", "high"]].to_numpy(dtype=float).T - rows["value"].to_numpy(dtype=float))
+    ax.errorbar(rows["interactions"], rows["value"], yerr=np.nan_to_num(ends), fmt="o-", ms=4, capsize=3)
     if truth is not None:
         ax.axhline(truth, color="k", lw=1, ls="--", label="truth")
         ax.legend(frameon=False, fontsize="small")

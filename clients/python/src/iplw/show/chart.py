@@ -32,10 +32,10 @@ def lines(title: str, drawn: Sequence[Line], *, x: str = "", width: int = 380, h
 
     parts = [
         _text(_LEFT, 12, title),
-        _text(_LEFT - 4, 26, f"{y1:.3g}", "end"),
-        _text(_LEFT - 4, 20 + h, f"{y0:.3g}", "end"),
+        _text(_LEFT - 4, 26, _tick(y1), "end"),
+        _text(_LEFT - 4, 20 + h, _tick(y0), "end"),
     ]
-    parts += [_text(_LEFT, height - 4, f"{x0:.3g}"), _text(_LEFT + w, height - 4, f"{x1:.3g} {x}".strip(), "end")]
+    parts += [_text(_LEFT, height - 4, _tick(x0)), _text(_LEFT + w, height - 4, f"{_tick(x1)} {x}".strip(), "end")]
     parts.append(f'<path d="M{_LEFT} 20V{20 + h}H{_LEFT + w}" fill="none" stroke="var(--line)"/>')
     for i, (name, points) in enumerate(kept):
         step = max(1, math.ceil(len(points) / MOST_POINTS))
@@ -86,6 +86,11 @@ def intervals(rows: Sequence[tuple[str, float, float, float]], *, width: int = 3
 def progress(share: float) -> str:
     """A bar, full at 1."""
     return f'<div class="bar"><i style="width:{100 * min(max(share, 0.0), 1.0):.1f}%"></i></div>'
+
+
+def _tick(value: float) -> str:
+    """A number that fits left of an axis."""
+    return f"{value:.0f}" if 100 <= abs(value) < 1e6 else f"{value:.3g}"
 
 
 def _range(values: Sequence[float]) -> tuple[float, float]:
