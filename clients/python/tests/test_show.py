@@ -23,7 +23,10 @@ SHAPES: list[dict[str, Any]] = [
     {"type": "box", "half_width": 0.2, "half_height": 0.1},
     {"type": "polygon", "vertices": [[0, 0], [0.2, 0], [0.1, 0.2]]},
     {"type": "segment", "from": [0, 0], "to": [0.2, 0.1], "radius": 0.01},
-    {"type": "compound", "pieces": [{"type": "box", "half_width": 0.1, "half_height": 0.1, "position": [0.1, 0], "angle": 0.3}]},
+    {
+        "type": "compound",
+        "pieces": [{"type": "box", "half_width": 0.1, "half_height": 0.1, "position": [0.1, 0], "angle": 0.3}],
+    },
     {"type": "halfspace", "normal": [0.0, 1.0], "offset": 0.0},
 ]
 DIAGNOSIS: dict[str, Any] = {
@@ -34,7 +37,9 @@ DIAGNOSIS: dict[str, Any] = {
             "name": "wind",
             "acts_on": "motion",
             "p_value": 0.001,
-            "parameters": [{"name": "ax", "value": -1.0, "ci95": [-1.2, None], "unit": "m/s^2", "setting": None, "spread": 0.1}],
+            "parameters": [
+                {"name": "ax", "value": -1.0, "ci95": [-1.2, None], "unit": "m/s^2", "setting": None, "spread": 0.1}
+            ],
         }
     ],
     "rivals": [["wind"], ["linear_drag"]],
@@ -64,7 +69,12 @@ RESULTS: dict[str, dict[str, Any]] = {
     "iplw": {"latents": LATENTS, "residuals": [9.0, None, 1.0], "real_interactions": 12, "strategy": "mixed"},
     "diagnose": DIAGNOSIS,
     "train": {"policy": "policy-1", "loss": [0.7, 0.5], "validation": [{"batches": 2, "auccess": 0.6}], "examples": 9},
-    "evaluate": {"auccess": 0.5, "solved_within": [0.5, 1.0], "tasks": [{"task": "a", "solved_at": None}], "interactions": 3},
+    "evaluate": {
+        "auccess": 0.5,
+        "solved_within": [0.5, 1.0],
+        "tasks": [{"task": "a", "solved_at": None}],
+        "interactions": 3,
+    },
     "surface": {"surface": NASTY},
 }
 
@@ -117,7 +127,10 @@ def test_pandas_goes_in(client: iplw.Client) -> None:
         world.reset()
         world.set_latents(**pandas.Series({"restitution": np.float32(0.5)}))
         assert world.latents["restitution"] == 0.5
-        said = [world.rollout(a).outcomes() for a in (actions, pandas.DataFrame(actions, columns=list("abc")), list(actions))]
+        said = [
+            world.rollout(a).outcomes()
+            for a in (actions, pandas.DataFrame(actions, columns=list("abc")), list(actions))
+        ]
         assert said[0].equals(said[1]) and said[0].equals(said[2])
         indices = [world.rollout(a).outcomes() for a in (np.arange(5), pandas.Series(range(5)))]
         assert indices[0].equals(indices[1])
@@ -129,7 +142,9 @@ def test_pandas_goes_in(client: iplw.Client) -> None:
 
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: str(shape["type"]))
 def test_every_shape_is_drawn(shape: dict[str, Any]) -> None:
-    scene = iplw.Scene(name="one", bodies=[BALL], statics=[{"name": "it", "shape": shape, "position": [0.3, 0.2], "angle": 0.5}])
+    scene = iplw.Scene(
+        name="one", bodies=[BALL], statics=[{"name": "it", "shape": shape, "position": [0.3, 0.2], "angle": 0.5}]
+    )
     html = whole(scene._repr_html_())
     assert "&lt;script&gt;" in html
     empty = drawing({"bodies": [], "statics": []})
@@ -160,11 +175,20 @@ def test_frames_of_results_say_what_is_not_known() -> None:
     pytest.importorskip("pandas")
     estimate = iplw.Estimate(RESULTS["iplw"])
     frame = estimate.frame().set_index("name")
-    assert frame.loc["friction", "low"] == 0.4 and np.isnan(frame.loc["density", "low"]) and estimate.known == {"friction": 0.5}
+    assert (
+        frame.loc["friction", "low"] == 0.4
+        and np.isnan(frame.loc["density", "low"])
+        and estimate.known == {"friction": 0.5}
+    )
     diagnosis = iplw.Diagnosis(DIAGNOSIS)
     assert np.isnan(diagnosis.frame()["high"][0]) and diagnosis.frame()["low"][0] == -1.2
     scores = diagnosis.scores()
-    assert list(scores["effects"]) == ["wind", "linear_drag", "lift + wind", "nothing"] and list(scores["rival"]) == [True, True, False, False]
+    assert list(scores["effects"]) == ["wind", "linear_drag", "lift + wind", "nothing"] and list(scores["rival"]) == [
+        True,
+        True,
+        False,
+        False,
+    ]
     assert isinstance(diagnosis.extended_scene, iplw.Scene) and diagnosis.next_scene is None
     t, before, after = diagnosis.residuals()
     assert t.shape == (9,) and before[8, 0] == 0.08 and after[8, 0] == 0.001
@@ -173,7 +197,12 @@ def test_frames_of_results_say_what_is_not_known() -> None:
 
 
 def test_a_job_under_way_is_shown() -> None:
-    job = {"id": "job-1", "kind": "train", "state": "running", "progress": {"stage": NASTY, "done": 30, "total": 120, "eta_s": 65.0}}
+    job = {
+        "id": "job-1",
+        "kind": "train",
+        "state": "running",
+        "progress": {"stage": NASTY, "done": 30, "total": 120, "eta_s": 65.0},
+    }
     html = whole(job_card(job, [{"at": 0.0, "text": NASTY}], {"loss": [(1.0, 0.7), (2.0, 0.5)]}))
     assert "width:25.0%" in html and "1:05 left" in html and "&lt;script&gt;" in html and "<polyline" in html
     failed = {"id": "job-1", "kind": "train", "state": "failed", "error": {"detail": "out of luck"}}

@@ -70,7 +70,9 @@ class Live:
 
 
 def job_card(
-    job: Mapping[str, Any], log: Sequence[Mapping[str, Any]] = (), curves: Mapping[str, list[tuple[float, float]]] | None = None
+    job: Mapping[str, Any],
+    log: Sequence[Mapping[str, Any]] = (),
+    curves: Mapping[str, list[tuple[float, float]]] | None = None,
 ) -> str:
     """What is known of a job: its state, how far it is, what it told, its log's end, and what it came to."""
     parts = []
@@ -87,7 +89,9 @@ def job_card(
         parts.append(said(str(error.get("detail") or error.get("title") or error)))
     parts += [lines(name, [("", points)]) for name, points in (curves or {}).items()]
     if log:
-        tail = "\n".join(f"{time.strftime('%H:%M:%S', time.localtime(line['at']))} {line['text']}" for line in log[-TAIL:])
+        tail = "\n".join(
+            f"{time.strftime('%H:%M:%S', time.localtime(line['at']))} {line['text']}" for line in log[-TAIL:]
+        )
         parts.append(folded("log", preformatted(tail)))
     top = card(f"{job.get('kind', 'job')} {job.get('id', '')}".strip(), *parts, note=state)
     result = job.get("result")

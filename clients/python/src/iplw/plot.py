@@ -67,7 +67,12 @@ def trajectory(
 
 
 def actions(
-    tried: ArrayLike, solved: Rollouts | ArrayLike, *, components: tuple[int, int] = (0, 1), bins: int = 12, ax: Axes | None = None
+    tried: ArrayLike,
+    solved: Rollouts | ArrayLike,
+    *,
+    components: tuple[int, int] = (0, 1),
+    bins: int = 12,
+    ax: Axes | None = None,
 ) -> Axes:
     """A heat map of actions: the share that solved the task, over two components of the action.
 
@@ -113,7 +118,9 @@ def latents(
         ax.errorbar(value, at, xerr=np.nan_to_num(ends), fmt="o", ms=4, capsize=3, label=label or None)
     for name, value in (truth or {}).items():
         if name in names:
-            ax.plot([value], [names.index(name)], "k|", ms=16, label="truth" if name == next(iter(truth or {})) else None)
+            ax.plot(
+                [value], [names.index(name)], "k|", ms=16, label="truth" if name == next(iter(truth or {})) else None
+            )
     ax.set_yticks(range(len(names)), names)
     ax.set(xlabel="value, with 95 % interval", ylim=(len(names) - 0.5, -0.5))
     if ax.get_legend_handles_labels()[1]:
@@ -132,7 +139,9 @@ def rounds(course: Rounds | pandas.DataFrame, name: str, *, truth: float | None 
     if not (frame["name"] == name).any():
         raise ValueError(f"name is {name!r}; allowed: {', '.join(dict.fromkeys(frame['name']))}")
     ax.fill_between(rows["interactions"], rows["low"], rows["high"], alpha=0.2, lw=0)
-    ax.plot(rows["interactions"], rows["value"], "o-", ms=4)
+    # One round alone has no width to fill.
+    ends = np.abs(rows[["low", "high"]].to_numpy(dtype=float).T - rows["value"].to_numpy(dtype=float))
+    ax.errorbar(rows["interactions"], rows["value"], yerr=np.nan_to_num(ends), fmt="o-", ms=4, capsize=3)
     if truth is not None:
         ax.axhline(truth, color="k", lw=1, ls="--", label="truth")
         ax.legend(frameon=False, fontsize="small")
@@ -218,7 +227,9 @@ def _axes(ax: Axes | None) -> Axes:
     try:
         import matplotlib.pyplot as plt
     except ImportError as error:
-        raise ImportError("iplw.plot draws with matplotlib, which is not installed: pip install 'iplw[plot]'") from error
+        raise ImportError(
+            "iplw.plot draws with matplotlib, which is not installed: pip install 'iplw[plot]'"
+        ) from error
     return plt.gca()
 
 

@@ -13,8 +13,8 @@ from .scene import Scene
 
 #: Columns of a state.
 _COLUMNS = ("x", "y", "angle", "vx", "vy", "omega")
-#: States of a body: (n, 2) or (n, 3) x and y, m, and angle, rad; or columns by name (`x`, `y`, `angle`, `vx`, ...), a pandas frame, too.
-#: NaN where it was not seen.
+#: States of a body: (n, 2) or (n, 3) x and y, m, and angle, rad; or columns by name (`x`, `y`, `angle`, `vx`, ...), as
+#: a pandas frame has them, too. NaN where it was not seen.
 States: TypeAlias = "ArrayLike | Mapping[str, ArrayLike]"
 
 

@@ -60,7 +60,11 @@ class Estimate(Result):
     def _repr_html_(self) -> str:
         residuals = [float("nan") if r is None else r for r in self.get("residuals", [])]
         line = [(i + 1.0, float(value)) for i, value in enumerate(residuals)]
-        drawn = chart.lines("residual of the best sample, m² per trajectory", [("", line)], x="round") if len(line) > 1 else ""
+        drawn = (
+            chart.lines("residual of the best sample, m² per trajectory", [("", line)], x="round")
+            if len(line) > 1
+            else ""
+        )
         note = f"{self.get('real_interactions')} real interactions in {len(line)} rounds, {self.get('strategy')}"
         return card("estimate", _latents_table(self["latents"]), beside(_drawn(self["latents"]), drawn), note=note)
 
@@ -84,11 +88,22 @@ class Diagnosis(Result):
         return Scene(self["next_scene"]) if self.get("next_scene") else None
 
     def frame(self) -> pandas.DataFrame:
-        """The found effects, a row a parameter: `effect,acts_on,parameter,value,low,high,unit,setting,spread,p_value`."""
+        """The found effects, a row a parameter: `effect,acts_on,parameter,value,low,high,unit`, `setting` where it is of
+        one, `spread` from launch to launch, `p_value`; low and high are the 95 % interval."""
         import pandas as pd
 
         rows = [
-            (e["name"], e["acts_on"], p["name"], p["value"], *_ends(p["ci95"]), p["unit"], p["setting"], p["spread"], e["p_value"])
+            (
+                e["name"],
+                e["acts_on"],
+                p["name"],
+                p["value"],
+                *_ends(p["ci95"]),
+                p["unit"],
+                p["setting"],
+                p["spread"],
+                e["p_value"],
+            )
             for e in self["effects"]
             for p in e["parameters"]
         ]
@@ -106,13 +121,20 @@ class Diagnosis(Result):
         """The same as rows."""
         rivals = {frozenset(rival) for rival in self.get("rivals", [])}
         rows = [
-            (" + ".join(s["effects"]) or "nothing", float(s["score"]), float(s["probability_worse"]), frozenset(s["effects"]) in rivals)
+            (
+                " + ".join(s["effects"]) or "nothing",
+                float(s["score"]),
+                float(s["probability_worse"]),
+                frozenset(s["effects"]) in rivals,
+            )
             for s in self.get("scores", [])
         ]
         return sorted(rows, key=lambda row: (not row[3], -row[1]))
 
     def points(self) -> pandas.DataFrame:
-        """Observations with what is left of them: `trial,setting,t,x,y,vx,vy,before_x,...,after_y`; seen - simulated, m."""
+        """Observations with what is left of them: `trial,setting,t,x,y,vx,vy,before_x,...,after_y`.
+
+        The last four are seen - simulated, m, by the base model and with what was found."""
         import pandas as pd
 
         points = self["evidence"]["points"]
@@ -128,7 +150,9 @@ class Diagnosis(Result):
 
     def _repr_html_(self) -> str:
         found = [
-            (e["name"], e["acts_on"], p["name"], p["value"], interval(p["ci95"]), p["unit"]) for e in self["effects"] for p in e["parameters"]
+            (e["name"], e["acts_on"], p["name"], p["value"], interval(p["ci95"]), p["unit"])
+            for e in self["effects"]
+            for p in e["parameters"]
         ]
         parts = [said(str(self.get("reason", "")))]
         if found:
@@ -165,7 +189,9 @@ class Diagnosis(Result):
         gain = (self.get("gain") or {}).get("held_out")
         if not gain:
             return ""
-        return f"on {gain['trials']} held-out trials {gain['base_rmse']:.3g} m before, {gain['extended_rmse']:.3g} m after"
+        return (
+            f"on {gain['trials']} held-out trials {gain['base_rmse']:.3g} m before, {gain['extended_rmse']:.3g} m after"
+        )
 
 
 class Training(Result):
@@ -184,7 +210,10 @@ class Training(Result):
     def _repr_html_(self) -> str:
         loss = [(i + 1.0, float(value)) for i, value in enumerate(self.get("loss", []))]
         seen = [(float(row["batches"]), float(row["auccess"])) for row in self.get("validation") or []]
-        drawn = [chart.lines("loss, nats", [("", loss)], x="batches"), chart.lines("AUCCESS, validation tasks", [("", seen)], x="batches")]
+        drawn = [
+            chart.lines("loss, nats", [("", loss)], x="batches"),
+            chart.lines("AUCCESS, validation tasks", [("", seen)], x="batches"),
+        ]
         facts = [(key, self[key]) for key in ("examples", "solving", "interactions") if self.get(key) is not None]
         return card("training", beside(*drawn), table(["", ""], facts), note=f"policy {self.get('policy')}")
 
@@ -213,7 +242,11 @@ class Score(Result):
         curve = [(k + 1.0, float(share)) for k, share in enumerate(self["solved_within"])]
         drawn = chart.lines("share of tasks solved", [("", curve)], x="attempts")
         solved = sum(row["solved_at"] is not None for row in self.get("tasks", []))
-        facts = [("AUCCESS", self["auccess"]), ("tasks solved", f"{solved} of {len(self.get('tasks', []))}"), ("attempts", self.get("interactions"))]
+        facts = [
+            ("AUCCESS", self["auccess"]),
+            ("tasks solved", f"{solved} of {len(self.get('tasks', []))}"),
+            ("attempts", self.get("interactions")),
+        ]
         return card("score", beside(table(["", ""], facts), drawn), note=f"{self.get('world_kind', '')} world")
 
 
@@ -235,7 +268,9 @@ def _latents_frame(rows: Sequence[Mapping[str, Any]]) -> pandas.DataFrame:
 
 def _latents_table(rows: Sequence[Mapping[str, Any]]) -> str:
     shown = [
-        (row["name"], row["value"], interval(row["ci95"])) if row["identifiable"] else (row["name"], None, "these trials do not tell")
+        (row["name"], row["value"], interval(row["ci95"]))
+        if row["identifiable"]
+        else (row["name"], None, "these trials do not tell")
         for row in rows
     ]
     return table(["latent", "value", "95 % interval"], shown)

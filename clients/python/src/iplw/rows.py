@@ -38,7 +38,15 @@ class Rounds(Rows):
 
         names = ["round", "interactions", "residual", "name", "value", "low", "high", "identifiable"]
         rows = [
-            (r["number"], r["interactions"], r["residual"], k["name"], k["value"], *map(_number, k["ci95"]), k["identifiable"])
+            (
+                r["number"],
+                r["interactions"],
+                r["residual"],
+                k["name"],
+                k["value"],
+                *map(_number, k["ci95"]),
+                k["identifiable"],
+            )
             for r in self
             for k in r["latents"]
         ]
@@ -52,8 +60,21 @@ class Rounds(Rows):
                 if k["identifiable"]:
                     ways.setdefault(k["name"], []).append((float(r["interactions"]), float(k["value"])))
                 told = interval(k["ci95"]) if k["identifiable"] else "not told"
-                rows.append((r["number"] + 1, r["interactions"], r["residual"], k["name"], k["value"] if k["identifiable"] else None, told))
-        drawn = [chart.lines(name, [("", points)], x="interactions", width=260, height=120) for name, points in ways.items() if len(points) > 1]
+                rows.append(
+                    (
+                        r["number"] + 1,
+                        r["interactions"],
+                        r["residual"],
+                        k["name"],
+                        k["value"] if k["identifiable"] else None,
+                        told,
+                    )
+                )
+        drawn = [
+            chart.lines(name, [("", points)], x="interactions", width=260, height=120)
+            for name, points in ways.items()
+            if len(points) > 1
+        ]
         head = ["round", "interactions", "residual (m²)", "latent", "value", "95 % interval"]
         return card("rounds", beside(*drawn), table(head, rows), note=str(len(self)))
 

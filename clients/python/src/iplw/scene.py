@@ -37,7 +37,9 @@ class Scene(dict[str, Any]):
         return drawing(self, width=width)
 
     def _repr_pretty_(self, printer: Any, cycle: bool) -> None:
-        printer.text(f"<iplw.Scene {self.get('name', '')}: {', '.join(body['name'] for body in self.get('bodies', []))}>")
+        printer.text(
+            f"<iplw.Scene {self.get('name', '')}: {', '.join(body['name'] for body in self.get('bodies', []))}>"
+        )
 
     def _repr_html_(self) -> str:
         bodies = [(body["name"], body["shape"]["type"], _place(body)) for body in self.get("bodies", [])]

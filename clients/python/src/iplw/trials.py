@@ -54,7 +54,9 @@ class Trials(list[dict[str, Any]]):
                 turned = states.get("angle")
                 ways[body] = np.column_stack([x, y, np.zeros(len(x)) if turned is None else _numbers(turned)])
             tracks.append(ways)
-        rows = [(one["trial"], len(one["t"]), ", ".join(one["bodies"]), one["t"][-1] if one["t"] else None) for one in self]
+        rows = [
+            (one["trial"], len(one["t"]), ", ".join(one["bodies"]), one["t"][-1] if one["t"] else None) for one in self
+        ]
         shown = table(["trial", "observations", "bodies", "until (s)"], rows, most=6)
         return card("trials", drawing(None, tracks) if tracks else "", shown, note=str(len(self)))
 

@@ -30,14 +30,19 @@ def lines(title: str, drawn: Sequence[Line], *, x: str = "", width: int = 380, h
     def at(p: tuple[float, float]) -> str:
         return f"{_LEFT + w * (p[0] - x0) / (x1 - x0):.1f},{20 + h * (1 - (p[1] - y0) / (y1 - y0)):.1f}"
 
-    parts = [_text(_LEFT, 12, title), _text(_LEFT - 4, 26, f"{y1:.3g}", "end"), _text(_LEFT - 4, 20 + h, f"{y0:.3g}", "end")]
-    parts += [_text(_LEFT, height - 4, f"{x0:.3g}"), _text(_LEFT + w, height - 4, f"{x1:.3g} {x}".strip(), "end")]
+    parts = [
+        _text(_LEFT, 12, title),
+        _text(_LEFT - 4, 26, _tick(y1), "end"),
+        _text(_LEFT - 4, 20 + h, _tick(y0), "end"),
+    ]
+    parts += [_text(_LEFT, height - 4, _tick(x0)), _text(_LEFT + w, height - 4, f"{_tick(x1)} {x}".strip(), "end")]
     parts.append(f'<path d="M{_LEFT} 20V{20 + h}H{_LEFT + w}" fill="none" stroke="var(--line)"/>')
     for i, (name, points) in enumerate(kept):
         step = max(1, math.ceil(len(points) / MOST_POINTS))
         corners = " ".join(map(at, points[::step] + (points[-1:] if (len(points) - 1) % step else [])))
         parts.append(
-            f'<polyline points="{corners}" fill="none" stroke="var(--c{(i + 1) % 6})" stroke-width="1.5"><title>{escape(name)}</title></polyline>'
+            f'<polyline points="{corners}" fill="none" stroke="var(--c{(i + 1) % 6})" stroke-width="1.5">'
+            f"<title>{escape(name)}</title></polyline>"
         )
     named = "".join(
         f'<span style="color:var(--c{(i + 1) % 6})">{escape(name)}</span> ' for i, (name, _) in enumerate(kept) if name
@@ -54,7 +59,9 @@ def bars(title: str, rows: Sequence[tuple[str, float, bool]], *, width: int = 38
         y = 20 + 16 * i
         long = max(1.0, (width - room - 64) * abs(value) / most)
         parts.append(_text(room - 6, y + 10, name, "end"))
-        parts.append(f'<rect x="{room}" y="{y + 2}" width="{long:.1f}" height="10" fill="var(--{"c1" if strong else "line"})"/>')
+        parts.append(
+            f'<rect x="{room}" y="{y + 2}" width="{long:.1f}" height="10" fill="var(--{"c1" if strong else "line"})"/>'
+        )
         parts.append(_text(round(room + long + 4), y + 10, number(value)))
     return _svg(width, 24 + 16 * len(rows), parts)
 
@@ -81,6 +88,11 @@ def progress(share: float) -> str:
     return f'<div class="bar"><i style="width:{100 * min(max(share, 0.0), 1.0):.1f}%"></i></div>'
 
 
+def _tick(value: float) -> str:
+    """A number that fits left of an axis."""
+    return f"{value:.0f}" if 100 <= abs(value) < 1e6 else f"{value:.3g}"
+
+
 def _range(values: Sequence[float]) -> tuple[float, float]:
     low, high = min(values), max(values)
     return (low, high) if high > low else (low - 0.5, high + 0.5)
@@ -91,4 +103,5 @@ def _text(x: float, y: float, text: str, anchor: str = "start") -> str:
 
 
 def _svg(width: int, height: int, parts: Sequence[str]) -> str:
-    return f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" viewBox="0 0 {width} {height}">{"".join(parts)}</svg>'
+    size = f'width="{width}" height="{height}" viewBox="0 0 {width} {height}"'
+    return f'<svg xmlns="http://www.w3.org/2000/svg" {size}>{"".join(parts)}</svg>'

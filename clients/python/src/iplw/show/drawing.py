@@ -38,7 +38,9 @@ def drawing(scene: Mapping[str, Any] | None, tracks: Sequence[Tracks] = (), *, w
     parts += [_goal(scene)]
     for body in bodies:
         if "position" in body and not (tracks and body["name"] in tracks[0]):
-            parts.append(_body(body["shape"], body["position"], body.get("angle", 0.0), colours[body["name"]], body["name"]))
+            parts.append(
+                _body(body["shape"], body["position"], body.get("angle", 0.0), colours[body["name"]], body["name"])
+            )
             parts.append(_arrow(body, colours[body["name"]], thin))
     shapes = {body["name"]: body["shape"] for body in bodies}
     for track in tracks:
@@ -54,7 +56,8 @@ def drawing(scene: Mapping[str, Any] | None, tracks: Sequence[Tracks] = (), *, w
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" role="img" '
         f'viewBox="{left:.6g} {-top:.6g} {right - left:.6g} {top - bottom:.6g}" '
-        f'style="background:var(--paper);border:1px solid var(--line)"><g transform="scale(1,-1)">{"".join(parts)}</g></svg>'
+        'style="background:var(--paper);border:1px solid var(--line)">'
+        f'<g transform="scale(1,-1)">{"".join(parts)}</g></svg>'
     )
 
 
@@ -72,7 +75,9 @@ def extent(scene: Mapping[str, Any] | None, tracks: Sequence[Tracks] = ()) -> Bo
             points.append(at + reach * np.array([[-1.0, -1.0], [1.0, 1.0]]))
             points.append((at + ARROW_S * np.array(body.get("velocity", (0.0, 0.0))))[None])
     if not points:
-        points = [_corners(static) for static in (scene or {}).get("statics", []) if static["shape"]["type"] != "halfspace"]
+        points = [
+            _corners(static) for static in (scene or {}).get("statics", []) if static["shape"]["type"] != "halfspace"
+        ]
     seen = np.concatenate([np.zeros((0, 2)), *points])
     seen = seen[np.isfinite(seen).all(axis=1)]
     low, high = (seen.min(axis=0), seen.max(axis=0)) if len(seen) else (np.zeros(2), np.ones(2))
@@ -100,7 +105,12 @@ def _static(static: Mapping[str, Any], box: Box) -> str:
 
 
 def _body(
-    shape: Mapping[str, Any], position: Sequence[float] | NDArray[Any], angle: float, colour: str, name: str, faint: bool = False
+    shape: Mapping[str, Any],
+    position: Sequence[float] | NDArray[Any],
+    angle: float,
+    colour: str,
+    name: str,
+    faint: bool = False,
 ) -> str:
     x, y = float(position[0]), float(position[1])
     turn = math.degrees(float(angle)) if math.isfinite(angle) else 0.0
@@ -124,7 +134,8 @@ def _arrow(body: Mapping[str, Any], colour: str, thin: float) -> str:
     (x, y), ux, uy, tip = body["position"], vx / speed, vy / speed, 6 * thin
     ex, ey = x + ARROW_S * vx, y + ARROW_S * vy
     sides = [(ex - tip * (ux + s * 0.5 * uy), ey - tip * (uy - s * 0.5 * ux)) for s in (1, -1)]
-    path = f"M{x:.5g} {y:.5g}L{ex:.5g} {ey:.5g}M{sides[0][0]:.5g} {sides[0][1]:.5g}L{ex:.5g} {ey:.5g}L{sides[1][0]:.5g} {sides[1][1]:.5g}"
+    corners = [(x, y), (ex, ey), sides[0], (ex, ey), sides[1]]
+    path = "".join(f"{pen}{px:.5g} {py:.5g}" for pen, (px, py) in zip("MLMLL", corners))
     return f'<path d="{path}" fill="none" stroke="{colour}" stroke-width="1.2" vector-effect="non-scaling-stroke"/>'
 
 
@@ -160,7 +171,9 @@ def _outline(shape: Mapping[str, Any], box: Box = (-1e3, -1e3, 1e3, 1e3)) -> str
             return f'<polygon points="{_points(shape["vertices"])}" {thin}/>'
         case "segment":
             (x1, y1), (x2, y2) = shape["from"], shape["to"]
-            wide = f' style="stroke-width:{2 * r:.5g};stroke-linecap:round"' if (r := shape.get("radius", 0.0)) else thin
+            wide = (
+                f' style="stroke-width:{2 * r:.5g};stroke-linecap:round"' if (r := shape.get("radius", 0.0)) else thin
+            )
             return f'<line x1="{x1:.5g}" y1="{y1:.5g}" x2="{x2:.5g}" y2="{y2:.5g}" {wide}/>'
         case "compound":
             return "".join(_piece(piece) for piece in shape["pieces"])
@@ -173,7 +186,8 @@ def _outline(shape: Mapping[str, Any], box: Box = (-1e3, -1e3, 1e3, 1e3)) -> str
 def _piece(piece: Mapping[str, Any]) -> str:
     x, y = piece.get("position", (0.0, 0.0))
     shape = piece.get("shape", piece)
-    return f'<g transform="translate({x:.5g},{y:.5g}) rotate({math.degrees(piece.get("angle", 0.0)):.5g})">{_outline(shape)}</g>'
+    turn = math.degrees(piece.get("angle", 0.0))
+    return f'<g transform="translate({x:.5g},{y:.5g}) rotate({turn:.5g})">{_outline(shape)}</g>'
 
 
 def _below(shape: Mapping[str, Any], box: Box) -> list[tuple[float, float]]:

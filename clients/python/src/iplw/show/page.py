@@ -10,10 +10,18 @@ from typing import Any
 #: Rows of a table that are shown; more would make a notebook heavy, and nobody reads them.
 MOST_ROWS = 12
 
-_DARK = "--ink:#e6edf3;--soft:#9da7b3;--line:#3d444d;--paper:#161b22;--fill:#262c36;--c0:#56d364;--c1:#6cb6ff;--c2:#ff7b72;--c3:#e3b341;--c4:#d2a8ff;--c5:#76e3ea"
-_LIGHT = "--ink:#1f2328;--soft:#59636e;--line:#d1d9e0;--paper:#fff;--fill:#eff2f5;--c0:#1a7f37;--c1:#0969da;--c2:#cf222e;--c3:#9a6700;--c4:#8250df;--c5:#1b7c83"
+_DARK = "--ink:#e6edf3;--soft:#9da7b3;--line:#3d444d;--paper:#161b22;--fill:#262c36"
+_DARK += ";--c0:#56d364;--c1:#6cb6ff;--c2:#ff7b72;--c3:#e3b341;--c4:#d2a8ff;--c5:#76e3ea"
+_LIGHT = "--ink:#1f2328;--soft:#59636e;--line:#d1d9e0;--paper:#fff;--fill:#eff2f5"
+_LIGHT += ";--c0:#1a7f37;--c1:#0969da;--c2:#cf222e;--c3:#9a6700;--c4:#8250df;--c5:#1b7c83"
 #: Where a page says which it is, that counts: JupyterLab, VS Code, Colab, pages made with mkdocs-material.
-_SAYS_DARK = '[data-jp-theme-light="false"]', ".vscode-dark", ".vscode-high-contrast", 'html[theme="dark"]', '[data-md-color-scheme="slate"]'
+_SAYS_DARK = (
+    '[data-jp-theme-light="false"]',
+    ".vscode-dark",
+    ".vscode-high-contrast",
+    'html[theme="dark"]',
+    '[data-md-color-scheme="slate"]',
+)
 _SAYS_LIGHT = '[data-jp-theme-light="true"]', ".vscode-light", 'html[theme="light"]', '[data-md-color-scheme="default"]'
 
 
@@ -89,14 +97,16 @@ def _rules() -> str:
         ".iplw .n,.iplw summary{color:var(--soft)}.iplw p{margin:4px 0}"
         ".iplw .r{display:flex;flex-wrap:wrap;gap:12px;align-items:flex-start}"
         ".iplw table{border-collapse:collapse;margin:4px 0;color:inherit;background:none;font-size:12px}"
-        ".iplw th,.iplw td{padding:2px 10px 2px 0;text-align:left!important;border:0;border-bottom:1px solid var(--line);"
+        ".iplw th,.iplw td{padding:2px 10px 2px 0;text-align:left!important;border:0;"
+        "border-bottom:1px solid var(--line);"
         "background:none;color:inherit;font-variant-numeric:tabular-nums}"
         ".iplw th{font-weight:600;color:var(--soft)}"
         ".iplw svg{max-width:100%;height:auto}.iplw svg text{fill:var(--soft);font:11px system-ui,sans-serif}"
         ".iplw tbody tr,.iplw thead tr{background:none!important;text-align:left}"
         ".iplw .bar{height:6px;border-radius:3px;background:var(--fill);overflow:hidden;margin:6px 0}"
         ".iplw .bar i{display:block;height:100%;background:var(--c1)}"
-        ".iplw pre{margin:4px 0;font:11px/1.5 ui-monospace,monospace;color:var(--soft);background:none;white-space:pre-wrap}"
+        ".iplw pre{margin:4px 0;font:11px/1.5 ui-monospace,monospace;color:var(--soft);"
+        "background:none;white-space:pre-wrap}"
     )
 
 
