@@ -52,7 +52,10 @@ class AsyncJob(AsyncHandle):
         return None if left is None else float(left)
 
     def result(self) -> Result:
-        """The result of an ended job, a dict of the class that its kind has in `iplw.results`; raises as `wait` does, `RuntimeError` if it has not ended."""
+        """The result of an ended job, a dict of its kind's class (`iplw.Estimate`, ...).
+
+        Raises as `wait` does, and `RuntimeError` if it has not ended.
+        """
         if self.state == "cancelled":
             raise JobCancelled(self.id)
         if self.state == "failed":
@@ -125,7 +128,7 @@ class AsyncJob(AsyncHandle):
         return Rows(await self._line.items("get_job_log", id=self.id, after=after))
 
     async def trials(self) -> Trials:
-        """What an estimation has measured, `trial`, `proposal`, `task`, `action`, `t` (s), `bodies` (m, rad), ...; or a diagnosis was given."""
+        """What an estimation has measured, or a diagnosis was given: `trial`, `t` (s), `bodies` (m, rad); `proposal`, `task`, ..."""
         op = "list_given_trials" if self.kind == "diagnose" else "list_trials"
         return Trials(await self._line.items(op, id=self.id))
 

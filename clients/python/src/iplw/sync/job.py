@@ -53,7 +53,10 @@ class Job(Handle):
         return None if left is None else float(left)
 
     def result(self) -> Result:
-        """The result of an ended job, a dict of the class that its kind has in `iplw.results`; raises as `wait` does, `RuntimeError` if it has not ended."""
+        """The result of an ended job, a dict of its kind's class (`iplw.Estimate`, ...).
+
+        Raises as `wait` does, and `RuntimeError` if it has not ended.
+        """
         if self.state == "cancelled":
             raise JobCancelled(self.id)
         if self.state == "failed":
@@ -126,7 +129,7 @@ class Job(Handle):
         return Rows(self._line.items("get_job_log", id=self.id, after=after))
 
     def trials(self) -> Trials:
-        """What an estimation has measured, `trial`, `proposal`, `task`, `action`, `t` (s), `bodies` (m, rad), ...; or a diagnosis was given."""
+        """What an estimation has measured, or a diagnosis was given: `trial`, `t` (s), `bodies` (m, rad); `proposal`, `task`, ..."""
         op = "list_given_trials" if self.kind == "diagnose" else "list_trials"
         return Trials(self._line.items(op, id=self.id))
 
