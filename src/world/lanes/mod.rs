@@ -14,6 +14,7 @@
 //! - Overlap is tolerated up to Chipmunk's 0.1 m only for bodies larger than 0.6 m across; less for smaller.
 
 mod batch;
+mod closest;
 mod contact;
 #[cfg(feature = "levels")]
 mod count;
@@ -22,7 +23,10 @@ mod fill;
 mod goal;
 mod kernel;
 mod level;
+mod near;
+mod outline;
 mod piece;
+mod press;
 mod rest;
 mod simd;
 mod solve;
@@ -30,6 +34,7 @@ mod state;
 mod topology;
 mod touch;
 mod tunnel;
+mod turn;
 
 use super::prepare::Prepared;
 #[cfg(feature = "levels")]
@@ -38,7 +43,11 @@ pub use feed::Feed;
 pub use level::{Level, Settings, run};
 pub use topology::Topology;
 
-/// Whether this engine takes the scene: every movable body is a disc.
+/// Most bodies that this engine takes if some are no discs: it looks at every two of them.
+const MOST_BODIES: usize = 64;
+
+/// Whether this engine takes the scene.
 pub fn takes(prepared: &Prepared) -> bool {
-    prepared.bodies.iter().all(|b| b.shape.disc_radius().is_some())
+    let discs = prepared.bodies.iter().all(|b| b.shape.disc_radius().is_some());
+    discs || prepared.bodies.len() <= MOST_BODIES
 }
