@@ -80,6 +80,8 @@ pub struct BodyLanes {
     pub bias_y: V,
     /// Of the disc, or of one about the centre of mass that fits into the body, m.
     pub radius: V,
+    /// Whether it is anything but a disc.
+    pub shaped: bool,
     /// 1/kg
     pub inv_mass: V,
     /// Spin gained from a tangential impulse of 1 N s at the rim, rad/s.
@@ -189,7 +191,7 @@ impl State {
         }
         let none = V::all(0.0);
         State {
-            bodies: vec![BodyLanes::empty(); count],
+            bodies: (0..count).map(|i| BodyLanes { shaped: !disc(i), ..BodyLanes::empty() }).collect(),
             statics,
             pairs,
             near: near::pairs(&outlines, count, disc),
@@ -264,6 +266,7 @@ impl BodyLanes {
             bias_x: none,
             bias_y: none,
             radius: V::all(NOTHING),
+            shaped: false,
             inv_mass: none,
             spin_per_impulse: none,
             fast: false,
