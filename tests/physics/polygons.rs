@@ -55,7 +55,7 @@ fn a_block_rocks_as_housner_says() {
     let t = roll(&scene);
     let at = |t_wanted: f64| (t_wanted / scene.time_step).round() as usize;
     let (before, wanted) =
-        (t.bodies[0].omega[at(time - 0.01)], spin + 0.01 * 0.75 * G / radius * alpha.sin());
+        (t.bodies[0].omega[at(time - 0.01)], -spin - 0.01 * 0.75 * G / radius * alpha.sin());
     assert!((before - wanted).abs() < 0.02 * spin.abs(), "{before} rad/s for {wanted}");
     let after = t.bodies[0].omega[at(time + 0.03)];
     // From then on the other corner takes speed off.
