@@ -173,7 +173,7 @@ fn engine_for(engine: Engine, prepared: &Prepared) -> Result<Engine> {
         (Engine::Lanes, false) => Err(Error::input(
             "engine",
             "\"lanes\"",
-            "\"auto\" or \"rapier\" for a scene with a movable body that is not a disc",
+            "\"auto\" or \"rapier\" for a scene of so many bodies, of which some are no discs",
         )),
     }
 }
