@@ -116,12 +116,12 @@ def test_a_node_that_is_taken_away_changes_no_bit(nodes: Any, background: Any, t
     assert [(ran.node, ran.threads) for ran in found.ran if ran] == [(doomed.node_id, 2)]
 
     def begun_on_every_core(seed: int) -> dict[str, Any]:
-        until(lambda: len(list(tmp_path.iterdir())) >= 4, seconds=60)
+        until(lambda: len(list(tmp_path.iterdir())) >= 4)
         return estimated(seed)
 
     told = Told(tmp_path, begun_on_every_core)
     running = background(cluster.map, told, range(4), progress=False)
-    workers = until(lambda: [pid for _, pid, node in told.tries() if node == doomed.node_id], seconds=60)
+    workers = until(lambda: [pid for _, pid, node in told.tries() if node == doomed.node_id])
     started = until(lambda: [program for worker in workers for program in programs(worker)])
     nodes.remove_node(doomed, allow_graceful=False)
     until(lambda: not any(words(program) for program in started), seconds=20)
@@ -135,7 +135,7 @@ def test_what_a_killed_worker_started_ends_with_it_and_its_unit_is_tried_again(
 ) -> None:
     told = Told(tmp_path, estimated)
     running = background(cluster.map, told, [7], progress=False)
-    _, worker, _ = until(told.tries, seconds=60)[0]
+    _, worker, _ = until(told.tries)[0]
     program = until(lambda: programs(worker))[0]
     os.kill(worker, signal.SIGKILL)
     until(lambda: not words(program), seconds=5)
