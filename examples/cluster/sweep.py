@@ -43,8 +43,8 @@ def main() -> None:
                 table.writerow([item["real"]["damping"], item["seed"], *told])
     hosts = {ran.machine.host for ran in found.ran if ran}
     seconds = sum(ran.seconds for ran in found.ran if ran)
-    told = f"{len(found)} estimations, {seconds:.0f} s of computing on {len(hosts)} machines: {arguments.out}"
-    print(told, file=sys.stderr)
+    summary = f"{len(found)} estimations, {seconds:.0f} s of computing on {len(hosts)} machines: {arguments.out}"
+    print(summary, file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -116,15 +116,15 @@ def test_a_node_that_is_taken_away_changes_no_bit(nodes: Any, background: Any, t
     assert [(ran.node, ran.threads) for ran in found.ran if ran] == [(doomed.node_id, 2)]
 
     def begun_on_every_core(seed: int) -> dict[str, Any]:
-        until(lambda: len(list(tmp_path.iterdir())) >= 4, seconds=60)
+        until(lambda: len(list(tmp_path.iterdir())) >= 4)
         return estimated(seed)
 
     told = Told(tmp_path, begun_on_every_core)
     running = background(cluster.map, told, range(4), progress=False)
-    workers = until(lambda: [pid for _, pid, node in told.tries() if node == doomed.node_id], seconds=60)
+    workers = until(lambda: [pid for _, pid, node in told.tries() if node == doomed.node_id])
     started = until(lambda: [program for worker in workers for program in programs(worker)])
     nodes.remove_node(doomed, allow_graceful=False)
-    until(lambda: not any(words(program) for program in started), seconds=20)
+    until(lambda: not any(words(program) for program in started))
     found = running.result(timeout=120)
     assert len(told.tries()) > 4, "its units were begun anew"
     assert found == [estimated(seed) for seed in range(4)]
@@ -135,10 +135,10 @@ def test_what_a_killed_worker_started_ends_with_it_and_its_unit_is_tried_again(
 ) -> None:
     told = Told(tmp_path, estimated)
     running = background(cluster.map, told, [7], progress=False)
-    _, worker, _ = until(told.tries, seconds=60)[0]
+    _, worker, _ = until(told.tries)[0]
     program = until(lambda: programs(worker))[0]
     os.kill(worker, signal.SIGKILL)
-    until(lambda: not words(program), seconds=5)
+    until(lambda: not words(program), seconds=15)
     # Then its program alone: the worker stays, and the unit is tried again as well.
     _, worker, _ = until(lambda: told.tries()[1:])[0]
     os.kill(until(lambda: programs(worker))[0], signal.SIGKILL)
@@ -189,7 +189,7 @@ def test_the_first_failure_ends_what_still_runs(nodes: Any, tmp_path: Path) -> N
     with pytest.raises(cluster.UnitFailed, match="enough"):
         cluster.map(told, [1, 0], progress=False)
     worker = next(pid for item, pid, _ in told.tries() if item == "1")
-    until(lambda: not programs(worker), seconds=5)
+    until(lambda: not programs(worker), seconds=15)
 
 
 def test_a_policy_goes_to_the_nodes_as_a_file(nodes: Any) -> None:

@@ -93,7 +93,7 @@ def test_no_command_outlives_who_asked_for_it(how: signal.Signals, tmp_path: Pat
     program = until(lambda: programs(asking.pid))[0]
     asking.send_signal(how)
     asking.wait(10)
-    until(lambda: not words(program), seconds=5)
+    until(lambda: not words(program), seconds=15)
     left = list(tmp_path.glob("iplw-unit-*"))
     assert len(left) == (1 if how == signal.SIGKILL else 0)
     # What a kill leaves on the disk goes with the next unit.
