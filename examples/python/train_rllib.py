@@ -17,7 +17,7 @@ from ray.rllib.algorithms.ppo import PPOConfig
 
 def main() -> None:
     options = arguments()
-    ray.init(include_dashboard=False, log_to_driver=False)
+    ray.init(options.cluster, log_to_driver=False)
     # The prefix imports iplw in every process that makes environments. Without an address each has a server of its own.
     config = (
         PPOConfig()
@@ -50,6 +50,7 @@ def main() -> None:
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description="PPO of RLlib on bowling")
     parser.add_argument("--url", help="address of a running server; none: a private one for each process")
+    parser.add_argument("--cluster", default="local", help="address of a Ray cluster; `local` begins one here")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--runners", type=int, default=0, help="processes that step environments; 0: this one")
     parser.add_argument("--envs", type=int, default=256, help="environments of each, stepped together")
