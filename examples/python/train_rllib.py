@@ -1,4 +1,4 @@
-"""PPO of RLlib on many environments, a request a step; what it solves before and after.
+"""PPO of RLlib on many environments, a request a step; what it solves at first and at last.
 
 Needs `pip install 'ray[rllib]' torch`.
 
