@@ -52,12 +52,13 @@ fn bits(t: &Trajectory) -> Vec<u64> {
 }
 
 #[test]
-fn auto_takes_lanes_unless_bodies_are_many() {
+fn auto_takes_lanes_for_discs_and_lanes_takes_what_is_not_too_many() {
     let mut scene = box_scene(vec![disc("a", 0.5, [0.0, 3.0], [0.0, 0.0])]);
     let engine = |scene: &Scene, engine| chosen(engine, &rollouts(std::slice::from_ref(scene))[0]);
     assert_eq!(engine(&scene, Engine::Auto).unwrap(), Engine::Lanes);
     scene.bodies[0].shape = Shape::Box(Rectangle { half_width: 0.5, half_height: 0.5 });
-    assert_eq!(engine(&scene, Engine::Auto).unwrap(), Engine::Lanes);
+    assert_eq!(engine(&scene, Engine::Auto).unwrap(), Engine::Rapier);
+    assert_eq!(engine(&scene, Engine::Lanes).unwrap(), Engine::Lanes);
     let many = (0..80).map(|i| disc(&format!("b{i}"), 0.1, [f64::from(i) - 40.0, 5.0], [0.0; 2]));
     scene.bodies.extend(many);
     assert_eq!(engine(&scene, Engine::Auto).unwrap(), Engine::Rapier);

@@ -53,6 +53,10 @@ const MOST_BODIES: usize = 64;
 
 /// Whether this engine takes the scene.
 pub fn takes(prepared: &Prepared) -> bool {
-    let discs = prepared.bodies.iter().all(|b| b.shape.disc_radius().is_some());
-    discs || prepared.bodies.len() <= MOST_BODIES
+    only_discs(prepared) || prepared.bodies.len() <= MOST_BODIES
+}
+
+/// Whether every body is a disc.
+pub fn only_discs(prepared: &Prepared) -> bool {
+    prepared.bodies.iter().all(|b| b.shape.disc_radius().is_some())
 }
