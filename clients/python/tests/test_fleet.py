@@ -14,7 +14,8 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 import iplw
 from iplw import fleet
 from iplw.envs import PlacementEnv
-from iplw.server import PrivateServer, find_binary
+from iplw.binary import find_binary
+from iplw.server import PrivateServer
 from iplw.vector import PlacementVectorEnv
 from test_vector import same
 

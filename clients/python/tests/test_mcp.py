@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from iplw.server import find_binary
+from iplw.binary import find_binary
 
 pytest.importorskip("mcp")
 
