@@ -134,8 +134,8 @@ fn facing<R: Register, const N: usize>(corners: &[Corner], nx: Wide<R, N>, ny: W
     let id = |i: usize| Wide::all(1.0 + i as f64);
     let mut edge = Edge { from: at(0), to: at(1 % n), from_id: id(0), to_id: id(1 % n) };
     let mut best = nx * Wide::load(&corners[0].nx) + ny * Wide::load(&corners[0].ny);
-    for i in 1..n {
-        let facing = nx * Wide::load(&corners[i].nx) + ny * Wide::load(&corners[i].ny);
+    for (i, corner) in corners.iter().enumerate().skip(1) {
+        let facing = nx * Wide::load(&corner.nx) + ny * Wide::load(&corner.ny);
         let better = best.less(facing);
         best = better.select(facing, best);
         let (from, to) = (at(i), at((i + 1) % n));
