@@ -322,7 +322,7 @@ fn tumbling(i: u32) -> Scene {
     });
     let mut scene = box_scene(bodies.collect());
     scene.steps = 700 + 31 * (i % 4);
-    scene.effects = if i % 2 == 0 { vec![effect::damping(0.7)] } else { vec![] };
+    scene.effects = if i.is_multiple_of(2) { vec![effect::damping(0.7)] } else { vec![] };
     let parties = [["b0", "b1"], ["b3", "floor"], ["b2", "b4"]][i as usize % 3];
     scene.goal =
         Some(Goal::Contact { bodies: parties.map(String::from), hold_s: 0.1, tolerance: 0.05, stop: None });

@@ -2,7 +2,7 @@
 
 use iplw::task::Scene;
 use iplw::task::scene::{Body, Goal, Shape, Static};
-use iplw::task::shape::{Compound, Disc, Halfspace, Piece, Polygon, Rectangle, Segment};
+use iplw::task::shape::{Compound, Halfspace, Piece, Polygon, Rectangle, Segment};
 use iplw::trajectory::Trajectory;
 use iplw::world::{Engine, Latents, Rollout, simulate};
 
