@@ -2,11 +2,11 @@
 
 use super::closest::closest;
 use super::contact::{Gap, may_touch, with_static};
-use super::kernel::HAIR;
 use super::outline::place;
 use super::piece::pieces;
 use super::simd::{Mask, Register, V, Wide};
 use super::state::{NEVER_TOUCHED, State};
+use super::touching::HAIR;
 use crate::task::geometry::polygon_contains;
 use crate::world::effect::LANES;
 use crate::world::goal::{Condition, Party};

@@ -17,14 +17,13 @@ use super::contact::{Gap, between_discs, may_touch, with_static};
 use super::near;
 use super::simd::{Mask, Register, Wide};
 use super::solve::solve;
-use super::state::{Met, Pair, State};
+use super::state::{Pair, State};
 use super::touch;
+use super::touching::{HAIR, begin};
 use super::tunnel::{WATCHED, stop_fast_discs};
 use crate::world::effect::LANES;
-use crate::world::record::{APART_STEPS, CARRIES};
+use crate::world::record::CARRIES;
 
-/// m; covers the rounding of travelled ways, far below what matters and far above what rounds off.
-pub const HAIR: f64 = 1e-6;
 /// Speed, m/s or rad/s, that is taken for none: a hair above what contacts leave of rounding, so that things at
 /// rest come to a state that the next step repeats. It adds up to less than an atom's width in a rollout.
 const STILL: f64 = 1e-12;
@@ -191,26 +190,6 @@ fn count_carried<R: Register, const N: usize>(state: &mut State) {
             Wide::<R, N>::all(0.0).store(&mut body.carried);
         }
     }
-}
-
-/// Marks the lanes that begin to touch; whether any does.
-#[inline(always)]
-pub fn begin<R: Register, const N: usize>(
-    met: &mut Met,
-    touching: Mask<R, N>,
-    speed: Wide<R, N>,
-    tick: f64,
-) -> bool {
-    let now = Wide::all(tick);
-    let last = Wide::load(&met.last_touch);
-    touching.select(now, last).store(&mut met.last_touch);
-    let begins = touching.and(Wide::all(f64::from(APART_STEPS)).less(now - last));
-    if !begins.any() {
-        return false;
-    }
-    begins.select(Wide::all(1.0), Wide::all(0.0)).store(&mut met.begins);
-    speed.store(&mut met.speed);
-    true
 }
 
 /// Chipmunk's prestep: target bounce and bias speeds; masses of 0 where a lane's pair does not push. Whether

@@ -38,6 +38,7 @@ mod solve;
 mod state;
 mod topology;
 mod touch;
+mod touching;
 mod tunnel;
 mod turn;
 

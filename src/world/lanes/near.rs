@@ -8,10 +8,10 @@
 
 use super::closest::{Place, closest, places};
 use super::contact::may_touch;
-use super::kernel::{HAIR, begin};
 use super::outline::{Frame, Outline, place};
 use super::simd::{Mask, Register, V, Wide};
 use super::state::{BodyLanes, Met, NEVER_TOUCHED, State};
+use super::touching::{HAIR, begin};
 use crate::world::record::CARRIES;
 
 /// Two outlines that may touch.
