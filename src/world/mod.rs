@@ -168,14 +168,12 @@ pub fn chosen(engine: Engine, rollout: &Rollout) -> Result<Engine> {
 
 fn engine_for(engine: Engine, prepared: &Prepared) -> Result<Engine> {
     match (engine, lanes::takes(prepared)) {
-        (Engine::Rapier, _) => Ok(Engine::Rapier),
-        // Bodies of other shapes are new to it: they go there where it is named.
-        (Engine::Auto, _) if !lanes::only_discs(prepared) => Ok(Engine::Rapier),
-        (Engine::Auto, _) | (Engine::Lanes, true) => Ok(Engine::Lanes),
+        (Engine::Rapier, _) | (Engine::Auto, false) => Ok(Engine::Rapier),
+        (Engine::Lanes | Engine::Auto, true) => Ok(Engine::Lanes),
         (Engine::Lanes, false) => Err(Error::input(
             "engine",
             "\"lanes\"",
-            "\"auto\" or \"rapier\" for a scene of so many bodies, of which some are no discs",
+            "\"auto\" or \"rapier\" for a scene with a movable body that is not a disc",
         )),
     }
 }

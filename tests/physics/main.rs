@@ -9,7 +9,6 @@ mod analytic;
 mod effects;
 mod fuzz_scene;
 mod lanes;
-mod polygons;
 mod properties;
 mod shapes;
 mod tasks;
