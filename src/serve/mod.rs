@@ -48,6 +48,7 @@ mod metrics;
 mod operation;
 mod operations;
 mod problem;
+mod runtime;
 mod shared;
 mod signal;
 mod upkeep;
@@ -64,11 +65,11 @@ use tokio::net::TcpListener;
 
 use crate::error::{Error, Result};
 pub use config::{Clock, ServeConfig};
-use fair::Fair;
 pub use limits::Limits;
 pub use log::{Log, LogForm, Sink};
 pub use mcp::{McpConfig, mcp_blocking};
 use operations::OPERATIONS;
+use runtime::run_to_end;
 use shared::Shared;
 use signal::stop_signal;
 use upkeep::Upkeep;
@@ -102,15 +103,7 @@ pub async fn serve(config: ServeConfig) -> Result<()> {
 
 /// [`serve`] on a runtime of its own; returns without waiting for work that does not notice the stop.
 pub fn serve_blocking(config: ServeConfig) -> Result<()> {
-    memory::set_up();
-    let runtime = tokio::runtime::Builder::new_multi_thread()
-        .enable_all()
-        .max_blocking_threads(Fair::threads())
-        .build()
-        .map_err(|e| Error::Failed(format!("no threads to serve with: {e}")))?;
-    let done = runtime.block_on(serve(config));
-    runtime.shutdown_timeout(Duration::from_secs(1));
-    done
+    run_to_end(serve(config), Duration::from_secs(1))
 }
 
 /// The OpenAPI 3.1 document, pretty JSON with a newline at the end.

@@ -31,12 +31,12 @@ use rmcp::service::ServerInitializeError;
 use rmcp::transport::io::stdio_pipes;
 
 use super::config::ServeConfig;
-use super::fair::Fair;
 use super::limits::Limits;
 use super::log::Log;
+use super::runtime::run_to_end;
 use super::signal::stop_signal;
 use super::upkeep::Upkeep;
-use super::{exposure, memory, upkeep};
+use super::{exposure, upkeep};
 use crate::access::Scope;
 use crate::error::{Error, Result};
 use desk::Desk;
@@ -61,16 +61,8 @@ pub struct McpConfig {
 
 /// Serves one agent until standard input ends, or the process is told to stop.
 pub fn mcp_blocking(config: McpConfig) -> Result<()> {
-    memory::set_up();
-    let runtime = tokio::runtime::Builder::new_multi_thread()
-        .enable_all()
-        .max_blocking_threads(Fair::threads())
-        .build()
-        .map_err(|e| Error::Failed(format!("no threads to serve with: {e}")))?;
-    let done = runtime.block_on(serve(config));
     // A read of standard input may be under way for ever.
-    runtime.shutdown_timeout(Duration::from_millis(200));
-    done
+    run_to_end(serve(config), Duration::from_millis(200))
 }
 
 /// How long jobs may take to notice the end: clients of the protocol wait for two seconds before they kill.
