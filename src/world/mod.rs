@@ -46,7 +46,7 @@ pub enum Engine {
     Auto,
     /// The general engine: rapier2d.
     Rapier,
-    /// The batched engine, for scenes whose movable bodies are discs.
+    /// The batched engine: any number of discs, or up to 64 bodies of any shape.
     Lanes,
 }
 
@@ -169,11 +169,14 @@ pub fn chosen(engine: Engine, rollout: &Rollout) -> Result<Engine> {
 fn engine_for(engine: Engine, prepared: &Prepared) -> Result<Engine> {
     match (engine, lanes::takes(prepared)) {
         (Engine::Rapier, _) | (Engine::Auto, false) => Ok(Engine::Rapier),
-        (Engine::Lanes | Engine::Auto, true) => Ok(Engine::Lanes),
+        (Engine::Auto | Engine::Lanes, true) => Ok(Engine::Lanes),
         (Engine::Lanes, false) => Err(Error::input(
             "engine",
             "\"lanes\"",
-            "\"auto\" or \"rapier\" for a scene with a movable body that is not a disc",
+            format!(
+                "\"auto\" or \"rapier\" for a scene of more than {} bodies of which some are no discs",
+                lanes::MOST_BODIES
+            ),
         )),
     }
 }

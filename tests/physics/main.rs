@@ -9,6 +9,7 @@ mod analytic;
 mod effects;
 mod fuzz_scene;
 mod lanes;
+mod polygons;
 mod properties;
 mod shapes;
 mod tasks;

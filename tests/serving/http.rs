@@ -479,11 +479,10 @@ fn bad_input_is_a_problem_that_names_it() {
         "bodies",
         json!([{"name": "ball", "shape": {"type": "polygon", "vertices": [[0, 0], [1, 0], [2, 0]]}, "position": [0, 1]}]),
     );
-    let boxed = with(
-        "bodies",
-        json!([{"name": "ball", "shape": {"type": "box", "half_width": 0.1, "half_height": 0.1}, "position": [0, 1]}]),
-    )
-    .replace("{\"scene\"", "{\"engine\":\"lanes\",\"scene\"");
+    let crowd: Vec<Value> = (0..65)
+        .map(|i| json!({"name": format!("b{i}"), "shape": {"type": "box", "half_width": 0.1, "half_height": 0.1}, "position": [i, 1]}))
+        .collect();
+    let crowded = with("bodies", json!(crowd)).replace("{\"scene\"", "{\"engine\":\"lanes\",\"scene\"");
     let homeless = with("bodies", json!([{"name": "ball", "shape": {"type": "disc", "radius": 0.1}}]));
     let huge = with("steps", json!(1_000_000))
         .replace("\"scene\":{", "\"scene\":{\"observe_every\":1,\"time_step\":0.001,");
@@ -616,7 +615,7 @@ fn bad_input_is_a_problem_that_names_it() {
         row("POST", worlds, with("goal", Value::Null), 422, wrong, "scene.goal"),
         row("POST", worlds, with("format", json!("iplw.scene/2")), 422, wrong, "scene.format"),
         row("POST", worlds, with("time_step", json!(0)), 422, wrong, "scene.time_step"),
-        row("POST", worlds, boxed, 422, wrong, "engine"),
+        row("POST", worlds, crowded, 422, wrong, "engine"),
         row("POST", worlds, homeless, 422, wrong, "scene.bodies[0].position"),
         row("POST", worlds, overlap, 422, wrong, "scene.bodies[2].position"),
         row("POST", worlds, flat, 422, wrong, "scene.bodies[0].shape.vertices[1]"),

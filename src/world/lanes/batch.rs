@@ -9,7 +9,8 @@ use super::goal::GoalLanes;
 use super::kernel;
 use super::rest::{LOOK_EVERY, Snapshot};
 use super::simd::Register;
-use super::state::{Pair, State};
+use super::state::State;
+use super::touching::Met;
 use crate::trajectory::{End, Trajectory};
 use crate::world::effect::LANES;
 use crate::world::observe::Schedule;
@@ -28,7 +29,7 @@ pub fn run<R: Register, const N: usize>(feed: &mut dyn Feed, end_at_rest: bool) 
     for lane in 1..LANES {
         batch.refill(lane, feed);
     }
-    let steps_a_look = (PAIRS_A_LOOK / batch.state.pairs.len().max(1)).max(1);
+    let steps_a_look = (PAIRS_A_LOOK / (batch.state.pairs.len() + batch.state.near.len()).max(1)).max(1);
     let mut unlooked = 0;
     while batch.lanes.iter().any(Option::is_some) {
         unlooked += 1;
@@ -46,7 +47,7 @@ pub fn run<R: Register, const N: usize>(feed: &mut dyn Feed, end_at_rest: bool) 
             batch.record_begun();
         }
         if let Some(goal) = &mut batch.goal
-            && goal.judge::<R, N>(&batch.state)
+            && goal.judge::<R, N>(&mut batch.state)
         {
             batch.reached(feed);
         }
@@ -141,11 +142,11 @@ impl Batch {
                 if !self.begins(*index, lane, &fresh) {
                     continue;
                 }
-                let pair = &self.state.pairs[*index];
+                let met = self.state.met(*index);
                 if let Some(own) = &mut self.lanes[lane] {
                     let step = (self.state.tick - self.state.born[lane]) as u32;
-                    let speed = (-pair.speed[lane]).max(0.0);
-                    own.recorder.begin(step, pair.first, pair.other, speed);
+                    let speed = (-met.speed[lane]).max(0.0);
+                    own.recorder.begin(step, met.first, met.other, speed);
                 }
             }
         }
@@ -154,17 +155,17 @@ impl Batch {
     /// Whether with this pair its two things begin to touch, of whose other pieces none touches already; of several that
     /// begin in one step the first counts.
     fn begins(&self, index: usize, lane: usize, fresh: &[usize]) -> bool {
-        let own = &self.state.pairs[index];
-        let touched = |(i, pair): (usize, &Pair)| {
-            let same = pair.first == own.first && pair.other == own.other && i != index;
-            let begins = fresh.contains(&i) && pair.begins[lane] > 0.0;
+        let own = self.state.met(index);
+        let touched = |(i, met): (usize, &Met)| {
+            let same = met.first == own.first && met.other == own.other && i != index;
+            let begins = fresh.contains(&i) && met.begins[lane] > 0.0;
             same && if begins {
                 i < index
             } else {
-                self.state.tick - pair.last_touch[lane] <= f64::from(APART_STEPS)
+                self.state.tick - met.last_touch[lane] <= f64::from(APART_STEPS)
             }
         };
-        own.begins[lane] > 0.0 && !self.state.pairs.iter().enumerate().any(touched)
+        own.begins[lane] > 0.0 && !self.state.all_met().enumerate().any(touched)
     }
 
     fn reached(&mut self, feed: &mut dyn Feed) {

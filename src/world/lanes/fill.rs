@@ -1,7 +1,10 @@
 //! Putting a rollout into a lane, and leaving a lane empty.
 
+use super::outline;
 use super::piece::{Piece, pieces};
-use super::state::{Core, NEVER_TOUCHED, NOTHING, Pair, State, StaticLanes, TermLanes};
+use super::state::{Core, NOTHING, Pair, State, StaticLanes, TermLanes};
+use super::touching::NEVER_TOUCHED;
+use crate::task::geometry::Convex;
 use crate::world::effect::{Constants, MOST_PARAMETERS};
 use crate::world::prepare::{Prepared, PreparedBody};
 
@@ -23,19 +26,21 @@ impl State {
         self.slop[lane] = slop(prepared);
         self.bias_rate[lane] = (1.0 - libm::pow(LEFT_A_FRAME, 60.0 * dt)) / dt;
         self.born[lane] = self.tick;
-        for (body, own) in self.bodies.iter_mut().zip(&prepared.bodies) {
+        outline::fill(&mut self.frames, &mut self.outlines, lane, prepared);
+        for (i, (body, own)) in self.bodies.iter_mut().zip(&prepared.bodies).enumerate() {
+            let arm = self.frames.get(i).map_or([0.0; 2], |f| f.arm(lane, own.angle));
             // Adding 0 turns -0 into 0: see `kernel::push`.
-            body.moving.x[lane] = own.position[0] + 0.0;
-            body.moving.y[lane] = own.position[1] + 0.0;
-            body.moving.vx[lane] = own.velocity[0] + 0.0;
-            body.moving.vy[lane] = own.velocity[1] + 0.0;
+            body.moving.x[lane] = own.position[0] + arm[0] + 0.0;
+            body.moving.y[lane] = own.position[1] + arm[1] + 0.0;
+            body.moving.vx[lane] = own.velocity[0] - own.omega * arm[1] + 0.0;
+            body.moving.vy[lane] = own.velocity[1] + own.omega * arm[0] + 0.0;
             body.moving.omega[lane] = own.omega + 0.0;
             body.angle[lane] = own.angle + 0.0;
             body.bias_x[lane] = 0.0;
             body.bias_y[lane] = 0.0;
-            body.radius[lane] = radius(own);
+            body.radius[lane] = inner_radius(own);
             body.inv_mass[lane] = 1.0 / own.mass;
-            body.spin_per_impulse[lane] = radius(own) / own.inertia;
+            body.spin_per_impulse[lane] = inner_radius(own) / own.inertia;
             body.travel[lane] = 0.0;
             body.carried[lane] = 0.0;
             body.rolling[lane] = 0.0;
@@ -46,11 +51,30 @@ impl State {
         for pair in &mut self.pairs {
             fill_pair(pair, lane, prepared);
         }
+        self.fill_near(lane, prepared);
         for (term, (_, constants)) in self.motions.iter_mut().zip(&prepared.motions) {
             fill_term(term, lane, constants);
         }
         for (term, (_, constants)) in self.touches.iter_mut().zip(&prepared.touches) {
             fill_term(term, lane, constants);
+        }
+    }
+
+    /// Pairs of outlines begin anew, without contacts.
+    fn fill_near(&mut self, lane: usize, prepared: &Prepared) {
+        let surface = |i: usize| match prepared.bodies.get(i) {
+            Some(body) => [body.friction, body.restitution],
+            None => {
+                let fixed = &prepared.statics[i - prepared.bodies.len()];
+                [fixed.friction, fixed.restitution]
+            }
+        };
+        for near in &mut self.near {
+            let ([f, e], [g, d]) = (surface(near.met.first), surface(near.met.other));
+            near.fill(lane, NEVER_TOUCHED, f * g, e * d);
+        }
+        for manifold in &mut self.manifolds {
+            manifold.clear(lane);
         }
     }
 
@@ -80,15 +104,31 @@ impl State {
             (pair.jn[lane], pair.jt[lane]) = (0.0, 0.0);
             pair.limit[lane] = f64::INFINITY;
         }
+        for near in &mut self.near {
+            near.fill(lane, f64::INFINITY, 0.0, 0.0);
+        }
+        for manifold in &mut self.manifolds {
+            manifold.clear(lane);
+        }
+        for frame in &mut self.frames {
+            frame.clear(lane);
+        }
         for term in &mut self.motions {
             fill_term(term, lane, &[0.0; MOST_PARAMETERS]);
         }
     }
 }
 
-/// The radius of a body, m.
-pub fn radius(body: &PreparedBody) -> f64 {
-    body.shape.disc_radius().expect("the engine takes only scenes whose bodies are discs")
+/// The radius, m, of a disc, or of one about the centre of mass that is as wide as the body's narrowest piece.
+fn inner_radius(body: &PreparedBody) -> f64 {
+    let narrowest = || body.shape.0.iter().map(inradius).fold(f64::INFINITY, f64::min);
+    body.shape.disc_radius().unwrap_or_else(narrowest)
+}
+
+/// The smaller half extent of a piece, m.
+fn inradius(piece: &Convex) -> f64 {
+    let b = piece.bounds();
+    (b[2] - b[0]).min(b[3] - b[1]) / 2.0
 }
 
 fn fill_pair(pair: &mut Pair, lane: usize, prepared: &Prepared) {
@@ -96,7 +136,8 @@ fn fill_pair(pair: &mut Pair, lane: usize, prepared: &Prepared) {
     let a = &prepared.bodies[pair.first];
     let looseness = |i: usize| {
         let b = &prepared.bodies[i];
-        (1.0 / b.mass, radius(b) * radius(b) / b.inertia)
+        let radius = inner_radius(b);
+        (1.0 / b.mass, radius * radius / b.inertia)
     };
     let (mut inv_mass, mut turn) = looseness(pair.first);
     let (friction, restitution) = if pair.second < count {
@@ -104,7 +145,7 @@ fn fill_pair(pair: &mut Pair, lane: usize, prepared: &Prepared) {
         (inv_mass, turn) = (inv_mass + m, turn + t);
         (prepared.bodies[pair.second].friction, prepared.bodies[pair.second].restitution)
     } else {
-        let fixed = &prepared.statics[pair.other - count];
+        let fixed = &prepared.statics[pair.met.other - count];
         (fixed.friction, fixed.restitution)
     };
     pair.limit[lane] = NEVER_TOUCHED;
@@ -113,7 +154,7 @@ fn fill_pair(pair: &mut Pair, lane: usize, prepared: &Prepared) {
     pair.full_tangent_mass[lane] = 1.0 / (inv_mass + turn);
     pair.friction[lane] = a.friction * friction;
     pair.restitution[lane] = a.restitution * restitution;
-    pair.last_touch[lane] = NEVER_TOUCHED;
+    pair.met.last_touch[lane] = NEVER_TOUCHED;
 }
 
 fn fill_static(fixed: &mut StaticLanes, lane: usize, piece: Piece) {
@@ -150,7 +191,7 @@ fn fill_term<L: ?Sized + 'static>(term: &mut TermLanes<L>, lane: usize, constant
 /// Chipmunk's slop of 0.1 m is made for bodies of ordinary size. Smaller bodies get less, falling with the
 /// square of the size, so that a ball of 4 cm sinks in by half a millimetre and not by its whole radius.
 fn slop(prepared: &Prepared) -> f64 {
-    let smallest = prepared.bodies.iter().map(|b| 2.0 * radius(b)).fold(f64::INFINITY, f64::min);
+    let smallest = prepared.bodies.iter().map(|b| 2.0 * inner_radius(b)).fold(f64::INFINITY, f64::min);
     let share = (smallest / ORDINARY).min(1.0);
     SLOP * share * share
 }

@@ -1,10 +1,12 @@
 //! The goal of a batch, in every lane.
 
-use super::contact::{Gap, with_static};
-use super::fill::radius;
+use super::closest::closest;
+use super::contact::{Gap, may_touch, with_static};
+use super::outline::place;
 use super::piece::pieces;
 use super::simd::{Mask, Register, V, Wide};
-use super::state::State;
+use super::state::{BodyLanes, State};
+use super::touching::{HAIR, NEVER_TOUCHED};
 use crate::task::geometry::polygon_contains;
 use crate::world::effect::LANES;
 use crate::world::goal::{Condition, Party};
@@ -33,6 +35,13 @@ enum ConditionLanes {
         fixed: Vec<usize>,
         tolerance: V,
     },
+    /// A body, and a body or a static after all bodies, at least one of them no disc; and the sum of both bodies' `travel` below
+    /// which they are not near enough.
+    Outlines {
+        between: [usize; 2],
+        limit: V,
+        tolerance: V,
+    },
     /// Polygon and the box around it, by lane.
     Inside {
         body: usize,
@@ -47,6 +56,7 @@ impl GoalLanes {
     /// Empty lanes for goals like this one.
     pub fn new(condition: &Condition, prepared: &Prepared) -> GoalLanes {
         let none = V::all(0.0);
+        let disc = |i: usize| prepared.bodies[i].shape.disc_radius().is_some();
         let condition = match condition {
             Condition::Inside { body, .. } => ConditionLanes::Inside {
                 body: *body,
@@ -55,8 +65,12 @@ impl GoalLanes {
                 high: [none; 2],
             },
             Condition::Contact { parties, .. } => match *parties {
-                [Party::Body(first), Party::Body(second)] => {
+                [Party::Body(first), Party::Body(second)] if disc(first) && disc(second) => {
                     ConditionLanes::Discs { first, second, reach2: none }
+                }
+                [Party::Body(first), Party::Body(second)] => ConditionLanes::outlines(first, second),
+                [Party::Body(b), Party::Static(s)] | [Party::Static(s), Party::Body(b)] if !disc(b) => {
+                    ConditionLanes::outlines(b, prepared.bodies.len() + s)
                 }
                 [Party::Body(b), Party::Static(s)] | [Party::Static(s), Party::Body(b)] => {
                     let of_it = pieces(prepared).enumerate().filter(|(_, (owner, _))| *owner == s);
@@ -84,9 +98,9 @@ impl GoalLanes {
 
     /// Follows the goals; whether a lane has just reached its own.
     #[inline(always)]
-    pub fn judge<R: Register, const N: usize>(&mut self, state: &State) -> bool {
+    pub fn judge<R: Register, const N: usize>(&mut self, state: &mut State) -> bool {
         let none = Wide::all(0.0);
-        let holds: Mask<R, N> = match &self.condition {
+        let holds: Mask<R, N> = match &mut self.condition {
             ConditionLanes::Never => return false,
             ConditionLanes::Discs { first, second, reach2 } => {
                 let (a, b) = (&state.bodies[*first].moving, &state.bodies[*second].moving);
@@ -101,15 +115,22 @@ impl GoalLanes {
                 let first = within(&fixed[0]);
                 fixed[1..].iter().fold(first, |any, piece| any.or(within(piece)))
             }
+            ConditionLanes::Outlines { between, limit, tolerance } => {
+                match within::<R, N>(state, *between, limit, tolerance) {
+                    Some(within) => within,
+                    None => none.less(none),
+                }
+            }
             ConditionLanes::Inside { body, regions, low, high } => {
-                let at = &state.bodies[*body].moving;
-                let (x, y) = (Wide::load(&at.x), Wide::load(&at.y));
+                let [x, y]: [Wide<R, N>; 2] = origin(state, *body);
                 let across = Wide::load(&low[0]).at_most(x).and(x.at_most(Wide::load(&high[0])));
                 let near = across.and(Wide::load(&low[1]).at_most(y)).and(y.at_most(Wide::load(&high[1])));
                 if near.any() {
-                    let mut holds = V::all(0.0);
+                    let (mut holds, mut px, mut py) = (V::all(0.0), V::all(0.0), V::all(0.0));
+                    x.store(&mut px);
+                    y.store(&mut py);
                     for l in 0..LANES {
-                        holds[l] = f64::from(u8::from(polygon_contains(&regions[l], [at.x[l], at.y[l]])));
+                        holds[l] = f64::from(u8::from(polygon_contains(&regions[l], [px[l], py[l]])));
                     }
                     near.and(none.less(Wide::load(&holds)))
                 } else {
@@ -130,11 +151,23 @@ impl GoalLanes {
 }
 
 impl ConditionLanes {
+    fn outlines(first: usize, other: usize) -> ConditionLanes {
+        let (limit, tolerance) = (V::all(f64::INFINITY), V::all(0.0));
+        ConditionLanes::Outlines { between: [first, other], limit, tolerance }
+    }
+
     fn fill(&mut self, lane: usize, own: &Condition, prepared: &Prepared) {
         match (self, own) {
             (ConditionLanes::Discs { first, second, reach2 }, Condition::Contact { tolerance, .. }) => {
-                let radii = radius(&prepared.bodies[*first]) + radius(&prepared.bodies[*second]);
+                let radius = |i: usize| prepared.bodies[i].shape.disc_radius().expect("made for discs only");
+                let radii = radius(*first) + radius(*second);
                 reach2[lane] = (radii + tolerance) * (radii + tolerance);
+            }
+            (
+                ConditionLanes::Outlines { limit, tolerance, .. },
+                Condition::Contact { tolerance: own, .. },
+            ) => {
+                (limit[lane], tolerance[lane]) = (NEVER_TOUCHED, *own);
             }
             (ConditionLanes::DiscStatic { tolerance, .. }, Condition::Contact { tolerance: own, .. }) => {
                 tolerance[lane] = *own;
@@ -149,4 +182,47 @@ impl ConditionLanes {
             _ => {}
         }
     }
+}
+
+/// Where two things are no farther apart than `tolerance`; `None` if none of the lanes can be.
+#[inline(always)]
+fn within<R: Register, const N: usize>(
+    state: &mut State,
+    [first, other]: [usize; 2],
+    limit: &mut V,
+    tolerance: &V,
+) -> Option<Mask<R, N>> {
+    let count = state.bodies.len();
+    let mut travel = Wide::load(&state.bodies[first].travel);
+    if other < count {
+        travel = travel + Wide::load(&state.bodies[other].travel);
+    }
+    if !may_touch(limit, travel) {
+        return None;
+    }
+    for body in [first, other].into_iter().filter(|b| *b < count) {
+        let BodyLanes { moving, angle, .. } = &state.bodies[body];
+        place::<R, N>(&mut state.frames[body], &mut state.outlines, moving, angle, state.tick);
+    }
+    let tolerance = Wide::load(tolerance);
+    let mut least = Wide::all(f64::INFINITY);
+    for a in state.outlines.iter().filter(|o| o.owner == first) {
+        for b in state.outlines.iter().filter(|o| o.owner == other) {
+            least = closest(a, b, tolerance).separation.below(least);
+        }
+    }
+    (travel + (least - tolerance - Wide::all(HAIR)).above(Wide::all(0.0))).store(limit);
+    Some(least.at_most(tolerance))
+}
+
+/// Where a body's frame has its origin, m.
+#[inline(always)]
+fn origin<R: Register, const N: usize>(state: &mut State, body: usize) -> [Wide<R, N>; 2] {
+    let own = &state.bodies[body];
+    let centre = [Wide::load(&own.moving.x), Wide::load(&own.moving.y)];
+    let Some(frame) = state.frames.get_mut(body).filter(|f| !f.disc) else { return centre };
+    frame.turn::<R, N>(&own.angle);
+    let (sine, cosine) = (Wide::<R, N>::load(&frame.sine), Wide::load(&frame.cosine));
+    let (x, y) = (Wide::load(&frame.centre_x), Wide::load(&frame.centre_y));
+    [centre[0] - (cosine * x - sine * y), centre[1] - (sine * x + cosine * y)]
 }

@@ -14,16 +14,16 @@
 //! - A contact lost for a step or two and found again starts without its old impulse.
 
 use super::contact::{Gap, between_discs, may_touch, with_static};
+use super::near;
 use super::simd::{Mask, Register, Wide};
 use super::solve::solve;
 use super::state::{Pair, State};
 use super::touch;
+use super::touching::{HAIR, begin};
 use super::tunnel::{WATCHED, stop_fast_discs};
 use crate::world::effect::LANES;
-use crate::world::record::{APART_STEPS, CARRIES};
+use crate::world::record::CARRIES;
 
-/// m; covers the rounding of travelled ways, far below what matters and far above what rounds off.
-const HAIR: f64 = 1e-6;
 /// Speed, m/s or rad/s, that is taken for none: a hair above what contacts leave of rounding, so that things at
 /// rest come to a state that the next step repeats. It adds up to less than an atom's width in a rollout.
 const STILL: f64 = 1e-12;
@@ -36,12 +36,17 @@ pub fn step<R: Register, const N: usize>(state: &mut State) {
     state.tick += 1.0;
     advance::<R, N>(state);
     find_contacts::<R, N>(state);
+    if !state.near.is_empty() {
+        near::find::<R, N>(state);
+    }
+    count_carried::<R, N>(state);
     let laws = !state.touches.is_empty();
     if laws {
         touch::meet(state);
+        touch::meet_at_points(state);
     }
     push::<R, N>(state);
-    if !state.active.is_empty() {
+    if !(state.active.is_empty() && state.pressing.is_empty()) {
         solve::<R, N>(state, laws);
         if laws {
             touch::roll(state);
@@ -56,11 +61,16 @@ fn advance<R: Register, const N: usize>(state: &mut State) {
     let none = Wide::all(0.0);
     let (mut tame, mut fast) = (true, false);
     for b in &mut state.bodies {
-        let [vx, vy] = [Wide::load(&b.moving.vx), Wide::load(&b.moving.vy)];
-        let omega = Wide::load(&b.moving.omega);
-        settled(vx).store(&mut b.moving.vx);
-        settled(vy).store(&mut b.moving.vy);
-        settled(omega).store(&mut b.moving.omega);
+        let [mut vx, mut vy] = [Wide::load(&b.moving.vx), Wide::load(&b.moving.vy)];
+        let mut omega = Wide::load(&b.moving.omega);
+        let still = [settled(vx), settled(vy), settled(omega)];
+        still[0].store(&mut b.moving.vx);
+        still[1].store(&mut b.moving.vy);
+        still[2].store(&mut b.moving.omega);
+        if b.shaped {
+            // What rests on two points is left with more than rounds off, and an angle near 0 shows it.
+            [vx, vy, omega] = still;
+        }
         let (vx, vy) = (vx + Wide::load(&b.bias_x), vy + Wide::load(&b.bias_y));
         let (way_x, way_y) = (vx * dt, vy * dt);
         let (x, y) = (Wide::load(&b.moving.x) + way_x, Wide::load(&b.moving.y) + way_y);
@@ -83,8 +93,26 @@ fn advance<R: Register, const N: usize>(state: &mut State) {
         tame &= !none.less(odd).any();
     }
     state.wild = !tame;
+    turn_bodies::<R, N>(state);
     if fast {
         stop_fast_discs(state);
+    }
+}
+
+/// What bodies that are no discs do beyond that: the bias turns them, and to turn is to travel.
+#[inline(always)]
+fn turn_bodies<R: Register, const N: usize>(state: &mut State) {
+    let dt: Wide<R, N> = Wide::load(&state.dt);
+    for (frame, body) in state.frames.iter_mut().zip(&mut state.bodies) {
+        let bias = Wide::load(&frame.bias_omega);
+        Wide::<R, N>::all(0.0).store(&mut frame.bias_omega);
+        if frame.disc {
+            continue;
+        }
+        (Wide::load(&body.angle) + bias * dt).store(&mut body.angle);
+        let turned = (Wide::load(&body.moving.omega) + bias) * dt;
+        let way = Wide::load(&frame.extent) * turned.size();
+        (Wide::load(&body.travel) + way).store(&mut body.travel);
     }
 }
 
@@ -137,7 +165,7 @@ fn find_contacts<R: Register, const N: usize>(state: &mut State) {
             body.any_carried = true;
         }
         let speed = vx * gap.nx + vy * gap.ny;
-        if begin(pair, touching, speed, state.tick) {
+        if begin(&mut pair.met, touching, speed, state.tick) {
             state.fresh.push(index);
         }
         let hit = gap.separation.less(Wide::all(0.0));
@@ -149,6 +177,11 @@ fn find_contacts<R: Register, const N: usize>(state: &mut State) {
         state.any_bias |= prepare(pair, gap, hit, speed, depth, Wide::load(&state.bias_rate));
         state.active.push(index);
     }
+}
+
+/// Adds up in how many steps a static carried each body.
+#[inline(always)]
+fn count_carried<R: Register, const N: usize>(state: &mut State) {
     for body in &mut state.bodies {
         if body.any_carried {
             body.any_carried = false;
@@ -157,26 +190,6 @@ fn find_contacts<R: Register, const N: usize>(state: &mut State) {
             Wide::<R, N>::all(0.0).store(&mut body.carried);
         }
     }
-}
-
-/// Marks the lanes that begin to touch; whether any does.
-#[inline(always)]
-fn begin<R: Register, const N: usize>(
-    pair: &mut Pair,
-    touching: Mask<R, N>,
-    speed: Wide<R, N>,
-    tick: f64,
-) -> bool {
-    let now = Wide::all(tick);
-    let last = Wide::load(&pair.last_touch);
-    touching.select(now, last).store(&mut pair.last_touch);
-    let begins = touching.and(Wide::all(f64::from(APART_STEPS)).less(now - last));
-    if !begins.any() {
-        return false;
-    }
-    begins.select(Wide::all(1.0), Wide::all(0.0)).store(&mut pair.begins);
-    speed.store(&mut pair.speed);
-    true
 }
 
 /// Chipmunk's prestep: target bounce and bias speeds; masses of 0 where a lane's pair does not push. Whether

@@ -1,4 +1,8 @@
-//! The batched engine: scenes of discs among statics of any shape, eight rollouts at a time in f64.
+//! The batched engine: bodies among statics, eight rollouts at a time in f64.
+//!
+//! Discs, and discs on statics, go the short way (`contact`, `solve`): one point, whose arm is along the normal. Bodies of any other
+//! shape, and discs that meet them, go the long one: `outline` (pieces where they stand), `closest` (where two come closest),
+//! `near` (pairs and their contacts of two points), `press` (their impulses).
 //!
 //! Source: the scheme of Chipmunk2D as Pymunk 7 runs it by default (see `kernel`); trajectories agree with
 //! Pymunk's to a centimetre for seconds. Rollouts of one *topology* (the same number of bodies, the same kinds of
@@ -10,10 +14,12 @@
 //! Differences from the source:
 //! - The first step moves bodies at their initial speeds and then accelerates them, as in Pymunk; the rapier
 //!   engine accelerates first. Both are of first order in the time step.
-//! - A disc fast enough to pass through a static in one step is stopped at it: see `tunnel`.
+//! - A disc fast enough to pass through a static in one step is stopped at it, and so is any other body as the disc that fits into it:
+//!   see `tunnel`.
 //! - Overlap is tolerated up to Chipmunk's 0.1 m only for bodies larger than 0.6 m across; less for smaller.
 
 mod batch;
+mod closest;
 mod contact;
 #[cfg(feature = "levels")]
 mod count;
@@ -22,14 +28,20 @@ mod fill;
 mod goal;
 mod kernel;
 mod level;
+mod manifold;
+mod near;
+mod outline;
 mod piece;
+mod press;
 mod rest;
 mod simd;
 mod solve;
 mod state;
 mod topology;
 mod touch;
+mod touching;
 mod tunnel;
+mod turn;
 
 use super::prepare::Prepared;
 #[cfg(feature = "levels")]
@@ -38,7 +50,11 @@ pub use feed::Feed;
 pub use level::{Level, Settings, run};
 pub use topology::Topology;
 
-/// Whether this engine takes the scene: every movable body is a disc.
+/// Most bodies that this engine takes if some are no discs: it looks at every two of them.
+pub const MOST_BODIES: usize = 64;
+
+/// Whether this engine takes the scene.
 pub fn takes(prepared: &Prepared) -> bool {
-    prepared.bodies.iter().all(|b| b.shape.disc_radius().is_some())
+    let only_discs = prepared.bodies.iter().all(|b| b.shape.disc_radius().is_some());
+    only_discs || prepared.bodies.len() <= MOST_BODIES
 }

@@ -56,5 +56,12 @@ fn columns(state: &State) -> impl Iterator<Item = V> + '_ {
         let m = &b.moving;
         [V(m.x), V(m.y), V(m.vx), V(m.vy), V(m.omega), b.angle, b.bias_x, b.bias_y]
     });
-    bodies.chain(state.pairs.iter().flat_map(|p| [p.jn, p.jt]))
+    let pairs = state.pairs.iter().flat_map(|p| [p.jn, p.jt]);
+    // A pair without a contact has no impulses, as one whose contact bears nothing.
+    let contacts = state.near.iter().flat_map(|near| match near.slot {
+        Some(slot) => state.manifolds[slot].points.map(|p| [p.id, p.jn, p.jt]),
+        None => [[V::all(0.0); 3]; 2],
+    });
+    let biases = state.frames.iter().map(|f| f.bias_omega);
+    bodies.chain(pairs).chain(contacts.flatten()).chain(biases)
 }

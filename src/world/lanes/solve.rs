@@ -8,19 +8,17 @@
 //! - A sweep leaves out contacts that it cannot change: those whose last visit changed nothing and whose bodies
 //!   have not changed since. The result is the same to the last bit.
 
+use super::press::{self, CONTENT};
 use super::simd::{Register, Wide};
 use super::state::{BodyLanes, Pair, State};
 
 /// Sweeps over the contacts in a step: Chipmunk's default.
 const SWEEPS: u32 = 10;
-/// A contact whose impulses would change by less than this share of the normal impulse is content and left as it
-/// is: a thousand times what rounds off, so that a resting ball costs one visit and not ten.
-const CONTENT: f64 = 1e-12;
-
 /// Applies last step's impulses and sweeps over the contacts that push; `laws`: laws of contact are at work.
 #[inline(always)]
 pub fn solve<R: Register, const N: usize>(state: &mut State, laws: bool) {
     warm_start::<R, N>(state);
+    press::warm_start::<R, N>(state);
     match (state.any_bias, laws) {
         (false, false) => sweep::<false, false, R, N>(state),
         (true, false) => sweep::<true, false, R, N>(state),
@@ -76,6 +74,9 @@ fn sweep<const BIAS: bool, const SLIP: bool, R: Register, const N: usize>(state:
             } else {
                 pair.seen = versions;
             }
+        }
+        if !state.pressing.is_empty() {
+            changed |= press::sweep::<BIAS, SLIP, R, N>(state);
         }
         if !changed {
             break;

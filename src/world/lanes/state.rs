@@ -2,8 +2,11 @@
 //!
 //! What a step does with it is in `kernel`; how a rollout gets into a lane is in `fill`.
 
+use super::manifold::{Manifold, Near, pairs as near_pairs};
+use super::outline::{self, Frame, Outline};
 use super::piece::pieces;
 use super::simd::V;
+use super::touching::Met;
 use crate::world::effect::{Constants, LANES, MOST_PARAMETERS, Motion, MovingLanes, Touch};
 use crate::world::prepare::Prepared;
 use crate::world::record;
@@ -12,8 +15,15 @@ use crate::world::record;
 pub struct State {
     pub bodies: Vec<BodyLanes>,
     pub statics: Vec<StaticLanes>,
-    /// Pairs of bodies, then each body's statics.
+    /// Pairs of discs, then each disc's statics.
     pub pairs: Vec<Pair>,
+    /// Where some body is no disc: what all bodies have beyond discs, outlines of bodies and statics, pairs of outlines, and the
+    /// contacts of those that push, some of them spare. Else none.
+    pub frames: Vec<Frame>,
+    pub outlines: Vec<Outline>,
+    pub near: Vec<Near>,
+    pub manifolds: Vec<Manifold>,
+    pub spare: Vec<usize>,
     pub motions: Vec<TermLanes<dyn Motion>>,
     pub touches: Vec<TermLanes<dyn Touch>>,
     /// Whether an effect looks at the clock.
@@ -35,8 +45,10 @@ pub struct State {
     pub tick: f64,
     /// Tick at which the lane's rollout began.
     pub born: V,
-    /// Scratch of the step: pairs that push, pairs that began to touch, how often a body's speed has changed.
+    /// Scratch of the step: pairs and contacts that push, what began to touch ([`State::met`]), how often a body's speed has
+    /// changed.
     pub active: Vec<usize>,
+    pub pressing: Vec<usize>,
     pub fresh: Vec<usize>,
     pub versions: Vec<u32>,
     pub any_bias: bool,
@@ -44,7 +56,7 @@ pub struct State {
     pub wild: bool,
 }
 
-/// A disc in every lane.
+/// A body in every lane. Speeds and position are those of its centre of mass.
 #[derive(Clone)]
 pub struct BodyLanes {
     pub moving: MovingLanes,
@@ -53,8 +65,10 @@ pub struct BodyLanes {
     /// Bias speed, m/s.
     pub bias_x: V,
     pub bias_y: V,
-    /// m
+    /// Of the disc, or of one about the centre of mass that fits into the body, m.
     pub radius: V,
+    /// Whether it is anything but a disc.
+    pub shaped: bool,
     /// 1/kg
     pub inv_mass: V,
     /// Spin gained from a tangential impulse of 1 N s at the rim, rad/s.
@@ -104,8 +118,7 @@ pub struct Pair {
     pub first: usize,
     /// Index of a body, or of a piece of a static after all bodies.
     pub second: usize,
-    /// Index of a body, or of a static after all bodies.
-    pub other: usize,
+    pub met: Met,
     /// Sum of both bodies' `travel` below which they cannot touch.
     pub limit: V,
     /// Unit normal from first to second, or from the static to the body.
@@ -129,11 +142,6 @@ pub struct Pair {
     pub full_tangent_mass: V,
     pub friction: V,
     pub restitution: V,
-    /// Tick of the last touch.
-    pub last_touch: V,
-    /// Lanes that begin to touch (1), and the normal speed (negative: approach), in this step.
-    pub begins: V,
-    pub speed: V,
     /// Whether impulses of the last step are kept.
     pub pushed: bool,
     /// Versions of both bodies when a visit last changed nothing.
@@ -148,28 +156,33 @@ pub struct TermLanes<L: ?Sized + 'static> {
 
 /// Radius of the discs in a lane without a rollout: nothing touches them.
 pub const NOTHING: f64 = -1e30;
-/// Tick of the last touch, and limit of travel, of a pair not yet looked at.
-pub const NEVER_TOUCHED: f64 = -1e9;
-
 impl State {
     /// Empty lanes for rollouts like this one.
     pub fn for_topology_of(prepared: &Prepared) -> State {
         let count = prepared.bodies.len();
         let statics: Vec<StaticLanes> =
             pieces(prepared).map(|(owner, piece)| StaticLanes::new(owner, piece.corners())).collect();
+        let disc = |i: usize| prepared.bodies[i].shape.disc_radius().is_some();
+        let (frames, outlines) = outline::of(prepared);
         let mut pairs = Vec::new();
-        for first in 0..count {
-            pairs.extend((first + 1..count).map(|second| Pair::new(first, second, second)));
+        for first in (0..count).filter(|i| disc(*i)) {
+            let discs = (first + 1..count).filter(|i| disc(*i));
+            pairs.extend(discs.map(|second| Pair::new(first, second, second)));
         }
-        for first in 0..count {
+        for first in (0..count).filter(|i| disc(*i)) {
             let statics = statics.iter().enumerate();
             pairs.extend(statics.map(|(s, piece)| Pair::new(first, count + s, count + piece.owner)));
         }
         let none = V::all(0.0);
         State {
-            bodies: vec![BodyLanes::empty(); count],
+            bodies: (0..count).map(|i| BodyLanes { shaped: !disc(i), ..BodyLanes::empty() }).collect(),
             statics,
             pairs,
+            near: near_pairs(&outlines, count, disc),
+            frames,
+            outlines,
+            manifolds: Vec::new(),
+            spare: Vec::new(),
             motions: prepared.motions.iter().map(|(law, _)| TermLanes::of(*law)).collect(),
             touches: prepared.touches.iter().map(|(law, _)| TermLanes::of(*law)).collect(),
             clocked: prepared.motions.iter().any(|(law, _)| !law.timeless()),
@@ -183,6 +196,7 @@ impl State {
             tick: 0.0,
             born: none,
             active: Vec::new(),
+            pressing: Vec::new(),
             fresh: Vec::new(),
             versions: vec![0; count],
             any_bias: false,
@@ -190,15 +204,32 @@ impl State {
         }
     }
 
-    /// The bodies' states in one lane.
+    /// The bodies' states in one lane: those of their frames' origins.
     pub fn bodies_in(&self, lane: usize) -> Vec<record::State> {
-        let state = |b: &BodyLanes| record::State {
-            position: [b.moving.x[lane], b.moving.y[lane]],
-            angle: b.angle[lane],
-            velocity: [b.moving.vx[lane], b.moving.vy[lane]],
-            omega: b.moving.omega[lane],
+        let state = |(i, b): (usize, &BodyLanes)| {
+            let (angle, omega) = (b.angle[lane], b.moving.omega[lane]);
+            let arm = self.frames.get(i).map_or([0.0; 2], |f| f.arm(lane, angle));
+            record::State {
+                position: [b.moving.x[lane] - arm[0], b.moving.y[lane] - arm[1]],
+                angle,
+                velocity: [b.moving.vx[lane] + omega * arm[1], b.moving.vy[lane] - omega * arm[0]],
+                omega,
+            }
         };
-        self.bodies.iter().map(state).collect()
+        self.bodies.iter().enumerate().map(state).collect()
+    }
+
+    /// Who touched, of what `fresh` holds: numbers of pairs, then of pairs of outlines.
+    pub fn met(&self, index: usize) -> &Met {
+        match self.pairs.get(index) {
+            Some(pair) => &pair.met,
+            None => &self.near[index - self.pairs.len()].met,
+        }
+    }
+
+    /// Everybody who may touch, numbered as [`State::met`] takes them.
+    pub fn all_met(&self) -> impl Iterator<Item = &Met> {
+        self.pairs.iter().map(|p| &p.met).chain(self.near.iter().map(|n| &n.met))
     }
 
     /// Steps that a lane's rollout has made.
@@ -219,6 +250,7 @@ impl BodyLanes {
             bias_x: none,
             bias_y: none,
             radius: V::all(NOTHING),
+            shaped: false,
             inv_mass: none,
             spin_per_impulse: none,
             fast: false,
@@ -251,7 +283,7 @@ impl Pair {
         Pair {
             first,
             second,
-            other,
+            met: Met::new(first, other),
             limit: V::all(f64::INFINITY),
             nx: none,
             ny: none,
@@ -268,9 +300,6 @@ impl Pair {
             full_tangent_mass: none,
             friction: none,
             restitution: none,
-            last_touch: V::all(NEVER_TOUCHED),
-            begins: none,
-            speed: none,
             pushed: false,
             seen: [u32::MAX; 2],
         }

@@ -1,13 +1,15 @@
 //! Which rollouts may share a batch.
 
 use super::piece::pieces;
+use crate::task::solid::Pieces;
 use crate::world::goal::{Condition, Party};
 use crate::world::prepare::Prepared;
 
 /// What rollouts must have in common to share a batch.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Topology {
-    bodies: usize,
+    /// Corners of each piece of each body; none for a disc.
+    bodies: Vec<Vec<usize>>,
     /// Corners of each piece of each static, with the static's number; 0 for a half plane.
     statics: Vec<(usize, usize)>,
     effects: Vec<&'static str>,
@@ -21,7 +23,7 @@ impl Topology {
     pub fn of(prepared: &Prepared) -> Topology {
         let count = prepared.bodies.len();
         Topology {
-            bodies: count,
+            bodies: prepared.bodies.iter().map(|b| corners(&b.shape)).collect(),
             statics: pieces(prepared).map(|(s, piece)| (s, piece.corners())).collect(),
             effects: prepared.effects.clone(),
             time_step: prepared.time_step.to_bits(),
@@ -36,5 +38,12 @@ impl Topology {
                 }
             }),
         }
+    }
+}
+
+fn corners(shape: &Pieces) -> Vec<usize> {
+    match shape.disc_radius() {
+        Some(_) => Vec::new(),
+        None => shape.0.iter().map(|piece| piece.points.len()).collect(),
     }
 }

@@ -1,7 +1,10 @@
 //! Laws of contact (effects of the form `Act::Contact`) in a batch, one lane at a time: scenes with such laws
 //! are few beside those without, and a scene without never comes here.
 
+use super::manifold::{Manifold, Point};
+use super::simd::V;
 use super::state::{BodyLanes, Pair, State, TermLanes};
+use super::touching::Met;
 use crate::world::effect::{Answer, LANES, Meeting, Touch, rolled_off};
 
 /// Asks the laws what every contact that pushes is to give back; called when contacts are found, and before
@@ -16,14 +19,52 @@ pub fn meet(state: &mut State) {
             let [normal, tangent] = relative(pair, lane, &state.bodies[pair.first], other);
             let begins = pair.jn[lane] == 0.0;
             let meeting = Meeting { approach: (-normal).max(0.0), slip: tangent, begins };
-            let own = Answer { restitution: pair.restitution[lane], slip: 0.0 };
-            let ask = |answer, law: &TermLanes<dyn Touch>| law.law.meet(&law.own(lane), meeting, answer);
-            let answer = state.touches.iter().fold(own, ask);
+            let answer = answer(&state.touches, lane, meeting, pair.restitution[lane]);
             pair.bounce[lane] = normal * answer.restitution;
             pair.slip[lane] = answer.slip;
             pair.unloaded[lane] = f64::from(u8::from(begins));
         }
     }
+}
+
+/// The same for the contacts of bodies that are no discs, point by point.
+#[cold]
+pub fn meet_at_points(state: &mut State) {
+    let State { pressing, manifolds, near, bodies, touches, .. } = state;
+    for slot in pressing.iter() {
+        let manifold = &mut manifolds[*slot];
+        let near = &near[manifold.near];
+        for k in 0..manifold.count {
+            let mass = manifold.points[k].normal_mass;
+            for lane in (0..LANES).filter(|l| mass[*l] > 0.0) {
+                let point = &manifold.points[k];
+                let [normal, tangent] = relative_at(manifold, point, lane, &near.met, bodies);
+                let begins = point.jn[lane] == 0.0;
+                let meeting = Meeting { approach: (-normal).max(0.0), slip: tangent, begins };
+                let answer = answer(touches, lane, meeting, near.restitution[lane]);
+                manifold.points[k].bounce[lane] = normal * answer.restitution;
+                manifold.points[k].slip[lane] = answer.slip;
+            }
+        }
+    }
+}
+
+/// What the laws make of a meeting, in order.
+fn answer(touches: &[TermLanes<dyn Touch>], lane: usize, meeting: Meeting, restitution: f64) -> Answer {
+    let own = Answer { restitution, slip: 0.0 };
+    touches.iter().fold(own, |answer, law| law.law.meet(&law.own(lane), meeting, answer))
+}
+
+/// Normal and tangential speed of the second surface against the first at a point, m/s.
+fn relative_at(manifold: &Manifold, point: &Point, lane: usize, met: &Met, bodies: &[BodyLanes]) -> [f64; 2] {
+    let at = |i: usize, arm: &[V; 2]| {
+        let Some(b) = bodies.get(i) else { return [0.0; 2] };
+        let omega = b.moving.omega[lane];
+        [b.moving.vx[lane] - omega * arm[1][lane], b.moving.vy[lane] + omega * arm[0][lane]]
+    };
+    let ([ax, ay], [bx, by]) = (at(met.first, &point.first), at(met.other, &point.second));
+    let ([x, y], nx, ny) = ([bx - ax, by - ay], manifold.nx[lane], manifold.ny[lane]);
+    [x * nx + y * ny, y * nx - x * ny]
 }
 
 /// Slows the discs that roll on statics; called when contacts are resolved.

@@ -1,0 +1,129 @@
+//! What is kept of pairs of outlines, and of contacts of two points between those that push.
+
+use super::outline::Outline;
+use super::simd::V;
+use super::touching::{Met, NEVER_TOUCHED};
+
+/// Two outlines that may touch.
+pub struct Near {
+    /// Indices of outlines; the first is a body's.
+    pub outlines: [usize; 2],
+    pub met: Met,
+    /// Sum of both bodies' `travel` below which they cannot touch.
+    pub limit: V,
+    pub friction: V,
+    pub restitution: V,
+    /// Its contact, if it pushes.
+    pub slot: Option<usize>,
+}
+
+/// A contact: two outlines that push each other in some lane.
+#[derive(Clone)]
+pub struct Manifold {
+    /// Index of its [`Near`].
+    pub near: usize,
+    /// Unit normal from the first to the second.
+    pub nx: V,
+    pub ny: V,
+    pub friction: V,
+    /// How many of the points there can be.
+    pub count: usize,
+    pub points: [Point; 2],
+    /// Versions of both bodies when a visit last changed nothing.
+    pub seen: [u32; 2],
+}
+
+/// A point of a contact.
+#[derive(Clone, Copy)]
+pub struct Point {
+    /// The corners it is made of; 0 for none.
+    pub id: V,
+    /// From the centre of mass of the first, and of the second, m.
+    pub first: [V; 2],
+    pub second: [V; 2],
+    /// Accumulated normal, tangential and bias impulse, N s.
+    pub jn: V,
+    pub jt: V,
+    pub jb: V,
+    /// Target speeds, m/s.
+    pub bounce: V,
+    pub bias: V,
+    /// As `state::Pair` has it.
+    pub slip: V,
+    /// Effective masses, kg: 0 in lanes where the point does not push.
+    pub normal_mass: V,
+    pub tangent_mass: V,
+}
+
+impl Near {
+    /// Of a body's outline and another's; `first` and `other` as [`Met`] has them.
+    fn new(outlines: [usize; 2], first: usize, other: usize) -> Near {
+        Near {
+            outlines,
+            met: Met::new(first, other),
+            limit: V::all(f64::INFINITY),
+            friction: V::all(0.0),
+            restitution: V::all(0.0),
+            slot: None,
+        }
+    }
+
+    /// Readies a lane for a new rollout, or for none.
+    pub fn fill(&mut self, lane: usize, limit: f64, friction: f64, restitution: f64) {
+        self.limit[lane] = limit;
+        self.met.last_touch[lane] = NEVER_TOUCHED;
+        (self.friction[lane], self.restitution[lane]) = (friction, restitution);
+    }
+}
+
+impl Manifold {
+    /// Forgets a lane's impulses.
+    pub fn clear(&mut self, lane: usize) {
+        for point in &mut self.points {
+            (point.jn[lane], point.jt[lane], point.id[lane]) = (0.0, 0.0, 0.0);
+            (point.normal_mass[lane], point.tangent_mass[lane]) = (0.0, 0.0);
+        }
+    }
+
+    /// One that pushes nowhere.
+    pub fn empty() -> Manifold {
+        let none = V::all(0.0);
+        let point = Point {
+            id: none,
+            first: [none; 2],
+            second: [none; 2],
+            jn: none,
+            jt: none,
+            jb: none,
+            bounce: none,
+            bias: none,
+            slip: none,
+            normal_mass: none,
+            tangent_mass: none,
+        };
+        Manifold {
+            near: 0,
+            nx: none,
+            ny: none,
+            friction: none,
+            count: 0,
+            points: [point; 2],
+            seen: [u32::MAX; 2],
+        }
+    }
+}
+
+/// All pairs of outlines of which at least one is of a body that is no disc.
+pub fn pairs(outlines: &[Outline], bodies: usize, disc: impl Fn(usize) -> bool) -> Vec<Near> {
+    let mut all = Vec::new();
+    for (a, first) in outlines.iter().enumerate().filter(|(_, o)| o.owner < bodies) {
+        for (b, second) in outlines.iter().enumerate().skip(a + 1) {
+            let same = first.owner == second.owner;
+            let discs = disc(first.owner) && (second.owner >= bodies || disc(second.owner));
+            if !same && !discs {
+                all.push(Near::new([a, b], first.owner, second.owner));
+            }
+        }
+    }
+    all
+}

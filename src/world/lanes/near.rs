@@ -1,0 +1,205 @@
+//! Pairs of outlines, and contacts of two points of those that touch.
+//!
+//! Source and order of things as `kernel`; contact points as `closest`. A pair is looked at only when its bodies may have moved
+//! and turned as far as they were apart. What a contact needs is kept only for pairs that push: a scene has hundreds of
+//! pairs and few contacts.
+//!
+//! Differences from the source: impulses are kept by the corners that a point is made of, as Chipmunk does by a hash of them.
+
+use super::closest::{Place, closest, places};
+use super::contact::may_touch;
+use super::manifold::{Manifold, Point};
+use super::outline::{Frame, place};
+use super::simd::{Mask, Register, Wide};
+use super::state::{BodyLanes, State};
+use super::touching::{HAIR, begin};
+use crate::world::record::CARRIES;
+
+/// Looks at every pair that may touch, writes touches down, and collects those that push.
+#[inline(always)]
+pub fn find<R: Register, const N: usize>(state: &mut State) {
+    state.pressing.clear();
+    let count = state.bodies.len();
+    let touch: Wide<R, N> = Wide::load(&state.touch);
+    for index in 0..state.near.len() {
+        let (first, other) = (state.near[index].met.first, state.near[index].met.other);
+        let mut travel = Wide::load(&state.bodies[first].travel);
+        if other < count {
+            travel = travel + Wide::load(&state.bodies[other].travel);
+        }
+        if !may_touch(&state.near[index].limit, travel) {
+            continue;
+        }
+        for body in [first, other].into_iter().filter(|b| *b < count) {
+            let BodyLanes { moving, angle, .. } = &state.bodies[body];
+            place::<R, N>(&mut state.frames[body], &mut state.outlines, moving, angle, state.tick);
+        }
+        let [a, b] = state.near[index].outlines.map(|o| &state.outlines[o]);
+        let normal = closest(a, b, touch);
+        let near = &mut state.near[index];
+        let free = normal.separation - touch - Wide::all(HAIR);
+        (travel + free.above(Wide::all(0.0))).store(&mut near.limit);
+        let touching = normal.separation.at_most(touch);
+        if !touching.any() {
+            let_go(state, index);
+            continue;
+        }
+        if other >= count {
+            let carries = touching.and(Wide::all(CARRIES).less(normal.ny.minus()));
+            let body = &mut state.bodies[first];
+            carries.select(Wide::all(1.0), Wide::load(&body.carried)).store(&mut body.carried);
+            body.any_carried = true;
+        }
+        let (found, places_there) = places(a, b, normal);
+        meet(state, index, touching, &found[..places_there], [normal.nx, normal.ny]);
+    }
+}
+
+/// Gives a pair's contact back.
+fn let_go(state: &mut State, index: usize) {
+    if let Some(slot) = state.near[index].slot.take() {
+        state.spare.push(slot);
+    }
+}
+
+/// Takes in what a touching pair's points are.
+#[inline(always)]
+fn meet<R: Register, const N: usize>(
+    state: &mut State,
+    index: usize,
+    touching: Mask<R, N>,
+    found: &[Place<R, N>],
+    normal: [Wide<R, N>; 2],
+) {
+    let none = Wide::all(0.0);
+    let (first, other) = (state.near[index].met.first, state.near[index].met.other);
+    let arms = |place: &Place<R, N>| Arms::of(&state.bodies, [first, other], place);
+    let last = &found[found.len() - 1];
+    let arms: [Arms<R, N>; 2] = [arms(&found[0]), arms(last)];
+    let speeds = [0, 1].map(|k| arms[k].speed(&state.bodies, [first, other], normal));
+    // How fast they come together where they do first.
+    let speed = last.gap.less(found[0].gap).select(speeds[1], speeds[0]);
+    if begin(&mut state.near[index].met, touching, speed, state.tick) {
+        state.fresh.push(state.pairs.len() + index);
+    }
+    let hit = |place: &Place<R, N>| place.gap.less(none);
+    if !hit(&found[0]).or(hit(last)).any() {
+        let_go(state, index);
+        return;
+    }
+    let slot = slot_of(state, index);
+    state.pressing.push(slot);
+    let State { near, manifolds, bodies, frames, slop, bias_rate, any_bias, .. } = state;
+    let (near, manifold) = (&near[index], &mut manifolds[slot]);
+    let old = manifold.points.each_ref().map(|p| [&p.id, &p.jn, &p.jt].map(|v| Wide::<R, N>::load(v)));
+    normal[0].store(&mut manifold.nx);
+    normal[1].store(&mut manifold.ny);
+    manifold.friction = near.friction;
+    manifold.count = found.len();
+    manifold.seen = [u32::MAX; 2];
+    for (k, place) in found.iter().enumerate() {
+        let (hit, point) = (hit(place), &mut manifold.points[k]);
+        let depth = none - (place.gap + Wide::load(slop));
+        arms[k].store(point);
+        let [by_normal, by_tangent] = arms[k].masses(bodies, frames, [first, other], normal);
+        hit.select(by_normal, none).store(&mut point.normal_mass);
+        hit.select(by_tangent, none).store(&mut point.tangent_mass);
+        (speeds[k] * Wide::load(&near.restitution)).store(&mut point.bounce);
+        (depth.above(none) * Wide::load(bias_rate)).store(&mut point.bias);
+        *any_bias |= none.less(depth).any();
+        let (mut jn, mut jt) = (none, none);
+        for [id, old_jn, old_jt] in old {
+            let same = hit.and(equal(place.id, id));
+            (jn, jt) = (same.select(old_jn, jn), same.select(old_jt, jt));
+        }
+        jn.store(&mut point.jn);
+        jt.store(&mut point.jt);
+        none.store(&mut point.jb);
+        hit.select(place.id, none).store(&mut point.id);
+    }
+}
+
+/// From the centres of mass to a point of contact, m; of what never moves, nothing.
+struct Arms<R, const N: usize> {
+    first: [Wide<R, N>; 2],
+    second: [Wide<R, N>; 2],
+}
+
+impl<R: Register, const N: usize> Arms<R, N> {
+    #[inline(always)]
+    fn of(bodies: &[BodyLanes], [first, other]: [usize; 2], place: &Place<R, N>) -> Self {
+        let from = |b: &BodyLanes, [x, y]: [Wide<R, N>; 2]| {
+            [x - Wide::load(&b.moving.x), y - Wide::load(&b.moving.y)]
+        };
+        let second = bodies.get(other).map(|b| from(b, place.second));
+        Arms { first: from(&bodies[first], place.first), second: second.unwrap_or([Wide::all(0.0); 2]) }
+    }
+
+    #[inline(always)]
+    fn store(&self, point: &mut Point) {
+        for k in 0..2 {
+            self.first[k].store(&mut point.first[k]);
+            self.second[k].store(&mut point.second[k]);
+        }
+    }
+
+    /// Speed of the second against the first along the normal, m/s.
+    #[inline(always)]
+    fn speed(
+        &self,
+        bodies: &[BodyLanes],
+        [first, other]: [usize; 2],
+        [nx, ny]: [Wide<R, N>; 2],
+    ) -> Wide<R, N> {
+        let at = |b: &BodyLanes, arm: [Wide<R, N>; 2]| {
+            let omega = Wide::load(&b.moving.omega);
+            let (vx, vy) = (Wide::load(&b.moving.vx), Wide::load(&b.moving.vy));
+            (vx - omega * arm[1]) * nx + (vy + omega * arm[0]) * ny
+        };
+        let second = bodies.get(other).map_or(Wide::all(0.0), |b| at(b, self.second));
+        second - at(&bodies[first], self.first)
+    }
+
+    /// Effective masses along the normal and across it, kg.
+    #[inline(always)]
+    fn masses(
+        &self,
+        bodies: &[BodyLanes],
+        frames: &[Frame],
+        [first, other]: [usize; 2],
+        [nx, ny]: [Wide<R, N>; 2],
+    ) -> [Wide<R, N>; 2] {
+        let inverse = |b: usize, arm: [Wide<R, N>; 2]| {
+            let (mass, inertia) = (Wide::load(&bodies[b].inv_mass), Wide::load(&frames[b].inv_inertia));
+            let (across, along) = (arm[0] * ny - arm[1] * nx, arm[0] * nx + arm[1] * ny);
+            [mass + inertia * across * across, mass + inertia * along * along]
+        };
+        let [mut normal, mut tangent] = inverse(first, self.first);
+        if other < bodies.len() {
+            let [n, t] = inverse(other, self.second);
+            (normal, tangent) = (normal + n, tangent + t);
+        }
+        let (none, one) = (Wide::all(0.0), Wide::all(1.0));
+        // Lanes without a rollout have no mass to divide by.
+        [normal, tangent].map(|k| none.less(k).select(one.div(none.less(k).select(k, one)), none))
+    }
+}
+
+/// The pair's contact, made if it has none.
+fn slot_of(state: &mut State, index: usize) -> usize {
+    if let Some(slot) = state.near[index].slot {
+        return slot;
+    }
+    let slot = state.spare.pop().unwrap_or_else(|| {
+        state.manifolds.push(Manifold::empty());
+        state.manifolds.len() - 1
+    });
+    state.manifolds[slot] = Manifold { near: index, ..Manifold::empty() };
+    state.near[index].slot = Some(slot);
+    slot
+}
+
+#[inline(always)]
+fn equal<R: Register, const N: usize>(a: Wide<R, N>, b: Wide<R, N>) -> Mask<R, N> {
+    a.at_most(b).and(b.at_most(a))
+}

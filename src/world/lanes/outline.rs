@@ -1,0 +1,223 @@
+//! What bodies that are no discs, and all that they may meet, are bounded by: convex pieces in the world's frame.
+//!
+//! Kept only for scenes with such bodies. A body's pieces are turned to where it stands once a step, if something is near
+//! enough to ask.
+
+use super::piece::{Piece, pieces};
+use super::simd::{Register, V, Wide};
+use super::turn::sine_and_cosine;
+use crate::task::geometry::Convex;
+use crate::world::effect::MovingLanes;
+use crate::world::prepare::{Prepared, PreparedBody};
+
+/// A convex piece in every lane.
+pub struct Outline {
+    /// Index of a body, or of a static after all bodies.
+    pub owner: usize,
+    /// Rounding radius, m.
+    pub radius: V,
+    pub core: OutlineCore,
+}
+
+/// What is within the rounding.
+pub enum OutlineCore {
+    /// Corners counter-clockwise, world frame, and for a body's the same about its centre of mass at angle 0.
+    Corners { here: Vec<Corner>, own: Vec<Corner> },
+    /// Everything below a line.
+    Plane { nx: V, ny: V, offset: V },
+}
+
+/// A corner, m, with the outward unit normal of the edge that begins there; a lone corner has none (0).
+#[derive(Clone, Copy)]
+pub struct Corner {
+    pub x: V,
+    pub y: V,
+    pub nx: V,
+    pub ny: V,
+}
+
+/// What a body has beyond what a disc has.
+#[derive(Clone)]
+pub struct Frame {
+    /// Whether the body is a disc about its own origin; then only `inv_inertia` and its outline are of use.
+    pub disc: bool,
+    /// 1/(kg m^2)
+    pub inv_inertia: V,
+    /// Bias spin, rad/s.
+    pub bias_omega: V,
+    /// Greatest distance of a point of the body from its centre of mass, m.
+    pub extent: V,
+    /// Centre of mass, body frame, m.
+    pub centre_x: V,
+    pub centre_y: V,
+    pub sine: V,
+    pub cosine: V,
+    /// Its outlines, from and up to.
+    pub outlines: [usize; 2],
+    /// Tick at which the outlines were turned.
+    pub turned: f64,
+}
+
+/// Frames of all bodies and outlines of all bodies and statics; none where all bodies are discs.
+pub fn of(prepared: &Prepared) -> (Vec<Frame>, Vec<Outline>) {
+    let (mut frames, mut outlines) = (Vec::new(), Vec::new());
+    if prepared.bodies.iter().all(|b| b.shape.disc_radius().is_some()) {
+        return (frames, outlines);
+    }
+    for (i, body) in prepared.bodies.iter().enumerate() {
+        let from = outlines.len();
+        outlines.extend(body.shape.0.iter().map(|piece| Outline::empty(i, piece.points.len(), true)));
+        frames.push(Frame::empty(body.shape.disc_radius().is_some(), [from, outlines.len()]));
+    }
+    let count = prepared.bodies.len();
+    outlines.extend(pieces(prepared).map(|(s, piece)| Outline::empty(count + s, piece.corners(), false)));
+    (frames, outlines)
+}
+
+/// Puts a rollout's shapes into a lane.
+pub fn fill(frames: &mut [Frame], outlines: &mut [Outline], lane: usize, prepared: &Prepared) {
+    for (frame, body) in frames.iter_mut().zip(&prepared.bodies) {
+        frame.fill(lane, body);
+        let [from, to] = frame.outlines;
+        for (outline, piece) in outlines[from..to].iter_mut().zip(&body.shape.0) {
+            let about_centre = piece.points.iter().map(|p| [p[0] - body.centre[0], p[1] - body.centre[1]]);
+            outline.fill(lane, &Convex { points: about_centre.collect(), radius: piece.radius });
+        }
+    }
+    let fixed = frames.last().map_or(0, |f| f.outlines[1]);
+    for (outline, (_, piece)) in outlines[fixed..].iter_mut().zip(pieces(prepared)) {
+        match (piece, &mut outline.core) {
+            (Piece::HalfPlane { normal, offset: own }, OutlineCore::Plane { nx, ny, offset }) => {
+                (nx[lane], ny[lane], offset[lane]) = (normal[0], normal[1], own);
+            }
+            (Piece::Convex(piece), _) => outline.fill(lane, piece),
+            // Lanes of a batch have one topology: see `topology`.
+            (Piece::HalfPlane { .. }, _) => unreachable!("rollouts of one batch have the same topology"),
+        }
+    }
+}
+
+/// Puts a body's outlines where its centre of mass stands at an angle, once a step.
+#[inline(always)]
+pub fn place<R: Register, const N: usize>(
+    frame: &mut Frame,
+    outlines: &mut [Outline],
+    moving: &MovingLanes,
+    angle: &V,
+    tick: f64,
+) {
+    if frame.turned == tick {
+        return;
+    }
+    frame.turned = tick;
+    let (x, y) = (Wide::<R, N>::load(&moving.x), Wide::<R, N>::load(&moving.y));
+    let [from, to] = frame.outlines;
+    let disc = frame.disc;
+    if !disc {
+        frame.turn::<R, N>(angle);
+    }
+    let (sine, cosine) = (Wide::<R, N>::load(&frame.sine), Wide::<R, N>::load(&frame.cosine));
+    for outline in &mut outlines[from..to] {
+        let OutlineCore::Corners { here, own } = &mut outline.core else { continue };
+        if disc {
+            x.store(&mut here[0].x);
+            y.store(&mut here[0].y);
+            continue;
+        }
+        for (to, from) in here.iter_mut().zip(own) {
+            let turned = |u: &V, v: &V| {
+                let (u, v) = (Wide::load(u), Wide::load(v));
+                (cosine * u - sine * v, sine * u + cosine * v)
+            };
+            let (cx, cy) = turned(&from.x, &from.y);
+            let (nx, ny) = turned(&from.nx, &from.ny);
+            (x + cx).store(&mut to.x);
+            (y + cy).store(&mut to.y);
+            nx.store(&mut to.nx);
+            ny.store(&mut to.ny);
+        }
+    }
+}
+
+impl Frame {
+    fn empty(disc: bool, outlines: [usize; 2]) -> Frame {
+        let none = V::all(0.0);
+        Frame {
+            disc,
+            inv_inertia: none,
+            bias_omega: none,
+            extent: none,
+            centre_x: none,
+            centre_y: none,
+            sine: none,
+            cosine: V::all(1.0),
+            outlines,
+            turned: -1.0,
+        }
+    }
+
+    fn fill(&mut self, lane: usize, body: &PreparedBody) {
+        let reach = |piece: &Convex| {
+            let far = |p: &[f64; 2]| libm::hypot(p[0] - body.centre[0], p[1] - body.centre[1]);
+            piece.points.iter().map(far).fold(0.0, f64::max) + piece.radius
+        };
+        self.inv_inertia[lane] = 1.0 / body.inertia;
+        self.bias_omega[lane] = 0.0;
+        self.extent[lane] = if self.disc { 0.0 } else { body.shape.0.iter().map(reach).fold(0.0, f64::max) };
+        (self.centre_x[lane], self.centre_y[lane]) = (body.centre[0], body.centre[1]);
+        self.turned = -1.0;
+    }
+
+    /// Leaves a lane without a body.
+    pub fn clear(&mut self, lane: usize) {
+        (self.inv_inertia[lane], self.extent[lane], self.bias_omega[lane]) = (0.0, 0.0, 0.0);
+        (self.centre_x[lane], self.centre_y[lane]) = (0.0, 0.0);
+    }
+
+    /// From the frame's origin to the centre of mass in one lane, world frame, m.
+    pub fn arm(&self, lane: usize, angle: f64) -> [f64; 2] {
+        let [x, y] = [self.centre_x[lane], self.centre_y[lane]];
+        if [x, y] == [0.0; 2] {
+            return [0.0; 2];
+        }
+        let (sine, cosine) = libm::sincos(angle);
+        [cosine * x - sine * y, sine * x + cosine * y]
+    }
+
+    /// Takes sine and cosine of where the body stands.
+    #[inline(always)]
+    pub fn turn<R: Register, const N: usize>(&mut self, angle: &V) {
+        let (sine, cosine): (Wide<R, N>, _) = sine_and_cosine(Wide::load(angle));
+        sine.store(&mut self.sine);
+        cosine.store(&mut self.cosine);
+    }
+}
+
+impl Outline {
+    fn empty(owner: usize, corners: usize, moves: bool) -> Outline {
+        let none = V::all(0.0);
+        let core = match corners {
+            0 => OutlineCore::Plane { nx: none, ny: none, offset: none },
+            _ => {
+                let corners = vec![Corner { x: none, y: none, nx: none, ny: none }; corners];
+                OutlineCore::Corners { own: if moves { corners.clone() } else { Vec::new() }, here: corners }
+            }
+        };
+        Outline { owner, radius: none, core }
+    }
+
+    /// What moves is filled about its centre of mass, what does not where it stands.
+    fn fill(&mut self, lane: usize, piece: &Convex) {
+        self.radius[lane] = piece.radius;
+        let OutlineCore::Corners { here, own } = &mut self.core else { return };
+        let n = piece.points.len();
+        for (i, corner) in if own.is_empty() { here } else { own }.iter_mut().enumerate() {
+            let (p, q) = (piece.points[i], piece.points[(i + 1) % n]);
+            (corner.x[lane], corner.y[lane]) = (p[0], p[1]);
+            let (dx, dy) = (q[0] - p[0], q[1] - p[1]);
+            let length = (dx * dx + dy * dy).sqrt();
+            let normal = if length > 0.0 { [dy / length, -dx / length] } else { [0.0; 2] };
+            (corner.nx[lane], corner.ny[lane]) = (normal[0], normal[1]);
+        }
+    }
+}

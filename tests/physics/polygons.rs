@@ -1,0 +1,276 @@
+//! Bodies that are no discs in the batched engine, against what can be worked out.
+
+use iplw::task::Scene;
+use iplw::task::scene::{Body, Goal, Shape, Static};
+use iplw::task::shape::{Compound, Halfspace, Piece, Polygon, Rectangle, Segment};
+use iplw::trajectory::Trajectory;
+use iplw::world::{Engine, Latents, Rollout, simulate};
+
+const G: f64 = 9.8;
+
+/// A block on a slope slides at g (sin - mu cos), or not at all where friction holds it.
+#[test]
+fn a_block_slides_down_a_slope_as_friction_says() {
+    for (mu, angle) in [(0.2, 0.5), (0.5, 0.7), (0.9, 0.5)] {
+        let t = roll(&scene(vec![on_slope(block(0.5, 0.25), angle, mu)], vec![slope(angle)], 1.0));
+        let moved = f64::hypot(last(&t, 0).0 - t.bodies[0].x[0], last(&t, 0).1 - t.bodies[0].y[0]);
+        let wanted = (0.5 * G * (angle.sin() - mu * angle.cos())).max(0.0);
+        assert!((moved - wanted).abs() < 0.01 * wanted.max(0.1), "mu {mu}: {moved} m for {wanted} m");
+    }
+}
+
+/// It tips over where the slope is steeper than its base is wide for its height.
+#[test]
+fn a_block_tips_where_its_centre_is_beyond_its_edge() {
+    for (half_width, tips) in [(0.25, true), (0.36, false)] {
+        // tan(angle) times the half height is 0.3.
+        let tall = block(half_width, 0.6);
+        let angle = 0.5f64.atan();
+        let t = roll(&scene(vec![on_slope(tall, angle, 5.0)], vec![slope(angle)], 2.0));
+        let turned = (t.bodies[0].angle.last().unwrap() + angle).abs() > 0.5;
+        assert_eq!(turned, tips, "half width {half_width}");
+    }
+}
+
+/// Housner (1963): a block let go at an angle rocks as an upside-down pendulum about its corner, until it is flat; then it goes on
+/// about the other corner with 1 - 3/2 sin^2(alpha) of its spin.
+#[test]
+fn a_block_rocks_as_housner_says() {
+    let (b, h, start) = (0.2, 1.0, 0.08);
+    let (radius, alpha) = (f64::hypot(b, h), f64::atan2(b, h));
+    // About the corner: 4/3 m R^2 * angle'' = -m g R sin(alpha - angle).
+    let (mut angle, mut spin, mut time, dt) = (start, 0.0, 0.0, 1e-5);
+    while angle > 0.0 {
+        spin -= 0.75 * G / radius * (alpha - angle).sin() * dt;
+        angle += spin * dt;
+        time += dt;
+    }
+    let mut own = block(b, h);
+    own.friction = 10.0;
+    // On its right corner, turned clockwise by the angle.
+    own.angle = -start;
+    own.position = Some([-radius * (alpha - start).sin(), radius * (alpha - start).cos()]);
+    let mut scene = scene(vec![own], vec![ground()], time + 0.25);
+    (scene.time_step, scene.steps) = (1e-3, ((time + 0.25) * 1e3) as u32);
+    let t = roll(&scene);
+    let at = |t_wanted: f64| (t_wanted / scene.time_step).round() as usize;
+    let (before, wanted) =
+        (t.bodies[0].omega[at(time - 0.01)], -spin - 0.01 * 0.75 * G / radius * alpha.sin());
+    assert!((before - wanted).abs() < 0.02 * spin.abs(), "{before} rad/s for {wanted}");
+    let after = t.bodies[0].omega[at(time + 0.03)];
+    // From then on the other corner takes speed off.
+    let wanted = -spin * (1.0 - 1.5 * alpha.sin().powi(2)) - 0.03 * 0.75 * G / radius * alpha.sin();
+    assert!((after - wanted).abs() < 0.03 * wanted.abs(), "{after} rad/s for {wanted}");
+}
+
+/// Ten boxes on each other stand still; three come to a rest that is one to the last bit.
+#[test]
+fn stacks_stand() {
+    for count in [3, 10] {
+        let on = |i: u32| Body {
+            position: Some([0.0, 0.5 + f64::from(i)]),
+            name: format!("b{i}"),
+            ..block(0.5, 0.5)
+        };
+        let t = roll(&scene((0..count).map(on).collect(), vec![ground()], 60.0));
+        for b in &t.bodies {
+            let (early, late) = (5 * 240, b.len() - 1);
+            let drift = f64::hypot(b.x[late] - b.x[early], b.y[late] - b.y[early]);
+            assert!(
+                drift < 1e-3 && b.angle[late].abs() < 0.02,
+                "{}: {drift} m, {} rad",
+                b.name,
+                b.angle[late]
+            );
+            let now = |i: usize| [b.x[i], b.y[i], b.angle[i]].map(f64::to_bits);
+            assert!(count == 10 || now(late) == now(10 * 240), "{} is not at rest", b.name);
+        }
+    }
+}
+
+/// A row of dominoes falls, each after the one before.
+#[test]
+fn dominoes_fall_one_after_the_other() {
+    let mut row: Vec<Body> = (0..8)
+        .map(|i| Body {
+            position: Some([0.5 * f64::from(i), 0.5]),
+            name: format!("d{i}"),
+            friction: 0.6,
+            ..block(0.05, 0.5)
+        })
+        .collect();
+    row[0].angular_velocity = -2.0;
+    let t = roll(&scene(row, vec![ground()], 6.0));
+    let fell: Vec<usize> = t
+        .bodies
+        .iter()
+        .map(|b| b.angle.iter().position(|a| *a < -0.5).unwrap_or_else(|| panic!("{} stands", b.name)))
+        .collect();
+    assert!(fell.is_sorted(), "{fell:?}");
+}
+
+/// A plank on an edge goes down where weight times arm is greater.
+#[test]
+fn a_see_saw_goes_down_at_the_greater_moment() {
+    for (arm, left_falls) in [(0.9, false), (1.1, true)] {
+        let plank =
+            Body { position: Some([0.0, 1.05]), name: "plank".into(), friction: 1.0, ..block(2.0, 0.05) };
+        let weight = |name: &str, x: f64, mass: f64| Body {
+            position: Some([x, 1.2]),
+            name: name.into(),
+            mass: Some(mass),
+            density: None,
+            ..block(0.1, 0.1)
+        };
+        // 2 kg at `arm` on the left against 1 kg at twice 1 m on the right, less what boxes are wide.
+        let bodies = vec![plank, weight("left", -arm, 20.0), weight("right", 1.9, 20.0 / 1.9)];
+        let pivot = fixed("pivot", Polygon { vertices: vec![[-0.5, 0.0], [0.5, 0.0], [0.0, 1.0]] }.into());
+        let t = roll(&scene(bodies, vec![pivot], 1.0));
+        let turned = *t.bodies[0].angle.last().unwrap();
+        assert_eq!(turned > 0.0, left_falls, "arm {arm}: {turned} rad");
+        assert!(turned.abs() > 0.03, "arm {arm}: {turned} rad");
+    }
+}
+
+/// In free flight the centre of mass of an L flies its parabola and its spin stays, whatever its frame's origin does.
+#[test]
+fn a_compound_flies_about_its_centre_of_mass() {
+    let bar = |w: f64, h: f64, at: [f64; 2]| Piece {
+        shape: Shape::Box(Rectangle { half_width: w, half_height: h }),
+        position: at,
+        angle: 0.0,
+    };
+    let shape: Shape = Compound { pieces: vec![bar(0.8, 0.2, [0.0, 0.0]), bar(0.2, 0.6, [0.6, 0.8])] }.into();
+    let centre = shape.moments().centre;
+    let own = Body {
+        shape,
+        angular_velocity: 3.0,
+        velocity: [1.0, 4.0],
+        position: Some([0.0, 5.0]),
+        ..block(1.0, 1.0)
+    };
+    let t = roll(&scene(vec![own.clone()], vec![], 1.0));
+    let of = |x: f64, y: f64, angle: f64| {
+        let (sin, cos) = angle.sin_cos();
+        [x + cos * centre[0] - sin * centre[1], y + sin * centre[0] + cos * centre[1]]
+    };
+    let b = &t.bodies[0];
+    let start = of(b.x[0], b.y[0], 0.0);
+    // What the origin's velocity says of the centre's.
+    let v = [1.0 - 3.0 * centre[1], 4.0 + 3.0 * centre[0]];
+    let at = of(last(&t, 0).0, last(&t, 0).1, *b.angle.last().unwrap());
+    let wanted = [start[0] + v[0], start[1] + v[1] - 0.5 * G];
+    assert!((at[0] - wanted[0]).abs() < 1e-9 && (at[1] - wanted[1]).abs() < 0.03, "{at:?} for {wanted:?}");
+    assert!((b.angle.last().unwrap() - 3.0).abs() < 1e-9 && b.omega.iter().all(|w| *w == 3.0));
+}
+
+/// Square to square and round to flat: what falls rebounds to e^2 h, whatever touches.
+#[test]
+fn every_shape_rebounds() {
+    let e = 0.6;
+    let capsule = Segment { from: [-0.4, 0.0], to: [0.4, 0.0], radius: 0.2 };
+    let shapes: [(Shape, f64); 3] = [
+        (Rectangle { half_width: 0.5, half_height: 0.3 }.into(), 0.3),
+        (capsule.into(), 0.2),
+        (Polygon { vertices: vec![[-0.5, -0.2], [0.5, -0.2], [0.0, 0.5]] }.into(), 0.2),
+    ];
+    for (shape, low) in shapes {
+        let mut own = Body { shape: shape.clone(), position: Some([0.0, 2.0 + low]), ..block(1.0, 1.0) };
+        own.restitution = e;
+        let mut scene = scene(vec![own], vec![ground()], 1.25);
+        (scene.time_step, scene.steps) = (1.0 / 960.0, 1200);
+        let t = roll(&scene);
+        let landed = t.bodies[0].vy.iter().position(|v| *v > 0.0).expect("it bounces");
+        let top = t.bodies[0].y[landed..].iter().copied().fold(0.0, f64::max) - low;
+        assert!((top - e * e * 2.0).abs() < 0.03, "{shape:?}: {top} m");
+        // Ten sweeps over two points leave a little turn: Pymunk's triangle has 0.019 rad/s.
+        assert!(t.bodies[0].omega.iter().all(|w| w.abs() < 0.03), "{shape:?} turns");
+    }
+}
+
+/// A goal between corners holds at their true distance.
+#[test]
+fn a_goal_between_corners_is_their_distance() {
+    // Two squares, corner to corner: 0.3 m and 0.4 m apart, so 0.5 m.
+    for (tolerance, holds) in [(0.499, false), (0.501, true)] {
+        let mut own = block(0.5, 0.5);
+        own.position = Some([0.0, 0.0]);
+        let mut other = Body { name: "other".into(), ..block(0.5, 0.5) };
+        other.position = Some([1.3, 1.4]);
+        let mut scene = scene(vec![own, other], vec![], 0.01);
+        scene.gravity = [0.0, 0.0];
+        scene.goal =
+            Some(Goal::Contact { bodies: ["b".into(), "other".into()], hold_s: 0.0, tolerance, stop: None });
+        assert_eq!(roll(&scene).solved(), holds, "{tolerance}");
+    }
+}
+
+/// A fast plate does not pass through a thin wall.
+#[test]
+fn a_fast_plate_does_not_pass_through() {
+    let mut plate = Body { position: Some([0.0, 1.0]), velocity: [60.0, 0.0], ..block(0.05, 0.4) };
+    plate.restitution = 0.3;
+    let wall = fixed("wall", Segment { from: [5.0, -3.0], to: [5.0, 5.0], radius: 0.0 }.into());
+    let t = roll(&scene(vec![plate], vec![wall], 0.5));
+    assert!(t.bodies[0].x.iter().all(|x| *x < 5.2), "{:?}", last(&t, 0));
+    assert!(!t.events.is_empty());
+}
+
+fn on_slope(own: Body, angle: f64, mu: f64) -> Body {
+    let Shape::Box(Rectangle { half_height, .. }) = own.shape else { unreachable!("blocks are boxes") };
+    // A hair in, so that it bears from the start.
+    let off = half_height - 1e-9;
+    Body { position: Some([off * angle.sin(), off * angle.cos()]), angle: -angle, friction: mu, ..own }
+}
+
+/// Falls to the right.
+fn slope(angle: f64) -> Static {
+    fixed("slope", Halfspace { normal: [angle.sin(), angle.cos()], offset: 0.0 }.into())
+}
+
+fn ground() -> Static {
+    fixed("ground", Halfspace { normal: [0.0, 1.0], offset: 0.0 }.into())
+}
+
+fn fixed(name: &str, shape: Shape) -> Static {
+    Static { name: name.into(), shape, friction: 1.0, restitution: 1.0, position: [0.0; 2], angle: 0.0 }
+}
+
+fn block(half_width: f64, half_height: f64) -> Body {
+    Body {
+        name: "b".into(),
+        shape: Rectangle { half_width, half_height }.into(),
+        mass: None,
+        density: Some(1.0),
+        friction: 0.7,
+        restitution: 0.0,
+        position: None,
+        angle: 0.0,
+        velocity: [0.0; 2],
+        angular_velocity: 0.0,
+    }
+}
+
+fn scene(bodies: Vec<Body>, statics: Vec<Static>, seconds: f64) -> Scene {
+    Scene {
+        name: "polygons".into(),
+        gravity: [0.0, -G],
+        bodies,
+        statics,
+        time_step: 1.0 / 240.0,
+        steps: (seconds * 240.0).round().max(1.0) as u32,
+        observe_every: 1,
+        ..Scene::empty()
+    }
+}
+
+fn roll(scene: &Scene) -> Trajectory {
+    scene.validate().unwrap();
+    let rollout = Rollout { scene, latents: Latents::default(), effects: &[], stop: true };
+    simulate(&[rollout], Engine::Lanes).unwrap().remove(0)
+}
+
+fn last(t: &Trajectory, body: usize) -> (f64, f64) {
+    let b = &t.bodies[body];
+    (*b.x.last().unwrap(), *b.y.last().unwrap())
+}
