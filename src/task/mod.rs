@@ -6,6 +6,7 @@
 pub mod action;
 pub mod ball;
 mod body;
+mod contact_rules;
 mod custom;
 mod families;
 pub mod geometry;

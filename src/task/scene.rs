@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::action::ActionSpace;
 pub use super::body::{Body, Static};
+pub use super::contact_rules::{ContactRules, FrictionRule, MOST_THRESHOLD, RestitutionRule};
 use super::geometry::{Bounds, join};
 pub use super::goal::Goal;
 pub use super::setting::{BodyOverride, Setting, StaticOverride};
@@ -41,6 +42,9 @@ pub struct Scene {
     /// Kept share of velocity per second, (0, 1]; shorthand for the effect `linear_drag`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub damping: Option<f64>,
+    /// How surfaces' coefficients make a contact's; products, and every approach bounces, if absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub contact_rules: Option<ContactRules>,
     /// s
     #[serde(default = "default_time_step")]
     pub time_step: f64,
@@ -102,6 +106,7 @@ impl Scene {
             statics: Vec::new(),
             effects: Vec::new(),
             damping: None,
+            contact_rules: None,
             time_step: default_time_step(),
             steps: default_steps(),
             observe_every: default_observe_every(),

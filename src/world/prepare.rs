@@ -7,7 +7,7 @@ use super::observe::{Schedule, View};
 use crate::error::{Error, Result};
 use crate::task::Scene;
 use crate::task::action::Quantity;
-use crate::task::scene::{Body, EffectTerm, Static};
+use crate::task::scene::{Body, ContactRules, EffectTerm, Static};
 use crate::task::solid::{Pieces, Solid};
 
 /// Numbers only; no names to look up, no options left open.
@@ -23,6 +23,8 @@ pub struct Prepared {
     pub statics: Vec<PreparedStatic>,
     /// Names of the effects that engines know of, in the order in which they act.
     pub effects: Vec<&'static str>,
+    /// How two surfaces' coefficients make a contact's.
+    pub rules: ContactRules,
     /// Laws of motion at work, in the order in which they act.
     pub motions: Vec<(&'static dyn Motion, Constants)>,
     /// Laws of contact at work, in the order in which they act.
@@ -94,6 +96,7 @@ pub fn prepare(rollout: &Rollout) -> Result<Prepared> {
         schedule,
         view,
         effects: laws.names,
+        rules: scene.contact_rules.unwrap_or_default(),
         motions: laws.motions,
         touches: laws.touches,
         goal: scene.goal.as_ref().map(|goal| GoalSpec::new(goal, scene)),
@@ -230,15 +233,12 @@ fn carried_out(
     if placed { placings.iter().fold(asked, |at, (p, c)| p.placed(c, at)) } else { asked }
 }
 
-/// The scene's damping, the scene's effects, the rollout's own: in this order.
+/// The scene's own, then the rollout's.
 fn active(rollout: &Rollout) -> Result<Vec<Active>> {
-    let mut all = Vec::new();
-    if let Some(kept) = rollout.scene.damping.filter(|kept| *kept < 1.0) {
-        all.push(effect::resolve(&effect::damping(kept), "damping")?);
-    }
-    let terms = rollout.scene.effects.iter().chain(rollout.effects);
-    for (i, term) in terms.enumerate() {
-        all.push(effect::resolve(term, &format!("effects[{i}]"))?);
+    let own = rollout.scene.effects.len();
+    let mut all = effect::of_scene(rollout.scene)?;
+    for (i, term) in rollout.effects.iter().enumerate() {
+        all.push(effect::resolve(term, &format!("effects[{}]", own + i))?);
     }
     Ok(all)
 }

@@ -26,6 +26,7 @@ use super::record::{Recorder, State};
 use crate::budget::Budget;
 use crate::error::{Error, Result};
 use crate::task::geometry::Convex;
+use crate::task::scene::{ContactRules, FrictionRule, RestitutionRule};
 use crate::task::solid::Solid;
 use crate::trajectory::{End, Trajectory};
 
@@ -110,6 +111,7 @@ impl World {
         } else {
             ActiveHooks::MODIFY_SOLVER_CONTACTS
         };
+        let rules = &prepared.rules;
         let mut bodies = Vec::new();
         for (i, body) in prepared.bodies.iter().enumerate() {
             let rigid = RigidBodyBuilder::dynamic()
@@ -124,7 +126,8 @@ impl World {
                 let builder = collider(piece, &format!("bodies[{i}]"))?;
                 // The first piece carries the whole body's mass.
                 let mass = if n == 0 { mass_properties(body) } else { MassProperties::default() };
-                let collider = surface(builder, body.friction, body.restitution, i).mass_properties(mass);
+                let collider =
+                    surface(builder, rules, body.friction, body.restitution, i).mass_properties(mass);
                 physics.colliders.insert_with_parent(
                     collider.active_hooks(hooks),
                     handle,
@@ -136,7 +139,7 @@ impl World {
         for (i, fixed) in prepared.statics.iter().enumerate() {
             let index = prepared.bodies.len() + i;
             for builder in standing(&fixed.shape, &format!("statics[{i}]"))? {
-                physics.colliders.insert(surface(builder, fixed.friction, fixed.restitution, index));
+                physics.colliders.insert(surface(builder, rules, fixed.friction, fixed.restitution, index));
             }
         }
         let angles = prepared.bodies.iter().map(|b| b.angle).collect();
@@ -308,12 +311,26 @@ impl PhysicsHooks for Laws<'_> {
     }
 }
 
-fn surface(builder: ColliderBuilder, friction: f64, restitution: f64, index: usize) -> ColliderBuilder {
+fn surface(
+    builder: ColliderBuilder,
+    rules: &ContactRules,
+    friction: f64,
+    restitution: f64,
+    index: usize,
+) -> ColliderBuilder {
+    let by_friction = match rules.friction {
+        FrictionRule::Product => CoefficientCombineRule::Multiply,
+        FrictionRule::GeometricMean => CoefficientCombineRule::GeometricMean,
+    };
+    let by_restitution = match rules.restitution {
+        RestitutionRule::Product => CoefficientCombineRule::Multiply,
+        RestitutionRule::Max => CoefficientCombineRule::Max,
+    };
     builder
         .friction(friction as f32)
         .restitution(restitution as f32)
-        .friction_combine_rule(CoefficientCombineRule::Multiply)
-        .restitution_combine_rule(CoefficientCombineRule::Multiply)
+        .friction_combine_rule(by_friction)
+        .restitution_combine_rule(by_restitution)
         .user_data(index as u128)
 }
 

@@ -77,15 +77,17 @@ impl<'a> Physics<'a> {
             let [r, o] = sensor.clock(c);
             [rate * r, rate * o + offset]
         });
-        let (mut restitution, mut friction) = (1.0, 1.0);
-        if let Some(s) = &window.surface {
-            for k in 0..2 {
-                let carried =
-                    |latent: Option<f64>, own: f64| if s.carries[k] { latent.unwrap_or(own) } else { own };
-                restitution *= carried(latents.restitution, s.restitution[k]);
-                friction *= carried(latents.friction, s.friction[k]);
-            }
-        }
+        let [friction, restitution] = window.surface.as_ref().map_or([1.0; 2], |s| {
+            let carried =
+                |k: usize, latent: Option<f64>, own: f64| latent.filter(|_| s.carries[k]).unwrap_or(own);
+            let of = |k: usize| {
+                [
+                    carried(k, latents.friction, s.friction[k]),
+                    carried(k, latents.restitution, s.restitution[k]),
+                ]
+            };
+            window.scene.contact_rules.unwrap_or_default().of_contact(of(0), of(1))
+        });
         Physics { window, motions, touches, sensors, clock, step, restitution, friction }
     }
 

@@ -110,9 +110,7 @@ pub struct Surface {
 impl Window {
     /// A window of a scene (which was checked before it came here) without nuisances, surface and smooth, of the first trial.
     pub fn new(kind: Kind, scene: Scene, start: f64, points: Vec<Point>) -> Window {
-        let damping = scene.damping.filter(|kept| *kept < 1.0).map(effect::damping);
-        let terms = damping.iter().chain(&scene.effects);
-        let own = terms.filter_map(|term| effect::resolve(term, "effects").ok()).collect();
+        let own = effect::of_scene(&scene).unwrap_or_default();
         let nuisances = Vec::new();
         let (trial, setting, surface, smooth) = (0, 0, None, None);
         Window { trial, setting, kind, scene, start, points, nuisances, surface, own, smooth }

@@ -24,6 +24,7 @@ mod position_field;
 mod position_scale;
 mod quadratic_drag;
 mod restitution_speed;
+mod restitution_threshold;
 mod rolling_resistance;
 mod spin_decay;
 mod sticky_patch;
@@ -33,7 +34,7 @@ pub mod velocity_push;
 mod wind;
 
 use crate::error::{Error, Result, within};
-use crate::task::scene::EffectTerm;
+use crate::task::scene::{EffectTerm, Scene};
 pub use bump::bump;
 pub use declaration::{ActsOn, Effect, Parameter, Role, Search, Shape, Span};
 use declaration::{amplitude, edge, shape};
@@ -55,6 +56,7 @@ pub static REGISTRY: &[&Effect] = &[
     &position_field::EFFECT,
     &rolling_resistance::EFFECT,
     &restitution_speed::EFFECT,
+    &restitution_threshold::EFFECT,
     &tangential_restitution::EFFECT,
     &sticky_patch::EFFECT,
     &position_scale::EFFECT,
@@ -104,6 +106,22 @@ pub fn resolve(term: &EffectTerm, place: &str) -> Result<Active> {
         within(&format!("{place}.parameters.{}", p.name), v, p.bounds[0], p.bounds[1])
     };
     Ok(Active { effect, values: effect.parameters.iter().map(value).collect::<Result<_>>()? })
+}
+
+/// What acts in a scene, in the order in which it does: its damping, the threshold of its contact rules, its effects.
+pub fn of_scene(scene: &Scene) -> Result<Vec<Active>> {
+    let mut all = Vec::new();
+    if let Some(kept) = scene.damping.filter(|kept| *kept < 1.0) {
+        all.push(resolve(&damping(kept), "damping")?);
+    }
+    if let Some(rules) = scene.contact_rules.filter(|rules| rules.restitution_threshold > 0.0) {
+        let term = restitution_threshold::EFFECT.at_clock(&[rules.restitution_threshold], 0.0);
+        all.push(resolve(&term, "contact_rules")?);
+    }
+    for (i, term) in scene.effects.iter().enumerate() {
+        all.push(resolve(term, &format!("effects[{i}]"))?);
+    }
+    Ok(all)
 }
 
 /// Errors unless the effects of a scene can be; the field is within the scene.

@@ -70,8 +70,9 @@ impl State {
             }
         };
         for near in &mut self.near {
-            let ([f, e], [g, d]) = (surface(near.met.first), surface(near.met.other));
-            near.fill(lane, NEVER_TOUCHED, f * g, e * d);
+            let [friction, restitution] =
+                prepared.rules.of_contact(surface(near.met.first), surface(near.met.other));
+            near.fill(lane, NEVER_TOUCHED, friction, restitution);
         }
         for manifold in &mut self.manifolds {
             manifold.clear(lane);
@@ -140,20 +141,20 @@ fn fill_pair(pair: &mut Pair, lane: usize, prepared: &Prepared) {
         (1.0 / b.mass, radius * radius / b.inertia)
     };
     let (mut inv_mass, mut turn) = looseness(pair.first);
-    let (friction, restitution) = if pair.second < count {
+    let theirs = if pair.second < count {
         let (m, t) = looseness(pair.second);
         (inv_mass, turn) = (inv_mass + m, turn + t);
-        (prepared.bodies[pair.second].friction, prepared.bodies[pair.second].restitution)
+        [prepared.bodies[pair.second].friction, prepared.bodies[pair.second].restitution]
     } else {
         let fixed = &prepared.statics[pair.met.other - count];
-        (fixed.friction, fixed.restitution)
+        [fixed.friction, fixed.restitution]
     };
     pair.limit[lane] = NEVER_TOUCHED;
     (pair.jn[lane], pair.jt[lane]) = (0.0, 0.0);
     pair.full_normal_mass[lane] = 1.0 / inv_mass;
     pair.full_tangent_mass[lane] = 1.0 / (inv_mass + turn);
-    pair.friction[lane] = a.friction * friction;
-    pair.restitution[lane] = a.restitution * restitution;
+    [pair.friction[lane], pair.restitution[lane]] =
+        prepared.rules.of_contact([a.friction, a.restitution], theirs);
     pair.met.last_touch[lane] = NEVER_TOUCHED;
 }
 
