@@ -91,32 +91,62 @@ pub fn places<R: Register, const N: usize>(
     match &second.core {
         OutlineCore::Plane { nx: px, ny: py, offset } => {
             let (px, py, offset) = (Wide::load(px), Wide::load(py), Wide::load(offset));
-            let at = |[x, y]: [Wide<R, N>; 2], id| {
-                let gap = px * x + py * y - offset - ra;
-                let first = [x + nx * ra, y + ny * ra];
-                Place { first, second: [first[0] + nx * gap, first[1] + ny * gap], gap, id }
-            };
-            ([at(one.from, one.from_id), at(one.to, one.to_id)], if single { 1 } else { 2 })
+            let from = above_plane(one.from, one.from_id, [nx, ny], [px, py], offset, ra);
+            let to = above_plane(one.to, one.to_id, [nx, ny], [px, py], offset, ra);
+            ([from, to], if single { 1 } else { 2 })
         }
         OutlineCore::Corners { here: b, .. } => {
             let other = facing(b, nx.minus(), ny.minus());
             // Along the edges, in the sense in which the first's runs.
-            let along = |[x, y]: [Wide<R, N>; 2]| y * nx - x * ny;
-            let at = |[x, y]: [Wide<R, N>; 2], [u, v]: [Wide<R, N>; 2], id| {
-                let first = [x + nx * ra, y + ny * ra];
-                let second = [u - nx * rb, v - ny * rb];
-                let gap = (second[0] - first[0]) * nx + (second[1] - first[1]) * ny;
-                Place { first, second, gap, id }
-            };
-            let (ours, theirs) = ([along(one.from), along(one.to)], [along(other.from), along(other.to)]);
-            let on_one = |u| between(one.from, one.to, ours, u);
-            let on_other = |u| between(other.from, other.to, theirs, u);
+            let ours = [along(one.from, nx, ny), along(one.to, nx, ny)];
+            let theirs = [along(other.from, nx, ny), along(other.to, nx, ny)];
             let many = Wide::all(64.0);
-            let low = at(on_one(theirs[1]), on_other(ours[0]), one.from_id * many + other.to_id);
-            let high = at(on_one(theirs[0]), on_other(ours[1]), one.to_id * many + other.from_id);
+            let (ids, radii) =
+                ([one.from_id * many + other.to_id, one.to_id * many + other.from_id], [ra, rb]);
+            let low =
+                [between(one.from, one.to, ours, theirs[1]), between(other.from, other.to, theirs, ours[0])];
+            let high =
+                [between(one.from, one.to, ours, theirs[0]), between(other.from, other.to, theirs, ours[1])];
+            let low = between_edges(low, ids[0], [nx, ny], radii);
+            let high = between_edges(high, ids[1], [nx, ny], radii);
             ([low, high], if single || b.len() == 1 { 1 } else { 2 })
         }
     }
+}
+
+/// Coordinate across a normal.
+#[inline(always)]
+fn along<R: Register, const N: usize>([x, y]: [Wide<R, N>; 2], nx: Wide<R, N>, ny: Wide<R, N>) -> Wide<R, N> {
+    y * nx - x * ny
+}
+
+/// Where a corner may push on a plane (of this outward normal and offset).
+#[inline(always)]
+fn above_plane<R: Register, const N: usize>(
+    [x, y]: [Wide<R, N>; 2],
+    id: Wide<R, N>,
+    [nx, ny]: [Wide<R, N>; 2],
+    [px, py]: [Wide<R, N>; 2],
+    offset: Wide<R, N>,
+    radius: Wide<R, N>,
+) -> Place<R, N> {
+    let gap = px * x + py * y - offset - radius;
+    let first = [x + nx * radius, y + ny * radius];
+    Place { first, second: [first[0] + nx * gap, first[1] + ny * gap], gap, id }
+}
+
+/// Where two points within the roundings may push each other.
+#[inline(always)]
+fn between_edges<R: Register, const N: usize>(
+    [[x, y], [u, v]]: [[Wide<R, N>; 2]; 2],
+    id: Wide<R, N>,
+    [nx, ny]: [Wide<R, N>; 2],
+    [ra, rb]: [Wide<R, N>; 2],
+) -> Place<R, N> {
+    let first = [x + nx * ra, y + ny * ra];
+    let second = [u - nx * rb, v - ny * rb];
+    let gap = (second[0] - first[0]) * nx + (second[1] - first[1]) * ny;
+    Place { first, second, gap, id }
 }
 
 /// The edge of an outline that faces a direction most.
@@ -130,15 +160,13 @@ struct Edge<R, const N: usize> {
 #[inline(always)]
 fn facing<R: Register, const N: usize>(corners: &[Corner], nx: Wide<R, N>, ny: Wide<R, N>) -> Edge<R, N> {
     let n = corners.len();
-    let at = |i: usize| [Wide::load(&corners[i].x), Wide::load(&corners[i].y)];
-    let id = |i: usize| Wide::all(1.0 + i as f64);
-    let mut edge = Edge { from: at(0), to: at(1 % n), from_id: id(0), to_id: id(1 % n) };
+    let mut edge = Edge { from: at(&corners[0]), to: at(&corners[1 % n]), from_id: id(0), to_id: id(1 % n) };
     let mut best = nx * Wide::load(&corners[0].nx) + ny * Wide::load(&corners[0].ny);
     for (i, corner) in corners.iter().enumerate().skip(1) {
         let facing = nx * Wide::load(&corner.nx) + ny * Wide::load(&corner.ny);
         let better = best.less(facing);
         best = better.select(facing, best);
-        let (from, to) = (at(i), at((i + 1) % n));
+        let (from, to) = (at(corner), at(&corners[(i + 1) % n]));
         for k in 0..2 {
             edge.from[k] = better.select(from[k], edge.from[k]);
             edge.to[k] = better.select(to[k], edge.to[k]);
@@ -147,6 +175,17 @@ fn facing<R: Register, const N: usize>(corners: &[Corner], nx: Wide<R, N>, ny: W
         edge.to_id = better.select(id((i + 1) % n), edge.to_id);
     }
     edge
+}
+
+/// Where a corner is.
+#[inline(always)]
+fn at<R: Register, const N: usize>(corner: &Corner) -> [Wide<R, N>; 2] {
+    [Wide::load(&corner.x), Wide::load(&corner.y)]
+}
+
+#[inline(always)]
+fn id<R: Register, const N: usize>(corner: usize) -> Wide<R, N> {
+    Wide::all(1.0 + corner as f64)
 }
 
 /// The point between two at which a coordinate, that of the two given, is `wanted`, or the end nearest to it.
@@ -187,15 +226,17 @@ fn over_edges<R: Register, const N: usize>(
 /// Least coordinate of corners along a direction.
 #[inline(always)]
 fn lowest<R: Register, const N: usize>(corners: &[Corner], nx: Wide<R, N>, ny: Wide<R, N>) -> Wide<R, N> {
-    let along = |c: &Corner| nx * Wide::load(&c.x) + ny * Wide::load(&c.y);
-    corners[1..].iter().fold(along(&corners[0]), |low, c| along(c).below(low))
+    let mut low = nx * Wide::load(&corners[0].x) + ny * Wide::load(&corners[0].y);
+    for c in &corners[1..] {
+        low = (nx * Wide::load(&c.x) + ny * Wide::load(&c.y)).below(low);
+    }
+    low
 }
 
 /// The line between the two corners that are closest as a direction, and how far it separates.
 #[inline(always)]
 fn between_corners<R: Register, const N: usize>(a: &[Corner], b: &[Corner]) -> Closest<R, N> {
     let (none, one) = (Wide::all(0.0), Wide::all(1.0));
-    let at = |c: &Corner| [Wide::load(&c.x), Wide::load(&c.y)];
     let [mut dx, mut dy] = [none; 2];
     let mut least = Wide::all(f64::INFINITY);
     for p in a {

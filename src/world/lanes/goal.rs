@@ -108,12 +108,12 @@ impl GoalLanes {
                 (dx * dx + dy * dy).at_most(Wide::load(reach2))
             }
             ConditionLanes::DiscStatic { body, fixed, tolerance } => {
-                let within = |piece: &usize| {
+                let mut least = Wide::all(f64::INFINITY);
+                for piece in fixed {
                     let gap: Gap<R, N> = with_static(&state.bodies[*body], &state.statics[*piece]);
-                    gap.separation.at_most(Wide::load(tolerance))
-                };
-                let first = within(&fixed[0]);
-                fixed[1..].iter().fold(first, |any, piece| any.or(within(piece)))
+                    least = gap.separation.below(least);
+                }
+                least.at_most(Wide::load(tolerance))
             }
             ConditionLanes::Outlines { between, limit, tolerance } => {
                 match within::<R, N>(state, *between, limit, tolerance) {

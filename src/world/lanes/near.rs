@@ -73,17 +73,17 @@ fn meet<R: Register, const N: usize>(
 ) {
     let none = Wide::all(0.0);
     let (first, other) = (state.near[index].met.first, state.near[index].met.other);
-    let arms = |place: &Place<R, N>| Arms::of(&state.bodies, [first, other], place);
-    let last = &found[found.len() - 1];
-    let arms: [Arms<R, N>; 2] = [arms(&found[0]), arms(last)];
-    let speeds = [0, 1].map(|k| arms[k].speed(&state.bodies, [first, other], normal));
+    let (last, between) = (&found[found.len() - 1], [first, other]);
+    let arms: [Arms<R, N>; 2] =
+        [Arms::of(&state.bodies, between, &found[0]), Arms::of(&state.bodies, between, last)];
+    let speeds =
+        [arms[0].speed(&state.bodies, between, normal), arms[1].speed(&state.bodies, between, normal)];
     // How fast they come together where they do first.
     let speed = last.gap.less(found[0].gap).select(speeds[1], speeds[0]);
     if begin(&mut state.near[index].met, touching, speed, state.tick) {
         state.fresh.push(state.pairs.len() + index);
     }
-    let hit = |place: &Place<R, N>| place.gap.less(none);
-    if !hit(&found[0]).or(hit(last)).any() {
+    if !found[0].gap.less(none).or(last.gap.less(none)).any() {
         let_go(state, index);
         return;
     }
@@ -91,14 +91,18 @@ fn meet<R: Register, const N: usize>(
     state.pressing.push(slot);
     let State { near, manifolds, bodies, frames, slop, bias_rate, any_bias, .. } = state;
     let (near, manifold) = (&near[index], &mut manifolds[slot]);
-    let old = manifold.points.each_ref().map(|p| [&p.id, &p.jn, &p.jt].map(|v| Wide::<R, N>::load(v)));
+    let [one, two] = &manifold.points;
+    let old: [[Wide<R, N>; 3]; 2] = [
+        [Wide::load(&one.id), Wide::load(&one.jn), Wide::load(&one.jt)],
+        [Wide::load(&two.id), Wide::load(&two.jn), Wide::load(&two.jt)],
+    ];
     normal[0].store(&mut manifold.nx);
     normal[1].store(&mut manifold.ny);
     manifold.friction = near.friction;
     manifold.count = found.len();
     manifold.seen = [u32::MAX; 2];
     for (k, place) in found.iter().enumerate() {
-        let (hit, point) = (hit(place), &mut manifold.points[k]);
+        let (hit, point) = (place.gap.less(none), &mut manifold.points[k]);
         let depth = none - (place.gap + Wide::load(slop));
         arms[k].store(point);
         let [by_normal, by_tangent] = arms[k].masses(bodies, frames, [first, other], normal);
@@ -128,11 +132,12 @@ struct Arms<R, const N: usize> {
 impl<R: Register, const N: usize> Arms<R, N> {
     #[inline(always)]
     fn of(bodies: &[BodyLanes], [first, other]: [usize; 2], place: &Place<R, N>) -> Self {
-        let from = |b: &BodyLanes, [x, y]: [Wide<R, N>; 2]| {
-            [x - Wide::load(&b.moving.x), y - Wide::load(&b.moving.y)]
+        let first = from_centre(&bodies[first], place.first);
+        let second = match bodies.get(other) {
+            Some(body) => from_centre(body, place.second),
+            None => [Wide::all(0.0); 2],
         };
-        let second = bodies.get(other).map(|b| from(b, place.second));
-        Arms { first: from(&bodies[first], place.first), second: second.unwrap_or([Wide::all(0.0); 2]) }
+        Arms { first, second }
     }
 
     #[inline(always)]
@@ -151,13 +156,11 @@ impl<R: Register, const N: usize> Arms<R, N> {
         [first, other]: [usize; 2],
         [nx, ny]: [Wide<R, N>; 2],
     ) -> Wide<R, N> {
-        let at = |b: &BodyLanes, arm: [Wide<R, N>; 2]| {
-            let omega = Wide::load(&b.moving.omega);
-            let (vx, vy) = (Wide::load(&b.moving.vx), Wide::load(&b.moving.vy));
-            (vx - omega * arm[1]) * nx + (vy + omega * arm[0]) * ny
+        let second = match bodies.get(other) {
+            Some(body) => speed_along(body, self.second, [nx, ny]),
+            None => Wide::all(0.0),
         };
-        let second = bodies.get(other).map_or(Wide::all(0.0), |b| at(b, self.second));
-        second - at(&bodies[first], self.first)
+        second - speed_along(&bodies[first], self.first, [nx, ny])
     }
 
     /// Effective masses along the normal and across it, kg.
@@ -169,20 +172,52 @@ impl<R: Register, const N: usize> Arms<R, N> {
         [first, other]: [usize; 2],
         [nx, ny]: [Wide<R, N>; 2],
     ) -> [Wide<R, N>; 2] {
-        let inverse = |b: usize, arm: [Wide<R, N>; 2]| {
-            let (mass, inertia) = (Wide::load(&bodies[b].inv_mass), Wide::load(&frames[b].inv_inertia));
-            let (across, along) = (arm[0] * ny - arm[1] * nx, arm[0] * nx + arm[1] * ny);
-            [mass + inertia * across * across, mass + inertia * along * along]
-        };
-        let [mut normal, mut tangent] = inverse(first, self.first);
+        let [mut normal, mut tangent] = looseness(&bodies[first], &frames[first], self.first, [nx, ny]);
         if other < bodies.len() {
-            let [n, t] = inverse(other, self.second);
+            let [n, t] = looseness(&bodies[other], &frames[other], self.second, [nx, ny]);
             (normal, tangent) = (normal + n, tangent + t);
         }
-        let (none, one) = (Wide::all(0.0), Wide::all(1.0));
-        // Lanes without a rollout have no mass to divide by.
-        [normal, tangent].map(|k| none.less(k).select(one.div(none.less(k).select(k, one)), none))
+        [inverse(normal), inverse(tangent)]
     }
+}
+
+/// From a body's centre of mass to a place, m.
+#[inline(always)]
+fn from_centre<R: Register, const N: usize>(body: &BodyLanes, [x, y]: [Wide<R, N>; 2]) -> [Wide<R, N>; 2] {
+    [x - Wide::load(&body.moving.x), y - Wide::load(&body.moving.y)]
+}
+
+/// A body's speed along a direction at the end of an arm, m/s.
+#[inline(always)]
+fn speed_along<R: Register, const N: usize>(
+    body: &BodyLanes,
+    arm: [Wide<R, N>; 2],
+    [nx, ny]: [Wide<R, N>; 2],
+) -> Wide<R, N> {
+    let omega = Wide::load(&body.moving.omega);
+    let (vx, vy) = (Wide::load(&body.moving.vx), Wide::load(&body.moving.vy));
+    (vx - omega * arm[1]) * nx + (vy + omega * arm[0]) * ny
+}
+
+/// Speed that a body gains at the end of an arm from an impulse of 1 N s there: along the normal, and across it, 1/kg.
+#[inline(always)]
+fn looseness<R: Register, const N: usize>(
+    body: &BodyLanes,
+    frame: &Frame,
+    arm: [Wide<R, N>; 2],
+    [nx, ny]: [Wide<R, N>; 2],
+) -> [Wide<R, N>; 2] {
+    let (mass, inertia) = (Wide::load(&body.inv_mass), Wide::load(&frame.inv_inertia));
+    let (across, along) = (arm[0] * ny - arm[1] * nx, arm[0] * nx + arm[1] * ny);
+    [mass + inertia * across * across, mass + inertia * along * along]
+}
+
+/// 1/x, and 0 in lanes without a rollout, which have no mass.
+#[inline(always)]
+fn inverse<R: Register, const N: usize>(x: Wide<R, N>) -> Wide<R, N> {
+    let (none, one) = (Wide::all(0.0), Wide::all(1.0));
+    let some = none.less(x);
+    some.select(one.div(some.select(x, one)), none)
 }
 
 /// The pair's contact, made if it has none.

@@ -125,12 +125,10 @@ pub fn place<R: Register, const N: usize>(
             continue;
         }
         for (to, from) in here.iter_mut().zip(own) {
-            let turned = |u: &V, v: &V| {
-                let (u, v) = (Wide::load(u), Wide::load(v));
-                (cosine * u - sine * v, sine * u + cosine * v)
-            };
-            let (cx, cy) = turned(&from.x, &from.y);
-            let (nx, ny) = turned(&from.nx, &from.ny);
+            let (u, v) = (Wide::load(&from.x), Wide::load(&from.y));
+            let (cx, cy) = (cosine * u - sine * v, sine * u + cosine * v);
+            let (u, v) = (Wide::load(&from.nx), Wide::load(&from.ny));
+            let (nx, ny) = (cosine * u - sine * v, sine * u + cosine * v);
             (x + cx).store(&mut to.x);
             (y + cy).store(&mut to.y);
             nx.store(&mut to.nx);

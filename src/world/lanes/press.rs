@@ -7,7 +7,7 @@
 
 use super::manifold::{Manifold, Point};
 use super::outline::Frame;
-use super::simd::{Register, V, Wide};
+use super::simd::{Register, Wide};
 use super::state::{BodyLanes, State};
 
 /// A contact whose impulses would change by less than this share of the normal impulse is content and left as it
@@ -141,8 +141,10 @@ struct Arm<R, const N: usize> {
 impl<R: Register, const N: usize> Arm<R, N> {
     #[inline(always)]
     fn of(point: &Point) -> Self {
-        let load = |of: &[V; 2]| [Wide::load(&of[0]), Wide::load(&of[1])];
-        Arm { first: load(&point.first), second: load(&point.second) }
+        Arm {
+            first: [Wide::load(&point.first[0]), Wide::load(&point.first[1])],
+            second: [Wide::load(&point.second[0]), Wide::load(&point.second[1])],
+        }
     }
 }
 
@@ -164,36 +166,28 @@ struct Loose<R, const N: usize> {
 impl<R: Register, const N: usize> Both<R, N> {
     #[inline(always)]
     fn of(bodies: &[BodyLanes], frames: &[Frame], [first, other]: [usize; 2]) -> Self {
-        let loose = |i: usize| Loose {
-            vx: Wide::load(&bodies[i].moving.vx),
-            vy: Wide::load(&bodies[i].moving.vy),
-            omega: Wide::load(&bodies[i].moving.omega),
-            inv_mass: Wide::load(&bodies[i].inv_mass),
-            inv_inertia: Wide::load(&frames[i].inv_inertia),
-        };
-        Both { first: loose(first), second: (other < bodies.len()).then(|| loose(other)) }
+        let second =
+            if other < bodies.len() { Some(Loose::of(&bodies[other], &frames[other])) } else { None };
+        Both { first: Loose::of(&bodies[first], &frames[first]), second }
     }
 
     /// The same bodies with their bias speeds.
     #[inline(always)]
     fn biased(&self, bodies: &[BodyLanes], frames: &[Frame], [first, other]: [usize; 2]) -> Self {
-        let biased = |own: Loose<R, N>, i: usize| Loose {
-            vx: Wide::load(&bodies[i].bias_x),
-            vy: Wide::load(&bodies[i].bias_y),
-            omega: Wide::load(&frames[i].bias_omega),
-            ..own
+        let second = match self.second {
+            Some(own) => Some(own.biased(&bodies[other], &frames[other])),
+            None => None,
         };
-        Both { first: biased(self.first, first), second: self.second.map(|own| biased(own, other)) }
+        Both { first: self.first.biased(&bodies[first], &frames[first]), second }
     }
 
     /// Speeds of the second against the first at a point: along the normal, and across it.
     #[inline(always)]
     fn speeds(&self, arm: &Arm<R, N>, [nx, ny]: [Wide<R, N>; 2]) -> [Wide<R, N>; 2] {
-        let at = |b: &Loose<R, N>, arm: &[Wide<R, N>; 2]| [b.vx - b.omega * arm[1], b.vy + b.omega * arm[0]];
-        let [ax, ay] = at(&self.first, &arm.first);
+        let [ax, ay] = self.first.at(&arm.first);
         let [x, y] = match &self.second {
             Some(b) => {
-                let [bx, by] = at(b, &arm.second);
+                let [bx, by] = b.at(&arm.second);
                 [bx - ax, by - ay]
             }
             None => [ax.minus(), ay.minus()],
@@ -224,27 +218,56 @@ impl<R: Register, const N: usize> Both<R, N> {
 
     #[inline(always)]
     fn store(&self, bodies: &mut [BodyLanes], [first, other]: [usize; 2]) {
-        let mut put = |own: &Loose<R, N>, i: usize| {
-            own.vx.store(&mut bodies[i].moving.vx);
-            own.vy.store(&mut bodies[i].moving.vy);
-            own.omega.store(&mut bodies[i].moving.omega);
-        };
-        put(&self.first, first);
+        self.first.store(&mut bodies[first]);
         if let Some(b) = &self.second {
-            put(b, other);
+            b.store(&mut bodies[other]);
         }
     }
 
     #[inline(always)]
     fn store_biases(&self, bodies: &mut [BodyLanes], frames: &mut [Frame], [first, other]: [usize; 2]) {
-        let mut put = |own: &Loose<R, N>, i: usize| {
-            own.vx.store(&mut bodies[i].bias_x);
-            own.vy.store(&mut bodies[i].bias_y);
-            own.omega.store(&mut frames[i].bias_omega);
-        };
-        put(&self.first, first);
+        self.first.store_bias(&mut bodies[first], &mut frames[first]);
         if let Some(b) = &self.second {
-            put(b, other);
+            b.store_bias(&mut bodies[other], &mut frames[other]);
         }
+    }
+}
+
+impl<R: Register, const N: usize> Loose<R, N> {
+    #[inline(always)]
+    fn of(body: &BodyLanes, frame: &Frame) -> Self {
+        Loose {
+            vx: Wide::load(&body.moving.vx),
+            vy: Wide::load(&body.moving.vy),
+            omega: Wide::load(&body.moving.omega),
+            inv_mass: Wide::load(&body.inv_mass),
+            inv_inertia: Wide::load(&frame.inv_inertia),
+        }
+    }
+
+    #[inline(always)]
+    fn biased(self, body: &BodyLanes, frame: &Frame) -> Self {
+        let (vx, vy) = (Wide::load(&body.bias_x), Wide::load(&body.bias_y));
+        Loose { vx, vy, omega: Wide::load(&frame.bias_omega), ..self }
+    }
+
+    /// Velocity at the end of an arm, m/s.
+    #[inline(always)]
+    fn at(&self, arm: &[Wide<R, N>; 2]) -> [Wide<R, N>; 2] {
+        [self.vx - self.omega * arm[1], self.vy + self.omega * arm[0]]
+    }
+
+    #[inline(always)]
+    fn store(&self, body: &mut BodyLanes) {
+        self.vx.store(&mut body.moving.vx);
+        self.vy.store(&mut body.moving.vy);
+        self.omega.store(&mut body.moving.omega);
+    }
+
+    #[inline(always)]
+    fn store_bias(&self, body: &mut BodyLanes, frame: &mut Frame) {
+        self.vx.store(&mut body.bias_x);
+        self.vy.store(&mut body.bias_y);
+        self.omega.store(&mut frame.bias_omega);
     }
 }

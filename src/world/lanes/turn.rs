@@ -14,11 +14,8 @@ const ROUNDS: f64 = 6_755_399_441_055_744.0;
 /// (sine, cosine) of angles, rad: to two units in the last place up to a few million rad.
 #[inline(always)]
 pub fn sine_and_cosine<R: Register, const N: usize>(angle: Wide<R, N>) -> (Wide<R, N>, Wide<R, N>) {
-    let all = Wide::<R, N>::all;
-    let whole = |x: Wide<R, N>| (x + all(ROUNDS)) - all(ROUNDS);
     let quarters = whole(angle * all(std::f64::consts::FRAC_2_PI));
-    let [first, second, third] = PARTS.map(|part| quarters * all(part));
-    let x = angle - first - second - third;
+    let x = angle - quarters * all(PARTS[0]) - quarters * all(PARTS[1]) - quarters * all(PARTS[2]);
     let x2 = x * x;
     let (sine, cosine) = (x + x * x2 * series(x2, &SINE), series(x2, &COSINE) * x2 + all(1.0));
     // 0 to 3: which quarter of the circle.
@@ -28,6 +25,17 @@ pub fn sine_and_cosine<R: Register, const N: usize>(angle: Wide<R, N>) -> (Wide<
     let turned = all(1.5).less(quarter);
     let beyond = all(0.5).less(quarter).and(quarter.less(all(2.5)));
     (turned.select(s.minus(), s), beyond.select(c.minus(), c))
+}
+
+#[inline(always)]
+fn all<R: Register, const N: usize>(value: f64) -> Wide<R, N> {
+    Wide::all(value)
+}
+
+/// The nearest whole number.
+#[inline(always)]
+fn whole<R: Register, const N: usize>(x: Wide<R, N>) -> Wide<R, N> {
+    (x + all(ROUNDS)) - all(ROUNDS)
 }
 
 /// Terms beyond the leading one: x^17 / 17! is less than 1e-16 on [-pi/4, pi/4].
