@@ -38,7 +38,7 @@ pub struct Manifold {
 pub struct Point {
     /// The corners it is made of; 0 for none.
     pub id: V,
-    /// From the centre of mass of the first, and of the second, m.
+    /// Arms about the centre of mass of the first, and of the second, of an impulse along the normal, and of one across it, m.
     pub first: [V; 2],
     pub second: [V; 2],
     /// Accumulated normal, tangential and bias impulse, N s.
@@ -113,7 +113,11 @@ impl Manifold {
     }
 }
 
-/// All pairs of outlines of which at least one is of a body that is no disc.
+/// All pairs of outlines of which at least one is of a body that is no disc, in an order in which those next to each other seldom
+/// share a body: then the processor is at work on several contacts at once.
+///
+/// Source: the rounds of a tournament in which all meet all (circle method); what stands still meets a body in the round in which that
+/// has no other.
 pub fn pairs(outlines: &[Outline], bodies: usize, disc: impl Fn(usize) -> bool) -> Vec<Near> {
     let mut all = Vec::new();
     for (a, first) in outlines.iter().enumerate().filter(|(_, o)| o.owner < bodies) {
@@ -125,5 +129,8 @@ pub fn pairs(outlines: &[Outline], bodies: usize, disc: impl Fn(usize) -> bool) 
             }
         }
     }
+    let rounds = bodies | 1;
+    let round = |a: usize, b: usize| if b < bodies { (a + b) % rounds } else { (2 * a) % rounds };
+    all.sort_by_key(|near| round(near.met.first, near.met.other));
     all
 }

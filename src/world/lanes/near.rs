@@ -75,7 +75,7 @@ fn meet<R: Register, const N: usize>(
     let (first, other) = (state.near[index].met.first, state.near[index].met.other);
     let (last, between) = (&found[found.len() - 1], [first, other]);
     let arms: [Arms<R, N>; 2] =
-        [Arms::of(&state.bodies, between, &found[0]), Arms::of(&state.bodies, between, last)];
+        [Arms::of(&state.bodies, between, &found[0], normal), Arms::of(&state.bodies, between, last, normal)];
     let speeds =
         [arms[0].speed(&state.bodies, between, normal), arms[1].speed(&state.bodies, between, normal)];
     // How fast they come together where they do first.
@@ -105,7 +105,7 @@ fn meet<R: Register, const N: usize>(
         let (hit, point) = (place.gap.less(none), &mut manifold.points[k]);
         let depth = none - (place.gap + Wide::load(slop));
         arms[k].store(point);
-        let [by_normal, by_tangent] = arms[k].masses(bodies, frames, [first, other], normal);
+        let [by_normal, by_tangent] = arms[k].masses(bodies, frames, [first, other]);
         hit.select(by_normal, none).store(&mut point.normal_mass);
         hit.select(by_tangent, none).store(&mut point.tangent_mass);
         (speeds[k] * Wide::load(&near.restitution)).store(&mut point.bounce);
@@ -123,7 +123,8 @@ fn meet<R: Register, const N: usize>(
     }
 }
 
-/// From the centres of mass to a point of contact, m; of what never moves, nothing.
+/// Arms of an impulse at a point about both centres of mass, m: of one along the normal, and of one across it; of what never
+/// moves, none.
 struct Arms<R, const N: usize> {
     first: [Wide<R, N>; 2],
     second: [Wide<R, N>; 2],
@@ -131,10 +132,15 @@ struct Arms<R, const N: usize> {
 
 impl<R: Register, const N: usize> Arms<R, N> {
     #[inline(always)]
-    fn of(bodies: &[BodyLanes], [first, other]: [usize; 2], place: &Place<R, N>) -> Self {
-        let first = from_centre(&bodies[first], place.first);
+    fn of(
+        bodies: &[BodyLanes],
+        [first, other]: [usize; 2],
+        place: &Place<R, N>,
+        normal: [Wide<R, N>; 2],
+    ) -> Self {
+        let first = arms_of(&bodies[first], place.first, normal);
         let second = match bodies.get(other) {
-            Some(body) => from_centre(body, place.second),
+            Some(body) => arms_of(body, place.second, normal),
             None => [Wide::all(0.0); 2],
         };
         Arms { first, second }
@@ -157,59 +163,55 @@ impl<R: Register, const N: usize> Arms<R, N> {
         [nx, ny]: [Wide<R, N>; 2],
     ) -> Wide<R, N> {
         let second = match bodies.get(other) {
-            Some(body) => speed_along(body, self.second, [nx, ny]),
+            Some(body) => speed_along(body, self.second[0], [nx, ny]),
             None => Wide::all(0.0),
         };
-        second - speed_along(&bodies[first], self.first, [nx, ny])
+        second - speed_along(&bodies[first], self.first[0], [nx, ny])
     }
 
     /// Effective masses along the normal and across it, kg.
     #[inline(always)]
-    fn masses(
-        &self,
-        bodies: &[BodyLanes],
-        frames: &[Frame],
-        [first, other]: [usize; 2],
-        [nx, ny]: [Wide<R, N>; 2],
-    ) -> [Wide<R, N>; 2] {
-        let [mut normal, mut tangent] = looseness(&bodies[first], &frames[first], self.first, [nx, ny]);
+    fn masses(&self, bodies: &[BodyLanes], frames: &[Frame], [first, other]: [usize; 2]) -> [Wide<R, N>; 2] {
+        let [mut normal, mut tangent] = looseness(&bodies[first], &frames[first], self.first);
         if other < bodies.len() {
-            let [n, t] = looseness(&bodies[other], &frames[other], self.second, [nx, ny]);
+            let [n, t] = looseness(&bodies[other], &frames[other], self.second);
             (normal, tangent) = (normal + n, tangent + t);
         }
         [inverse(normal), inverse(tangent)]
     }
 }
 
-/// From a body's centre of mass to a place, m.
+/// Arms about a body's centre of mass of impulses at a place, m.
 #[inline(always)]
-fn from_centre<R: Register, const N: usize>(body: &BodyLanes, [x, y]: [Wide<R, N>; 2]) -> [Wide<R, N>; 2] {
-    [x - Wide::load(&body.moving.x), y - Wide::load(&body.moving.y)]
+fn arms_of<R: Register, const N: usize>(
+    body: &BodyLanes,
+    [x, y]: [Wide<R, N>; 2],
+    [nx, ny]: [Wide<R, N>; 2],
+) -> [Wide<R, N>; 2] {
+    let (x, y) = (x - Wide::load(&body.moving.x), y - Wide::load(&body.moving.y));
+    [x * ny - y * nx, x * nx + y * ny]
 }
 
-/// A body's speed along a direction at the end of an arm, m/s.
+/// A body's speed along a direction about which it has an arm, m/s.
 #[inline(always)]
 fn speed_along<R: Register, const N: usize>(
     body: &BodyLanes,
-    arm: [Wide<R, N>; 2],
+    arm: Wide<R, N>,
     [nx, ny]: [Wide<R, N>; 2],
 ) -> Wide<R, N> {
-    let omega = Wide::load(&body.moving.omega);
-    let (vx, vy) = (Wide::load(&body.moving.vx), Wide::load(&body.moving.vy));
-    (vx - omega * arm[1]) * nx + (vy + omega * arm[0]) * ny
+    let v = Wide::load(&body.moving.vx) * nx + Wide::load(&body.moving.vy) * ny;
+    v + Wide::load(&body.moving.omega) * arm
 }
 
-/// Speed that a body gains at the end of an arm from an impulse of 1 N s there: along the normal, and across it, 1/kg.
+/// Speed that a body gains at the end of its arms from an impulse of 1 N s there: along the normal, and across it, 1/kg.
 #[inline(always)]
 fn looseness<R: Register, const N: usize>(
     body: &BodyLanes,
     frame: &Frame,
-    arm: [Wide<R, N>; 2],
-    [nx, ny]: [Wide<R, N>; 2],
+    [n, t]: [Wide<R, N>; 2],
 ) -> [Wide<R, N>; 2] {
     let (mass, inertia) = (Wide::load(&body.inv_mass), Wide::load(&frame.inv_inertia));
-    let (across, along) = (arm[0] * ny - arm[1] * nx, arm[0] * nx + arm[1] * ny);
-    [mass + inertia * across * across, mass + inertia * along * along]
+    [mass + inertia * n * n, mass + inertia * t * t]
 }
 
 /// 1/x, and 0 in lanes without a rollout, which have no mass.

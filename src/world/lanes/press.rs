@@ -1,9 +1,10 @@
-//! Sequential impulses over the contacts of bodies that are no discs: `solve`'s scheme with arms and two points.
+//! Sequential impulses over the contacts of bodies that are no discs: `solve`'s scheme with two points, in the frame of their normal.
 //!
 //! Source: as `kernel` (`cpArbiterApplyImpulse`): each point's normal, then its friction, from the speeds as they are when the
 //! contact is visited.
 //!
-//! Differences from the source: those of `solve`.
+//! Differences from the source: those of `solve`; both points of a contact are solved in the frame of its normal, and bodies get the
+//! sum of their impulses.
 
 use super::manifold::{Manifold, Point};
 use super::outline::Frame;
@@ -21,12 +22,16 @@ pub fn warm_start<R: Register, const N: usize>(state: &mut State) {
     for slot in pressing.iter() {
         let manifold = &manifolds[*slot];
         let met = &near[manifold.near].met;
-        let (nx, ny) = (Wide::load(&manifold.nx), Wide::load(&manifold.ny));
-        let mut both = Both::<R, N>::of(bodies, frames, [met.first, met.other]);
+        let (between, normal) =
+            ([met.first, met.other], [Wide::load(&manifold.nx), Wide::load(&manifold.ny)]);
+        let mut speeds = Relative::<R, N>::of(bodies, frames, between, normal);
+        let mut sum = [Wide::all(0.0); 2];
         for point in &manifold.points[..manifold.count] {
-            both.push(&Arm::of(point), [nx, ny], Wide::load(&point.jn), Wide::load(&point.jt));
+            let impulse = [Wide::load(&point.jn), Wide::load(&point.jt)];
+            speeds.push(point, impulse);
+            sum = [sum[0] + impulse[0], sum[1] + impulse[1]];
         }
-        both.store(bodies, [met.first, met.other]);
+        speeds.store(bodies, between, normal, sum);
     }
 }
 
@@ -66,30 +71,32 @@ fn visit<const BIAS: bool, const SLIP: bool, R: Register, const N: usize>(
     frames: &mut [Frame],
 ) -> bool {
     let normal = [Wide::<R, N>::load(&manifold.nx), Wide::load(&manifold.ny)];
-    let friction = Wide::load(&manifold.friction);
-    let mut both = Both::of(bodies, frames, between);
+    let (friction, none) = (Wide::load(&manifold.friction), Wide::all(0.0));
+    let mut speeds = Relative::of(bodies, frames, between, normal);
+    let mut biases = if BIAS { Some(speeds.biases(bodies, frames, between, normal)) } else { None };
+    let (mut sum, mut bias_sum) = ([none; 2], none);
     let (mut moved, mut pushed_out) = (false, false);
-    let mut bias = if BIAS { Some(both.biased(bodies, frames, between)) } else { None };
     for point in &mut manifold.points[..manifold.count] {
-        let arm = Arm::of(point);
-        if let Some(bias) = &mut bias {
-            let [speed, _] = bias.speeds(&arm, normal);
+        if let Some(biases) = &mut biases {
+            let [speed, _] = biases.at(point);
             if let Some(d) = resist_bias(point, speed) {
-                bias.push(&arm, normal, d, Wide::all(0.0));
+                biases.push(point, [d, none]);
+                bias_sum = bias_sum + d;
                 pushed_out = true;
             }
         }
-        let [along, across] = both.speeds(&arm, normal);
-        if let Some([dn, dt]) = resist::<SLIP, R, N>(point, friction, along, across) {
-            both.push(&arm, normal, dn, dt);
+        let speed = speeds.at(point);
+        if let Some(impulse) = resist::<SLIP, R, N>(point, friction, speed) {
+            speeds.push(point, impulse);
+            sum = [sum[0] + impulse[0], sum[1] + impulse[1]];
             moved = true;
         }
     }
     if moved {
-        both.store(bodies, between);
+        speeds.store(bodies, between, normal, sum);
     }
-    if let Some(bias) = bias.filter(|_| pushed_out) {
-        bias.store_biases(bodies, frames, between);
+    if let (Some(biases), true) = (biases, pushed_out) {
+        biases.store_biases(bodies, frames, between, normal, bias_sum);
     }
     moved || pushed_out
 }
@@ -99,8 +106,7 @@ fn visit<const BIAS: bool, const SLIP: bool, R: Register, const N: usize>(
 fn resist<const SLIP: bool, R: Register, const N: usize>(
     point: &mut Point,
     friction: Wide<R, N>,
-    along: Wide<R, N>,
-    across: Wide<R, N>,
+    [along, across]: [Wide<R, N>; 2],
 ) -> Option<[Wide<R, N>; 2]> {
     let none = Wide::all(0.0);
     let (jn_old, jt_old) = (Wide::load(&point.jn), Wide::load(&point.jt));
@@ -132,142 +138,157 @@ fn resist_bias<R: Register, const N: usize>(point: &mut Point, speed: Wide<R, N>
     Some(moved.select(new - old, none))
 }
 
-/// Arms of a point.
-struct Arm<R, const N: usize> {
-    first: [Wide<R, N>; 2],
-    second: [Wide<R, N>; 2],
-}
-
-impl<R: Register, const N: usize> Arm<R, N> {
-    #[inline(always)]
-    fn of(point: &Point) -> Self {
-        Arm {
-            first: [Wide::load(&point.first[0]), Wide::load(&point.first[1])],
-            second: [Wide::load(&point.second[0]), Wide::load(&point.second[1])],
-        }
-    }
-}
-
-/// Speeds of two bodies, or of one and of what never moves, with how loose they are.
-struct Both<R, const N: usize> {
-    first: Loose<R, N>,
-    second: Option<Loose<R, N>>,
-}
-
-#[derive(Clone, Copy)]
-struct Loose<R, const N: usize> {
-    vx: Wide<R, N>,
-    vy: Wide<R, N>,
-    omega: Wide<R, N>,
+/// Speeds of two bodies, or of one and of what never moves, against each other.
+struct Relative<R, const N: usize> {
+    /// Of the second's centre of mass against the first's: along the normal, and across it, m/s.
+    along: Wide<R, N>,
+    across: Wide<R, N>,
+    /// Spin of each, rad/s.
+    spins: [Wide<R, N>; 2],
+    /// Of both together, 1/kg.
     inv_mass: Wide<R, N>,
-    inv_inertia: Wide<R, N>,
+    /// Of each, 1/(kg m^2).
+    inv_inertias: [Wide<R, N>; 2],
+    /// Whether the second moves.
+    moves: bool,
 }
 
-impl<R: Register, const N: usize> Both<R, N> {
+impl<R: Register, const N: usize> Relative<R, N> {
     #[inline(always)]
-    fn of(bodies: &[BodyLanes], frames: &[Frame], [first, other]: [usize; 2]) -> Self {
-        let second =
-            if other < bodies.len() { Some(Loose::of(&bodies[other], &frames[other])) } else { None };
-        Both { first: Loose::of(&bodies[first], &frames[first]), second }
+    fn of(
+        bodies: &[BodyLanes],
+        frames: &[Frame],
+        [first, other]: [usize; 2],
+        normal: [Wide<R, N>; 2],
+    ) -> Self {
+        let (a, none) = (&bodies[first], Wide::all(0.0));
+        let inertia = Wide::load(&frames[first].inv_inertia);
+        let (vx, vy) = (Wide::load(&a.moving.vx), Wide::load(&a.moving.vy));
+        let (spin, inv_mass) = (Wide::load(&a.moving.omega), Wide::load(&a.inv_mass));
+        if other >= bodies.len() {
+            let [along, across] = split([none - vx, none - vy], normal);
+            let (spins, inv_inertias) = ([spin, none], [inertia, none]);
+            return Relative { along, across, spins, inv_mass, inv_inertias, moves: false };
+        }
+        let b = &bodies[other];
+        let v = [Wide::load(&b.moving.vx) - vx, Wide::load(&b.moving.vy) - vy];
+        let [along, across] = split(v, normal);
+        Relative {
+            along,
+            across,
+            spins: [spin, Wide::load(&b.moving.omega)],
+            inv_mass: inv_mass + Wide::load(&b.inv_mass),
+            inv_inertias: [inertia, Wide::load(&frames[other].inv_inertia)],
+            moves: true,
+        }
     }
 
-    /// The same bodies with their bias speeds.
+    /// Bias speeds of the same.
     #[inline(always)]
-    fn biased(&self, bodies: &[BodyLanes], frames: &[Frame], [first, other]: [usize; 2]) -> Self {
-        let second = match self.second {
-            Some(own) => Some(own.biased(&bodies[other], &frames[other])),
-            None => None,
-        };
-        Both { first: self.first.biased(&bodies[first], &frames[first]), second }
+    fn biases(
+        &self,
+        bodies: &[BodyLanes],
+        frames: &[Frame],
+        [first, other]: [usize; 2],
+        normal: [Wide<R, N>; 2],
+    ) -> Self {
+        let none = Wide::all(0.0);
+        let (mut v, mut spins) = ([none; 2], [Wide::load(&frames[first].bias_omega), none]);
+        if self.moves {
+            v = [Wide::load(&bodies[other].bias_x), Wide::load(&bodies[other].bias_y)];
+            spins[1] = Wide::load(&frames[other].bias_omega);
+        }
+        v = [v[0] - Wide::load(&bodies[first].bias_x), v[1] - Wide::load(&bodies[first].bias_y)];
+        let [along, across] = split(v, normal);
+        Relative { along, across, spins, ..*self }
     }
 
-    /// Speeds of the second against the first at a point: along the normal, and across it.
+    /// Speeds at a point: along the normal, and across it, m/s.
     #[inline(always)]
-    fn speeds(&self, arm: &Arm<R, N>, [nx, ny]: [Wide<R, N>; 2]) -> [Wide<R, N>; 2] {
-        let [ax, ay] = self.first.at(&arm.first);
-        let [x, y] = match &self.second {
-            Some(b) => {
-                let [bx, by] = b.at(&arm.second);
-                [bx - ax, by - ay]
-            }
-            None => [ax.minus(), ay.minus()],
-        };
-        [x * nx + y * ny, y * nx - x * ny]
+    fn at(&self, point: &Point) -> [Wide<R, N>; 2] {
+        let [n, t] = [Wide::load(&point.first[0]), Wide::load(&point.first[1])];
+        let (mut by_n, mut by_t) = (self.spins[0] * n, self.spins[0] * t);
+        if self.moves {
+            by_n = by_n - self.spins[1] * Wide::load(&point.second[0]);
+            by_t = by_t - self.spins[1] * Wide::load(&point.second[1]);
+        }
+        [self.along - by_n, self.across - by_t]
     }
 
-    /// An impulse on the second, and in reverse on the first.
+    /// An impulse at a point (along the normal, and across it, N s) on the second, and in reverse on the first.
     #[inline(always)]
-    fn push(
-        &mut self,
-        arm: &Arm<R, N>,
-        [nx, ny]: [Wide<R, N>; 2],
-        normal: Wide<R, N>,
-        tangential: Wide<R, N>,
+    fn push(&mut self, point: &Point, [normal, across]: [Wide<R, N>; 2]) {
+        self.along = self.along + normal * self.inv_mass;
+        self.across = self.across + across * self.inv_mass;
+        let turn = Wide::load(&point.first[0]) * normal + Wide::load(&point.first[1]) * across;
+        self.spins[0] = self.spins[0] - turn * self.inv_inertias[0];
+        if self.moves {
+            let turn = Wide::load(&point.second[0]) * normal + Wide::load(&point.second[1]) * across;
+            self.spins[1] = self.spins[1] + turn * self.inv_inertias[1];
+        }
+    }
+
+    /// Gives the bodies their spins, and the speeds that the sum of the impulses makes.
+    #[inline(always)]
+    fn store(
+        &self,
+        bodies: &mut [BodyLanes],
+        [first, other]: [usize; 2],
+        normal: [Wide<R, N>; 2],
+        sum: [Wide<R, N>; 2],
     ) {
-        let (x, y) = (nx * normal - ny * tangential, ny * normal + nx * tangential);
-        let a = &mut self.first;
-        a.vx = a.vx - x * a.inv_mass;
-        a.vy = a.vy - y * a.inv_mass;
-        a.omega = a.omega - (arm.first[0] * y - arm.first[1] * x) * a.inv_inertia;
-        if let Some(b) = &mut self.second {
-            b.vx = b.vx + x * b.inv_mass;
-            b.vy = b.vy + y * b.inv_mass;
-            b.omega = b.omega + (arm.second[0] * y - arm.second[1] * x) * b.inv_inertia;
+        let [x, y] = joined(sum, normal);
+        let a = &mut bodies[first];
+        let inv_mass = Wide::load(&a.inv_mass);
+        (Wide::load(&a.moving.vx) - x * inv_mass).store(&mut a.moving.vx);
+        (Wide::load(&a.moving.vy) - y * inv_mass).store(&mut a.moving.vy);
+        self.spins[0].store(&mut a.moving.omega);
+        if self.moves {
+            let b = &mut bodies[other];
+            let inv_mass = Wide::load(&b.inv_mass);
+            (Wide::load(&b.moving.vx) + x * inv_mass).store(&mut b.moving.vx);
+            (Wide::load(&b.moving.vy) + y * inv_mass).store(&mut b.moving.vy);
+            self.spins[1].store(&mut b.moving.omega);
         }
     }
 
+    /// The same for bias speeds, whose impulses are along the normal.
     #[inline(always)]
-    fn store(&self, bodies: &mut [BodyLanes], [first, other]: [usize; 2]) {
-        self.first.store(&mut bodies[first]);
-        if let Some(b) = &self.second {
-            b.store(&mut bodies[other]);
-        }
-    }
-
-    #[inline(always)]
-    fn store_biases(&self, bodies: &mut [BodyLanes], frames: &mut [Frame], [first, other]: [usize; 2]) {
-        self.first.store_bias(&mut bodies[first], &mut frames[first]);
-        if let Some(b) = &self.second {
-            b.store_bias(&mut bodies[other], &mut frames[other]);
+    fn store_biases(
+        &self,
+        bodies: &mut [BodyLanes],
+        frames: &mut [Frame],
+        [first, other]: [usize; 2],
+        normal: [Wide<R, N>; 2],
+        sum: Wide<R, N>,
+    ) {
+        let [x, y] = joined([sum, Wide::all(0.0)], normal);
+        let a = &mut bodies[first];
+        let inv_mass = Wide::load(&a.inv_mass);
+        (Wide::load(&a.bias_x) - x * inv_mass).store(&mut a.bias_x);
+        (Wide::load(&a.bias_y) - y * inv_mass).store(&mut a.bias_y);
+        self.spins[0].store(&mut frames[first].bias_omega);
+        if self.moves {
+            let b = &mut bodies[other];
+            let inv_mass = Wide::load(&b.inv_mass);
+            (Wide::load(&b.bias_x) + x * inv_mass).store(&mut b.bias_x);
+            (Wide::load(&b.bias_y) + y * inv_mass).store(&mut b.bias_y);
+            self.spins[1].store(&mut frames[other].bias_omega);
         }
     }
 }
 
-impl<R: Register, const N: usize> Loose<R, N> {
-    #[inline(always)]
-    fn of(body: &BodyLanes, frame: &Frame) -> Self {
-        Loose {
-            vx: Wide::load(&body.moving.vx),
-            vy: Wide::load(&body.moving.vy),
-            omega: Wide::load(&body.moving.omega),
-            inv_mass: Wide::load(&body.inv_mass),
-            inv_inertia: Wide::load(&frame.inv_inertia),
-        }
-    }
+/// A vector along a normal, and across it.
+#[inline(always)]
+fn split<R: Register, const N: usize>([x, y]: [Wide<R, N>; 2], [nx, ny]: [Wide<R, N>; 2]) -> [Wide<R, N>; 2] {
+    [x * nx + y * ny, y * nx - x * ny]
+}
 
-    #[inline(always)]
-    fn biased(self, body: &BodyLanes, frame: &Frame) -> Self {
-        let (vx, vy) = (Wide::load(&body.bias_x), Wide::load(&body.bias_y));
-        Loose { vx, vy, omega: Wide::load(&frame.bias_omega), ..self }
-    }
-
-    /// Velocity at the end of an arm, m/s.
-    #[inline(always)]
-    fn at(&self, arm: &[Wide<R, N>; 2]) -> [Wide<R, N>; 2] {
-        [self.vx - self.omega * arm[1], self.vy + self.omega * arm[0]]
-    }
-
-    #[inline(always)]
-    fn store(&self, body: &mut BodyLanes) {
-        self.vx.store(&mut body.moving.vx);
-        self.vy.store(&mut body.moving.vy);
-        self.omega.store(&mut body.moving.omega);
-    }
-
-    #[inline(always)]
-    fn store_bias(&self, body: &mut BodyLanes, frame: &mut Frame) {
-        self.vx.store(&mut body.bias_x);
-        self.vy.store(&mut body.bias_y);
-        self.omega.store(&mut frame.bias_omega);
-    }
+/// [`split`] backwards.
+#[inline(always)]
+fn joined<R: Register, const N: usize>(
+    [n, t]: [Wide<R, N>; 2],
+    [nx, ny]: [Wide<R, N>; 2],
+) -> [Wide<R, N>; 2] {
+    [nx * n - ny * t, ny * n + nx * t]
 }

@@ -5,7 +5,7 @@ use super::manifold::{Manifold, Point};
 use super::simd::V;
 use super::state::{BodyLanes, Pair, State, TermLanes};
 use super::touching::Met;
-use crate::world::effect::{Answer, LANES, Meeting, Touch, rolled_off};
+use crate::world::effect::{Answer, LANES, Meeting, MovingLanes, Touch, rolled_off};
 
 /// Asks the laws what every contact that pushes is to give back; called when contacts are found, and before
 /// effects and gravity act, as Chipmunk's bounce speed is taken.
@@ -57,14 +57,16 @@ fn answer(touches: &[TermLanes<dyn Touch>], lane: usize, meeting: Meeting, resti
 
 /// Normal and tangential speed of the second surface against the first at a point, m/s.
 fn relative_at(manifold: &Manifold, point: &Point, lane: usize, met: &Met, bodies: &[BodyLanes]) -> [f64; 2] {
-    let at = |i: usize, arm: &[V; 2]| {
-        let Some(b) = bodies.get(i) else { return [0.0; 2] };
-        let omega = b.moving.omega[lane];
-        [b.moving.vx[lane] - omega * arm[1][lane], b.moving.vy[lane] + omega * arm[0][lane]]
+    let (nx, ny) = (manifold.nx[lane], manifold.ny[lane]);
+    let at = |i: usize, arms: &[V; 2]| {
+        let Some(MovingLanes { vx, vy, omega, .. }) = bodies.get(i).map(|b| &b.moving) else {
+            return [0.0; 2];
+        };
+        let (along, across) = (vx[lane] * nx + vy[lane] * ny, vy[lane] * nx - vx[lane] * ny);
+        [along + omega[lane] * arms[0][lane], across + omega[lane] * arms[1][lane]]
     };
     let ([ax, ay], [bx, by]) = (at(met.first, &point.first), at(met.other, &point.second));
-    let ([x, y], nx, ny) = ([bx - ax, by - ay], manifold.nx[lane], manifold.ny[lane]);
-    [x * nx + y * ny, y * nx - x * ny]
+    [bx - ax, by - ay]
 }
 
 /// Slows the discs that roll on statics; called when contacts are resolved.
