@@ -65,7 +65,8 @@ impl ContactRules {
 
     /// Errors unless the threshold is a speed that the effect takes.
     pub(super) fn validate(&self) -> Result<()> {
-        within("restitution_threshold", self.restitution_threshold, 0.0, MOST_THRESHOLD).map(|_| ())
+        within("contact_rules.restitution_threshold", self.restitution_threshold, 0.0, MOST_THRESHOLD)
+            .map(|_| ())
     }
 }
 

@@ -48,7 +48,7 @@ impl Scene {
         {
             return Err(Error::input("damping", damping, "a kept share of velocity per second in (0, 1]"));
         }
-        self.contact_rules.iter().try_for_each(|r| r.validate().map_err(|e| e.under("contact_rules")))?;
+        self.contact_rules.iter().try_for_each(|rules| rules.validate())?;
         self.goal.iter().try_for_each(|goal| self.validate_goal(goal).map_err(|e| e.under("goal")))?;
         for (i, name) in self.carriers.iter().flatten().enumerate() {
             self.named(&format!("carriers[{i}]"), name, true)?;

@@ -46,7 +46,7 @@ pub enum Engine {
     Auto,
     /// The general engine: rapier2d.
     Rapier,
-    /// The batched engine: any number of discs, or up to 64 bodies of any shape.
+    /// The batched engine: discs, and bodies of any shape with up to 20,000 pairs of pieces.
     Lanes,
 }
 
@@ -173,10 +173,7 @@ fn engine_for(engine: Engine, prepared: &Prepared) -> Result<Engine> {
         (Engine::Lanes, false) => Err(Error::input(
             "engine",
             "\"lanes\"",
-            format!(
-                "\"auto\" or \"rapier\" for a scene of more than {} bodies of which some are no discs",
-                lanes::MOST_BODIES
-            ),
+            format!("\"auto\" or \"rapier\" for a scene of more than {} pairs of pieces", lanes::MOST_PAIRS),
         )),
     }
 }

@@ -59,8 +59,17 @@ fn auto_takes_lanes_for_what_is_not_too_many() {
     scene.bodies[0].shape = Shape::Box(Rectangle { half_width: 0.5, half_height: 0.5 });
     assert_eq!(engine(&scene, Engine::Auto).unwrap(), Engine::Lanes);
     assert_eq!(engine(&scene, Engine::Rapier).unwrap(), Engine::Rapier);
-    let many = (0..80).map(|i| disc(&format!("b{i}"), 0.1, [f64::from(i) - 40.0, 5.0], [0.0; 2]));
-    scene.bodies.extend(many);
+    // 40 bodies of six pieces make more than 20,000 pairs.
+    let piece = |i: u32| Piece {
+        shape: Shape::Box(Rectangle { half_width: 0.1, half_height: 0.1 }),
+        position: [0.1 * f64::from(i), 0.0],
+        angle: 0.0,
+    };
+    let row: Shape = Compound { pieces: (0..6).map(piece).collect() }.into();
+    scene.bodies.extend((0..40).map(|i| Body {
+        shape: row.clone(),
+        ..disc(&format!("b{i}"), 0.1, [f64::from(i) - 20.0, 5.0], [0.0; 2])
+    }));
     assert_eq!(engine(&scene, Engine::Auto).unwrap(), Engine::Rapier);
     assert!(engine(&scene, Engine::Lanes).is_err());
 }

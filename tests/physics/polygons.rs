@@ -2,7 +2,7 @@
 
 use iplw::task::Scene;
 use iplw::task::scene::{Body, Goal, Shape, Static};
-use iplw::task::shape::{Compound, Halfspace, Piece, Polygon, Rectangle, Segment};
+use iplw::task::shape::{Compound, Disc, Halfspace, Piece, Polygon, Rectangle, Segment};
 use iplw::trajectory::Trajectory;
 use iplw::world::{Engine, Latents, Rollout, simulate};
 
@@ -216,6 +216,134 @@ fn a_fast_plate_does_not_pass_through() {
     assert!(!t.events.is_empty());
 }
 
+/// A capsule lands on its end and bounces off a wall with it, whichever end was named first; so does a box on a post.
+#[test]
+fn what_is_seen_end_on_is_met_at_its_end() {
+    let swapped = |from: [f64; 2], to: [f64; 2]| [(from, to), (to, from)];
+    for (from, to) in swapped([0.0, -0.4], [0.0, 0.4]) {
+        let standing = Body { position: Some([0.0, 1.5]), ..capsule(from, to) };
+        for floor in [ground(), fixed("floor", block_shape(5.0, 0.5))] {
+            let top = if matches!(floor.shape, Shape::Halfspace(_)) { 0.0 } else { 0.5 };
+            let t = roll(&scene(vec![standing.clone()], vec![floor], 0.6));
+            let low = t.bodies[0].y.iter().copied().fold(f64::INFINITY, f64::min);
+            assert!((low - top - 0.5).abs() < 0.1, "{from:?} to {to:?}: {low} over {top}");
+        }
+        let post = fixed("post", Segment { from, to, radius: 0.0 }.into());
+        let t = roll(&scene(vec![Body { position: Some([0.0, 1.5]), ..block(0.5, 0.5) }], vec![post], 0.5));
+        assert!((last(&t, 0).1 - 0.9).abs() < 0.1, "{from:?} to {to:?}: {:?}", last(&t, 0));
+    }
+    for (from, to) in swapped([-0.4, 0.0], [0.4, 0.0]) {
+        for way in [-1.0, 1.0] {
+            let mut flies = capsule(from, to);
+            (flies.position, flies.velocity, flies.restitution) = (Some([0.0; 2]), [2.0 * way, 0.0], 1.0);
+            let wall = Static { position: [2.0 * way, 0.0], ..fixed("wall", block_shape(0.5, 3.0)) };
+            let mut scene = scene(vec![flies], vec![wall], 1.0);
+            scene.gravity = [0.0; 2];
+            let t = roll(&scene);
+            assert!((t.bodies[0].vx.last().unwrap() + 2.0 * way).abs() < 1e-6, "{from:?} to {to:?} {way}");
+        }
+    }
+}
+
+/// Cores on one line are as far apart as their ends.
+#[test]
+fn what_lies_on_one_line_does_not_touch_from_afar() {
+    for turn in 0..16 {
+        let angle = 0.37 * f64::from(turn);
+        let (sin, cos) = angle.sin_cos();
+        let at = |r: f64| Some([r * cos, r * sin]);
+        let own = Body { position: at(-3.0), angle, ..capsule([-0.4, 0.0], [0.4, 0.0]) };
+        let others: [Body; 2] = [
+            Body { angle, ..capsule([-0.4, 0.0], [0.4, 0.0]) },
+            Body { shape: Disc { radius: 0.3 }.into(), ..block(1.0, 1.0) },
+        ];
+        for other in others {
+            let other = Body { name: "other".into(), position: at(3.0), ..other };
+            let mut scene = scene(vec![own.clone(), other], vec![], 0.2);
+            scene.gravity = [0.0; 2];
+            scene.goal = Some(Goal::Contact {
+                bodies: ["b".into(), "other".into()],
+                hold_s: 0.0,
+                tolerance: 0.1,
+                stop: None,
+            });
+            let t = roll(&scene);
+            assert!(t.events.is_empty() && !t.solved(), "turned by {angle}: {:?}", t.events);
+            assert!(t.bodies.iter().all(|b| b.vx.iter().chain(&b.omega).all(|v| *v == 0.0)));
+        }
+    }
+}
+
+/// How a body's frame is drawn does not matter: a plank along x, and one drawn at 45 degrees and turned back.
+#[test]
+fn a_frame_is_a_matter_of_drawing() {
+    let (half, slant) = (1.0, std::f64::consts::FRAC_PI_4);
+    let end = half * slant.cos();
+    let drawn = [
+        (capsule_of([-half, 0.0], [half, 0.0], 0.03), 0.0),
+        (capsule_of([-end, -end], [end, end], 0.03), -slant),
+    ];
+    let heights = drawn.map(|(own, angle)| {
+        let own = Body { position: Some([0.0, 0.5]), angle, ..own };
+        last(&roll(&scene(vec![own], vec![ground()], 3.0)), 0).1
+    });
+    assert!((heights[0] - heights[1]).abs() < 1e-6, "{heights:?}");
+}
+
+/// What is fast meets a thin static: triangles, planks drawn askew, a jar. Nothing hangs where nothing holds it.
+#[test]
+fn what_is_fast_does_not_pass_through() {
+    let wall = || fixed("wall", Segment { from: [-5.0, 0.0], to: [5.0, 0.0], radius: 0.0 }.into());
+    let piece = |w: f64, h: f64, at: [f64; 2]| Piece {
+        shape: Rectangle { half_width: w, half_height: h }.into(),
+        position: at,
+        angle: 0.0,
+    };
+    let jar = Compound {
+        pieces: vec![
+            piece(0.5, 0.05, [0.0, 0.0]),
+            piece(0.05, 0.4, [-0.45, 0.35]),
+            piece(0.05, 0.4, [0.45, 0.35]),
+        ],
+    };
+    let slant = 0.7f64.sqrt();
+    let mut bodies = vec![
+        (
+            Body {
+                angle: -std::f64::consts::FRAC_PI_4,
+                ..capsule_of([-slant, -slant], [slant, slant], 0.03)
+            },
+            0.0,
+        ),
+        (Body { shape: jar.into(), ..block(1.0, 1.0) }, 0.0),
+    ];
+    for i in 0..40 {
+        let (size, turn) = (0.1 + 0.01 * f64::from(i), 0.41 * f64::from(i));
+        let corner = |k: u32| {
+            let angle = 2.1 * f64::from(k) + 0.2;
+            [size * angle.cos(), size * angle.sin()]
+        };
+        let shape = Polygon { vertices: (0..3).map(corner).collect() }.into();
+        bodies.push((Body { shape, angle: turn, ..block(1.0, 1.0) }, 3.0));
+    }
+    for (i, (own, spin)) in bodies.into_iter().enumerate() {
+        for speed in [20.0, 40.0, 80.0, 200.0] {
+            let own = Body {
+                position: Some([0.0, 3.0]),
+                velocity: [0.0, -speed],
+                angular_velocity: spin,
+                restitution: 0.2,
+                ..own.clone()
+            };
+            let t = roll(&scene(vec![own], vec![wall()], 0.5));
+            let b = &t.bodies[0];
+            assert!(!t.events.is_empty() && last(&t, 0).1 > -0.3, "{i} at {speed}: {:?}", last(&t, 0));
+            let hangs = (60..b.len()).all(|k| b.y[k] == b.y[k - 1] && b.vy[k].abs() > 0.5);
+            assert!(!hangs, "{i} at {speed} hangs");
+        }
+    }
+}
+
 fn on_slope(own: Body, angle: f64, mu: f64) -> Body {
     let Shape::Box(Rectangle { half_height, .. }) = own.shape else { unreachable!("blocks are boxes") };
     // A hair in, so that it bears from the start.
@@ -234,6 +362,18 @@ fn ground() -> Static {
 
 fn fixed(name: &str, shape: Shape) -> Static {
     Static { name: name.into(), shape, friction: 1.0, restitution: 1.0, position: [0.0; 2], angle: 0.0 }
+}
+
+fn block_shape(half_width: f64, half_height: f64) -> Shape {
+    Rectangle { half_width, half_height }.into()
+}
+
+fn capsule(from: [f64; 2], to: [f64; 2]) -> Body {
+    capsule_of(from, to, 0.1)
+}
+
+fn capsule_of(from: [f64; 2], to: [f64; 2], radius: f64) -> Body {
+    Body { shape: Segment { from, to, radius }.into(), ..block(1.0, 1.0) }
 }
 
 fn block(half_width: f64, half_height: f64) -> Body {

@@ -14,7 +14,7 @@ use super::touching::Met;
 use crate::trajectory::{End, Trajectory};
 use crate::world::effect::LANES;
 use crate::world::observe::Schedule;
-use crate::world::prepare::Prepared;
+use crate::world::prepare::{Prepared, PreparedBody};
 use crate::world::record::{self, APART_STEPS, Recorder};
 
 /// Pairs looked at, all lanes of each, between two looks at whether to go on: about a millisecond.
@@ -87,6 +87,18 @@ struct Lane {
     due: f64,
 }
 
+/// Where bodies start, as they were given.
+fn starts(prepared: &Prepared) -> Vec<record::State> {
+    let start = |b: &PreparedBody| record::State {
+        // Adding 0 turns -0 into 0, as for all that follows.
+        position: b.position.map(|x| x + 0.0),
+        angle: b.angle + 0.0,
+        velocity: b.velocity.map(|v| v + 0.0),
+        omega: b.omega + 0.0,
+    };
+    prepared.bodies.iter().map(start).collect()
+}
+
 impl Batch {
     fn new(prepared: &Prepared) -> Batch {
         Batch {
@@ -121,7 +133,7 @@ impl Batch {
             solved: false,
             due: self.state.tick + f64::from(prepared.schedule.after(0).min(prepared.steps)),
         };
-        new.recorder.observe(0, &self.state.bodies_in(lane));
+        new.recorder.observe(0, &starts(prepared));
         self.lanes[lane] = Some(new);
     }
 
@@ -157,15 +169,16 @@ impl Batch {
     fn begins(&self, index: usize, lane: usize, fresh: &[usize]) -> bool {
         let own = self.state.met(index);
         let touched = |(i, met): (usize, &Met)| {
-            let same = met.first == own.first && met.other == own.other && i != index;
-            let begins = fresh.contains(&i) && met.begins[lane] > 0.0;
-            same && if begins {
-                i < index
-            } else {
-                self.state.tick - met.last_touch[lane] <= f64::from(APART_STEPS)
+            if met.first != own.first || met.other != own.other || i == index {
+                return false;
             }
+            if met.begins[lane] > 0.0 && fresh.contains(&i) {
+                return i < index;
+            }
+            self.state.tick - met.last_touch[lane] <= f64::from(APART_STEPS)
         };
-        own.begins[lane] > 0.0 && !self.state.all_met().enumerate().any(touched)
+        let begins = self.lanes[lane].is_some() && own.begins[lane] > 0.0;
+        begins && !self.state.all_met().enumerate().any(touched)
     }
 
     fn reached(&mut self, feed: &mut dyn Feed) {

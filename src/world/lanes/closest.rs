@@ -60,13 +60,14 @@ pub fn closest<R: Register, const N: usize>(
     if b.len() > 1 {
         over_edges(&mut best, b, a, true);
     }
-    // Only where cores are apart can corners matter, and only where that is near does it.
-    let lone = a.len() == 1 && b.len() == 1;
+    // Only where cores are apart can corners matter, and only where that is near does it. Normals do not tell how far cores without an
+    // inside are apart that lie on one line.
+    let flat = a.len() <= 2 && b.len() <= 2;
     let apart = none.less(best.separation).and(best.separation.at_most(reach + radii));
-    if lone || apart.any() {
+    if flat || apart.any() {
         let corners = between_corners(a, b);
         let better = best.separation.less(corners.separation);
-        let better = if lone { better } else { better.and(apart) };
+        let better = if flat { better } else { better.and(apart) };
         best = Closest {
             separation: better.select(corners.separation, best.separation),
             nx: better.select(corners.nx, best.nx),
@@ -149,6 +150,9 @@ fn between_edges<R: Register, const N: usize>(
     Place { first, second, gap, id }
 }
 
+/// An edge seen no wider than this, m, is seen end on.
+const END_ON: f64 = 1e-9;
+
 /// The edge of an outline that faces a direction most.
 struct Edge<R, const N: usize> {
     from: [Wide<R, N>; 2],
@@ -174,7 +178,21 @@ fn facing<R: Register, const N: usize>(corners: &[Corner], nx: Wide<R, N>, ny: W
         edge.from_id = better.select(id(i), edge.from_id);
         edge.to_id = better.select(id((i + 1) % n), edge.to_id);
     }
-    edge
+    if n == 2 { end_on(edge, nx, ny) } else { edge }
+}
+
+/// An edge without an outline about it, as what it is where it is seen end on: its nearer end.
+#[inline(always)]
+fn end_on<R: Register, const N: usize>(edge: Edge<R, N>, nx: Wide<R, N>, ny: Wide<R, N>) -> Edge<R, N> {
+    let (dx, dy) = (edge.to[0] - edge.from[0], edge.to[1] - edge.from[1]);
+    let seen = (dy * nx - dx * ny).size().at_most(Wide::all(END_ON));
+    let farther = Wide::all(0.0).less(dx * nx + dy * ny);
+    let nearer = [farther.select(edge.to[0], edge.from[0]), farther.select(edge.to[1], edge.from[1])];
+    Edge {
+        from: [seen.select(nearer[0], edge.from[0]), seen.select(nearer[1], edge.from[1])],
+        to: [seen.select(nearer[0], edge.to[0]), seen.select(nearer[1], edge.to[1])],
+        ..edge
+    }
 }
 
 /// Where a corner is.
@@ -261,4 +279,65 @@ fn between_corners<R: Register, const N: usize>(a: &[Corner], b: &[Corner]) -> C
     }
     let farthest = lowest(a, nx.minus(), ny.minus()).minus();
     Closest { separation: lowest(b, nx, ny) - farthest, nx, ny }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::task::geometry::{Convex, gap};
+    use crate::world::lanes::outline;
+
+    /// A piece with few corners; of whole numbers, so that many lie on one line or see each other end on.
+    fn piece() -> impl Strategy<Value = Convex> {
+        let whole = prop_oneof![(-4..5i32).prop_map(f64::from), -4.0..4.0f64];
+        let point = [whole.clone(), whole];
+        (point, 1..6usize, 0..8u32, 0.3..1.5f64, 0.0..0.5f64, any::<bool>()).prop_map(
+            |(at, corners, turn, size, radius, straight)| {
+                let turn = f64::from(turn) * std::f64::consts::FRAC_PI_4 + if straight { 0.0 } else { 0.3 };
+                let corner = |i: usize| {
+                    let angle = turn + std::f64::consts::TAU * i as f64 / corners as f64;
+                    let (sin, cos) = if straight && corners == 2 {
+                        [(0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0)][(2 * i + (turn as usize % 2)) % 4]
+                    } else {
+                        angle.sin_cos()
+                    };
+                    [at[0] + size * cos, at[1] + size * sin]
+                };
+                let points = if corners == 1 { vec![at] } else { (0..corners).map(corner).collect() };
+                Convex { points, radius: if corners < 3 { radius + 0.05 } else { radius } }
+            },
+        )
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(2000))]
+
+        /// Within reach the separation is the gap of exact geometry, and there the least gap of the places is that, too.
+        #[test]
+        fn outlines_are_as_far_apart_as_pieces_are(a in piece(), b in piece()) {
+            let (one, other) = (outline::alone(&a), outline::alone(&b));
+            let found: Closest<f64, 8> = closest(&one, &other, Wide::all(100.0));
+            let (own, wanted) = (first(found.separation), gap(&a, &b));
+            // Overlapping cores part along a normal of either, and two that cross anywhere.
+            let cores = wanted + a.radius + b.radius;
+            if cores > 1e-9 {
+                prop_assert!((own - wanted).abs() < 1e-9, "{own} for {wanted}");
+            } else {
+                prop_assert!(own < 1e-9 - a.radius - b.radius + 1e-6, "{own} for {wanted}");
+            }
+            if cores > 1e-6 {
+                let (places, count) = places(&one, &other, found);
+                let least = places[..count].iter().map(|p| first(p.gap)).fold(f64::INFINITY, f64::min);
+                prop_assert!((least - wanted).abs() < 1e-6, "a place at {least} for {wanted}");
+            }
+        }
+    }
+
+    fn first(wide: Wide<f64, 8>) -> f64 {
+        let mut lanes = [0.0; 8];
+        wide.store(&mut lanes);
+        lanes[0]
+    }
 }

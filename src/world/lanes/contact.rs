@@ -56,7 +56,7 @@ pub fn with_static<R: Register, const N: usize>(disc: &BodyLanes, fixed: &Static
             let none = Wide::all(0.0);
             let along = dy * nx - dx * ny;
             let beyond = length.less(along);
-            let corner = none.less(best).and(along.less(none).or(beyond));
+            let corner = none.at_most(best).and(along.less(none).or(beyond));
             let face = Gap { separation: best - radii, nx, ny };
             if !corner.any() {
                 return face;

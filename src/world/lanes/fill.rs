@@ -1,10 +1,9 @@
 //! Putting a rollout into a lane, and leaving a lane empty.
 
-use super::outline;
+use super::outline::{self, disc_within};
 use super::piece::{Piece, pieces};
 use super::state::{Core, NOTHING, Pair, State, StaticLanes, TermLanes};
 use super::touching::NEVER_TOUCHED;
-use crate::task::geometry::Convex;
 use crate::world::effect::{Constants, MOST_PARAMETERS};
 use crate::world::prepare::{Prepared, PreparedBody};
 
@@ -92,6 +91,7 @@ impl State {
                 &mut body.moving.vx,
                 &mut body.moving.vy,
                 &mut body.moving.omega,
+                &mut body.angle,
                 &mut body.bias_x,
                 &mut body.bias_y,
                 &mut body.inv_mass,
@@ -120,16 +120,10 @@ impl State {
     }
 }
 
-/// The radius, m, of a disc, or of one about the centre of mass that is as wide as the body's narrowest piece.
+/// The radius, m, of a disc, or of the least of those within the body's pieces.
 fn inner_radius(body: &PreparedBody) -> f64 {
-    let narrowest = || body.shape.0.iter().map(inradius).fold(f64::INFINITY, f64::min);
-    body.shape.disc_radius().unwrap_or_else(narrowest)
-}
-
-/// The smaller half extent of a piece, m.
-fn inradius(piece: &Convex) -> f64 {
-    let b = piece.bounds();
-    (b[2] - b[0]).min(b[3] - b[1]) / 2.0
+    let least = || body.shape.0.iter().map(|piece| disc_within(piece).1).fold(f64::INFINITY, f64::min);
+    body.shape.disc_radius().unwrap_or_else(least)
 }
 
 fn fill_pair(pair: &mut Pair, lane: usize, prepared: &Prepared) {

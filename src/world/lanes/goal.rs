@@ -211,7 +211,9 @@ fn within<R: Register, const N: usize>(
             least = closest(a, b, tolerance).separation.below(least);
         }
     }
-    (travel + (least - tolerance - Wide::all(HAIR)).above(Wide::all(0.0))).store(limit);
+    let used = Wide::all(0.0).less(Wide::load(&state.dt));
+    let free = (least - tolerance - Wide::all(HAIR)).above(Wide::all(0.0));
+    used.select(travel + free, Wide::all(f64::INFINITY)).store(limit);
     Some(least.at_most(tolerance))
 }
 

@@ -20,7 +20,7 @@ use super::solve::solve;
 use super::state::{Pair, State};
 use super::touch;
 use super::touching::{HAIR, begin};
-use super::tunnel::{WATCHED, stop_fast_discs};
+use super::tunnel::{WATCHED, stop_what_is_fast};
 use crate::world::effect::LANES;
 use crate::world::record::CARRIES;
 
@@ -81,9 +81,9 @@ fn advance<R: Register, const N: usize>(state: &mut State) {
         none.store(&mut b.bias_y);
         let way = way_x.size() + way_y.size();
         (Wide::load(&b.travel) + way).store(&mut b.travel);
-        b.fast = (Wide::all(WATCHED) * Wide::load(&b.radius).size()).less(way).any();
-        if b.fast {
-            fast = true;
+        b.fast = !b.shaped && (Wide::all(WATCHED) * Wide::load(&b.radius).size()).less(way).any();
+        fast |= b.fast;
+        if b.fast || b.shaped {
             way_x.store(&mut b.way_x);
             way_y.store(&mut b.way_y);
         }
@@ -93,16 +93,17 @@ fn advance<R: Register, const N: usize>(state: &mut State) {
         tame &= !none.less(odd).any();
     }
     state.wild = !tame;
-    turn_bodies::<R, N>(state);
+    fast |= turn_bodies::<R, N>(state);
     if fast {
-        stop_fast_discs(state);
+        stop_what_is_fast(state);
     }
 }
 
-/// What bodies that are no discs do beyond that: the bias turns them, and to turn is to travel.
+/// What bodies that are no discs do beyond that: the bias turns them, and to turn is to travel. Whether one is fast.
 #[inline(always)]
-fn turn_bodies<R: Register, const N: usize>(state: &mut State) {
+fn turn_bodies<R: Register, const N: usize>(state: &mut State) -> bool {
     let dt: Wide<R, N> = Wide::load(&state.dt);
+    let mut fast = false;
     for (frame, body) in state.frames.iter_mut().zip(&mut state.bodies) {
         let bias = Wide::load(&frame.bias_omega);
         Wide::<R, N>::all(0.0).store(&mut frame.bias_omega);
@@ -111,9 +112,14 @@ fn turn_bodies<R: Register, const N: usize>(state: &mut State) {
         }
         (Wide::load(&body.angle) + bias * dt).store(&mut body.angle);
         let turned = (Wide::load(&body.moving.omega) + bias) * dt;
+        turned.store(&mut frame.turned_by);
         let way = Wide::load(&frame.extent) * turned.size();
         (Wide::load(&body.travel) + way).store(&mut body.travel);
+        let all = way + Wide::load(&body.way_x).size() + Wide::load(&body.way_y).size();
+        body.fast = (Wide::all(WATCHED) * Wide::load(&body.radius).size()).less(all).any();
+        fast |= body.fast;
     }
+    fast
 }
 
 /// A speed, or 0 where it is too small to matter.

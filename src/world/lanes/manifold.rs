@@ -79,9 +79,13 @@ impl Near {
 impl Manifold {
     /// Forgets a lane's impulses.
     pub fn clear(&mut self, lane: usize) {
+        (self.nx[lane], self.ny[lane]) = (0.0, 0.0);
         for point in &mut self.points {
             (point.jn[lane], point.jt[lane], point.id[lane]) = (0.0, 0.0, 0.0);
             (point.normal_mass[lane], point.tangent_mass[lane]) = (0.0, 0.0);
+            for arm in point.first.iter_mut().chain(&mut point.second) {
+                arm[lane] = 0.0;
+            }
         }
     }
 

@@ -17,8 +17,8 @@
 //! Differences from the source:
 //! - The first step moves bodies at their initial speeds and then accelerates them, as in Pymunk; the rapier
 //!   engine accelerates first. Both are of first order in the time step.
-//! - A disc fast enough to pass through a static in one step is stopped at it, and so is any other body as the disc that fits into it:
-//!   see `tunnel`.
+//! - What is fast enough to pass through a static in one step is stopped at it: a disc, and of any other body the discs within its
+//!   pieces: see `tunnel`.
 //! - Overlap is tolerated up to Chipmunk's 0.1 m only for bodies larger than 0.6 m across; less for smaller.
 
 mod batch;
@@ -53,11 +53,14 @@ pub use feed::Feed;
 pub use level::{Level, Settings, run};
 pub use topology::Topology;
 
-/// Most bodies that this engine takes if some are no discs: it looks at every two of them.
-pub const MOST_BODIES: usize = 64;
+/// Most pairs of pieces that this engine takes if some body is no disc: it keeps something of each of them.
+pub const MOST_PAIRS: usize = 20_000;
 
 /// Whether this engine takes the scene.
 pub fn takes(prepared: &Prepared) -> bool {
-    let only_discs = prepared.bodies.iter().all(|b| b.shape.disc_radius().is_some());
-    only_discs || prepared.bodies.len() <= MOST_BODIES
+    let bodies = &prepared.bodies;
+    let moving: usize = bodies.iter().map(|b| b.shape.0.len()).sum();
+    let standing = piece::pieces(prepared).count();
+    bodies.iter().all(|b| b.shape.disc_radius().is_some())
+        || moving * (moving - 1) / 2 + moving * standing <= MOST_PAIRS
 }

@@ -21,6 +21,8 @@ pub fn find<R: Register, const N: usize>(state: &mut State) {
     state.pressing.clear();
     let count = state.bodies.len();
     let touch: Wide<R, N> = Wide::load(&state.touch);
+    // Where there is no rollout all outlines lie on each other.
+    let used = Wide::all(0.0).less(Wide::load(&state.dt));
     for index in 0..state.near.len() {
         let (first, other) = (state.near[index].met.first, state.near[index].met.other);
         let mut travel = Wide::load(&state.bodies[first].travel);
@@ -38,8 +40,9 @@ pub fn find<R: Register, const N: usize>(state: &mut State) {
         let normal = closest(a, b, touch);
         let near = &mut state.near[index];
         let free = normal.separation - touch - Wide::all(HAIR);
-        (travel + free.above(Wide::all(0.0))).store(&mut near.limit);
-        let touching = normal.separation.at_most(touch);
+        let limit = travel + free.above(Wide::all(0.0));
+        used.select(limit, Wide::all(f64::INFINITY)).store(&mut near.limit);
+        let touching = used.and(normal.separation.at_most(touch));
         if !touching.any() {
             let_go(state, index);
             continue;
@@ -83,7 +86,7 @@ fn meet<R: Register, const N: usize>(
     if begin(&mut state.near[index].met, touching, speed, state.tick) {
         state.fresh.push(state.pairs.len() + index);
     }
-    if !found[0].gap.less(none).or(last.gap.less(none)).any() {
+    if !touching.and(found[0].gap.less(none).or(last.gap.less(none))).any() {
         let_go(state, index);
         return;
     }
@@ -102,7 +105,7 @@ fn meet<R: Register, const N: usize>(
     manifold.count = found.len();
     manifold.seen = [u32::MAX; 2];
     for (k, place) in found.iter().enumerate() {
-        let (hit, point) = (place.gap.less(none), &mut manifold.points[k]);
+        let (hit, point) = (touching.and(place.gap.less(none)), &mut manifold.points[k]);
         let depth = none - (place.gap + Wide::load(slop));
         arms[k].store(point);
         let [by_normal, by_tangent] = arms[k].masses(bodies, frames, [first, other]);

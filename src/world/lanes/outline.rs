@@ -17,6 +17,9 @@ pub struct Outline {
     /// Rounding radius, m.
     pub radius: V,
     pub core: OutlineCore,
+    /// A disc within a body's piece: its middle about the body's centre of mass at angle 0, and its radius, m.
+    pub middle: [V; 2],
+    pub inner: V,
 }
 
 /// What is within the rounding.
@@ -45,6 +48,8 @@ pub struct Frame {
     pub inv_inertia: V,
     /// Bias spin, rad/s.
     pub bias_omega: V,
+    /// By how much the body turned in this step, rad.
+    pub turned_by: V,
     /// Greatest distance of a point of the body from its centre of mass, m.
     pub extent: V,
     /// Centre of mass, body frame, m.
@@ -144,6 +149,7 @@ impl Frame {
             disc,
             inv_inertia: none,
             bias_omega: none,
+            turned_by: none,
             extent: none,
             centre_x: none,
             centre_y: none,
@@ -201,12 +207,14 @@ impl Outline {
                 OutlineCore::Corners { own: if moves { corners.clone() } else { Vec::new() }, here: corners }
             }
         };
-        Outline { owner, radius: none, core }
+        Outline { owner, radius: none, core, middle: [none; 2], inner: none }
     }
 
     /// What moves is filled about its centre of mass, what does not where it stands.
     fn fill(&mut self, lane: usize, piece: &Convex) {
         self.radius[lane] = piece.radius;
+        let (middle, inner) = disc_within(piece);
+        (self.middle[0][lane], self.middle[1][lane], self.inner[lane]) = (middle[0], middle[1], inner);
         let OutlineCore::Corners { here, own } = &mut self.core else { return };
         let n = piece.points.len();
         for (i, corner) in if own.is_empty() { here } else { own }.iter_mut().enumerate() {
@@ -218,4 +226,27 @@ impl Outline {
             (corner.nx[lane], corner.ny[lane]) = (normal[0], normal[1]);
         }
     }
+}
+
+/// Middle and radius, m, of a disc within a piece: about the mean of its corners, up to the nearest edge.
+pub fn disc_within(piece: &Convex) -> ([f64; 2], f64) {
+    let n = piece.points.len();
+    let middle = [0, 1].map(|k| piece.points.iter().map(|p| p[k]).sum::<f64>() / n as f64);
+    if n < 3 {
+        return (middle, piece.radius);
+    }
+    let height = |i: usize| {
+        let (p, q) = (piece.points[i], piece.points[(i + 1) % n]);
+        let (dx, dy) = (q[0] - p[0], q[1] - p[1]);
+        (dx * (middle[1] - p[1]) - dy * (middle[0] - p[0])) / (dx * dx + dy * dy).sqrt()
+    };
+    (middle, piece.radius + (0..n).map(height).fold(f64::INFINITY, f64::min).max(0.0))
+}
+
+/// The outline of a piece that stands where it is, alone, in every lane.
+#[cfg(test)]
+pub fn alone(piece: &Convex) -> Outline {
+    let mut outline = Outline::empty(0, piece.points.len(), false);
+    (0..crate::world::effect::LANES).for_each(|lane| outline.fill(lane, piece));
+    outline
 }

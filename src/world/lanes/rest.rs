@@ -16,6 +16,8 @@ const SLOW: f64 = 1e-9;
 /// Everything that a step depends on.
 pub struct Snapshot {
     columns: Vec<V>,
+    /// Pairs of outlines with a contact.
+    contacts: Vec<usize>,
     rolling: Vec<V>,
     born: V,
 }
@@ -31,6 +33,7 @@ impl Snapshot {
         let worth = !state.clocked && (0..LANES).any(|l| used(l) && slow(l));
         worth.then(|| Snapshot {
             columns: columns(state).collect(),
+            contacts: contacts(state).collect(),
             rolling: state.bodies.iter().map(|b| b.rolling).collect(),
             born: state.born,
         })
@@ -39,6 +42,7 @@ impl Snapshot {
     /// If the lane's rollout and state are still the same: how many bodies the last step found carried.
     pub fn same(&self, state: &State, lane: usize) -> Option<u32> {
         let kept = self.born[lane] == state.born[lane]
+            && self.contacts.iter().copied().eq(contacts(state))
             && self.columns.iter().zip(columns(state)).all(|(a, b)| a[lane].to_bits() == b[lane].to_bits());
         kept.then(|| {
             state
@@ -57,11 +61,12 @@ fn columns(state: &State) -> impl Iterator<Item = V> + '_ {
         [V(m.x), V(m.y), V(m.vx), V(m.vy), V(m.omega), b.angle, b.bias_x, b.bias_y]
     });
     let pairs = state.pairs.iter().flat_map(|p| [p.jn, p.jt]);
-    // A pair without a contact has no impulses, as one whose contact bears nothing.
-    let contacts = state.near.iter().flat_map(|near| match near.slot {
-        Some(slot) => state.manifolds[slot].points.map(|p| [p.id, p.jn, p.jt]),
-        None => [[V::all(0.0); 3]; 2],
-    });
+    let points = state.near.iter().filter_map(|near| Some(&state.manifolds[near.slot?].points));
+    let contacts = points.flat_map(|points| points.iter().flat_map(|p| [p.id, p.jn, p.jt]));
     let biases = state.frames.iter().map(|f| f.bias_omega);
-    bodies.chain(pairs).chain(contacts.flatten()).chain(biases)
+    bodies.chain(pairs).chain(contacts).chain(biases)
+}
+
+fn contacts(state: &State) -> impl Iterator<Item = usize> + '_ {
+    state.near.iter().enumerate().filter(|(_, near)| near.slot.is_some()).map(|(i, _)| i)
 }

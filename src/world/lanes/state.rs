@@ -65,7 +65,7 @@ pub struct BodyLanes {
     /// Bias speed, m/s.
     pub bias_x: V,
     pub bias_y: V,
-    /// Of the disc, or of one about the centre of mass that fits into the body, m.
+    /// Of the disc, or of the least of those that fit into the body's pieces, m.
     pub radius: V,
     /// Whether it is anything but a disc.
     pub shaped: bool,

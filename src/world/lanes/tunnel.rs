@@ -1,11 +1,15 @@
-//! Keeping fast discs from passing through statics between two steps.
+//! Keeping what is fast from passing through statics between two steps.
 //!
 //! Chipmunk looks for contacts only where bodies stand at the end of a step, so a ping-pong ball at 10 m/s flies
 //! through a table. Here a disc that moves more than half its radius in a step is stopped where it first dips
 //! into a static, keeping its speed; the contact then treats it as any other. What is left of the step is lost to
 //! it, an error of at most one step's time, and only at such speeds. Discs may still pass through each other.
+//!
+//! Of other bodies the discs within their pieces are stopped, the body with them: what only the end of a long piece would meet is
+//! passed, as in Chipmunk.
 
-use super::state::{Core, EdgeLanes, State};
+use super::outline::{Frame, Outline};
+use super::state::{BodyLanes, Core, EdgeLanes, State, StaticLanes};
 use crate::world::effect::LANES;
 
 /// Share of its radius that a disc may move in a step without being watched: the next contact then still finds
@@ -18,37 +22,74 @@ const STOPPED: f64 = 0.9;
 /// centre in, and a disc that slides along a wall must not be held up by what rounds off.
 const DEEP: f64 = 0.25;
 
-/// Stops the discs that would pass into or through a static; called after positions have advanced.
+/// Stops what would pass into or through a static; called after positions have advanced.
 #[cold]
-pub fn stop_fast_discs(state: &mut State) {
-    for body in state.bodies.iter_mut().filter(|b| b.fast) {
-        for lane in 0..LANES {
-            let way = [body.way_x[lane], body.way_y[lane]];
-            if way[0].abs() + way[1].abs() <= WATCHED * body.radius[lane] || body.radius[lane] < 0.0 {
-                continue;
-            }
-            let to = [body.moving.x[lane], body.moving.y[lane]];
-            let from = [to[0] - way[0], to[1] - way[1]];
-            let least = DEEP * body.radius[lane];
-            let mut share = 1.0f64;
-            for fixed in &state.statics {
-                let margin = STOPPED * (body.radius[lane] + fixed.radius[lane]);
-                let hit = match &fixed.core {
-                    // Whatever passes into a half plane is found within it.
-                    Core::Plane { .. } => None,
-                    Core::Point { x, y } => {
-                        into_disc([from[0] - x[lane], from[1] - y[lane]], way, margin, least)
-                    }
-                    Core::Polygon(edges) => into_polygon(edges, lane, from, way, margin, least),
-                };
-                share = share.min(hit.unwrap_or(1.0));
-            }
-            if share < 1.0 {
-                body.moving.x[lane] = from[0] + way[0] * share;
-                body.moving.y[lane] = from[1] + way[1] * share;
-            }
+pub fn stop_what_is_fast(state: &mut State) {
+    let State { bodies, frames, outlines, statics, .. } = state;
+    for (i, body) in bodies.iter_mut().enumerate().filter(|(_, b)| b.fast) {
+        match frames.get(i).filter(|frame| !frame.disc) {
+            None => stop_disc(body, statics),
+            Some(frame) => stop_pieces(body, frame, &outlines[frame.outlines[0]..frame.outlines[1]], statics),
         }
     }
+}
+
+fn stop_disc(body: &mut BodyLanes, statics: &[StaticLanes]) {
+    for lane in (0..LANES).filter(|l| body.radius[*l] > 0.0) {
+        let way = [body.way_x[lane], body.way_y[lane]];
+        let from = [body.moving.x[lane] - way[0], body.moving.y[lane] - way[1]];
+        let share = free_share(statics, lane, from, way, body.radius[lane]);
+        if share < 1.0 {
+            body.moving.x[lane] = from[0] + way[0] * share;
+            body.moving.y[lane] = from[1] + way[1] * share;
+        }
+    }
+}
+
+/// A body goes as far as the discs within its pieces do, each along the line from where it was to where it would be.
+fn stop_pieces(body: &mut BodyLanes, frame: &Frame, pieces: &[Outline], statics: &[StaticLanes]) {
+    for lane in (0..LANES).filter(|l| body.radius[*l] > 0.0) {
+        let (way, turned) = ([body.way_x[lane], body.way_y[lane]], frame.turned_by[lane]);
+        let (to, angle) = ([body.moving.x[lane], body.moving.y[lane]], body.angle[lane]);
+        let from = [to[0] - way[0], to[1] - way[1]];
+        let arm = |piece: &Outline, angle: f64| {
+            let ([x, y], (sine, cosine)) =
+                ([piece.middle[0][lane], piece.middle[1][lane]], libm::sincos(angle));
+            [cosine * x - sine * y, sine * x + cosine * y]
+        };
+        let mut share = 1.0f64;
+        for piece in pieces {
+            let (old, new) = (arm(piece, angle - turned), arm(piece, angle));
+            let start = [from[0] + old[0], from[1] + old[1]];
+            let own = [way[0] + new[0] - old[0], way[1] + new[1] - old[1]];
+            share = share.min(free_share(statics, lane, start, own, piece.inner[lane]));
+        }
+        if share < 1.0 {
+            body.moving.x[lane] = from[0] + way[0] * share;
+            body.moving.y[lane] = from[1] + way[1] * share;
+            body.angle[lane] = angle - turned * (1.0 - share);
+        }
+    }
+}
+
+/// Share of its way that a disc may go before it is in a static; all of it if it is slow.
+fn free_share(statics: &[StaticLanes], lane: usize, from: [f64; 2], way: [f64; 2], radius: f64) -> f64 {
+    if way[0].abs() + way[1].abs() <= WATCHED * radius {
+        return 1.0;
+    }
+    let least = DEEP * radius;
+    let mut share = 1.0f64;
+    for fixed in statics {
+        let margin = STOPPED * (radius + fixed.radius[lane]);
+        let hit = match &fixed.core {
+            // Whatever passes into a half plane is found within it.
+            Core::Plane { .. } => None,
+            Core::Point { x, y } => into_disc([from[0] - x[lane], from[1] - y[lane]], way, margin, least),
+            Core::Polygon(edges) => into_polygon(edges, lane, from, way, margin, least),
+        };
+        share = share.min(hit.unwrap_or(1.0));
+    }
+    share
 }
 
 /// Share of the way after which a point, coming in fast enough to matter, is within `margin` of the origin.
