@@ -6,7 +6,7 @@
 //! it, an error of at most one step's time, and only at such speeds. Discs may still pass through each other.
 //!
 //! Of other bodies the discs within their pieces are stopped, the body with them: what only the end of a long piece would meet is
-//! passed, as in Chipmunk.
+//! passed, as in Chipmunk; and what moves farther in a step than it is wide is met, but may come out on either side.
 
 use super::outline::{Frame, Outline};
 use super::state::{BodyLanes, Core, EdgeLanes, State, StaticLanes};
