@@ -155,6 +155,9 @@ def auccess(scores: Curve | Mapping[str, Curve], *, ax: Axes | None = None) -> A
     many = scores if isinstance(scores, Mapping) and not isinstance(scores, Score) else {"": scores}
     for label, one in many.items():
         curve = one.solved_within if isinstance(one, Score) else np.asarray(one, dtype=np.float64)
+        if curve.ndim != 1 or not len(curve) or not (0 <= curve.min() and curve.max() <= 1):
+            where = f"scores[{label!r}]" if label else "scores"
+            raise ValueError(f"{where} is {one!r}; allowed: a Score, or shares solved within 1, 2, ... tries, 0 to 1")
         value = one.auccess if isinstance(one, Score) else weighted(curve)
         ax.step(np.arange(1, len(curve) + 1), curve, where="post", label=f"{label} {value:.3f}".strip())
     ax.set(xscale="log", xlabel="attempts", ylabel="share of tasks solved", ylim=(-0.02, 1.02))
