@@ -1,12 +1,12 @@
 //! The built-in tasks: their number and splits, their certificates, and that actions behave.
 
 use iplw::reality::certify::{PERTURBATIONS, holds};
-use iplw::task::{FAMILIES, Placement, Split, Task, family};
+use iplw::task::{Placement, Split, Task, families, family};
 use iplw::world::Engine;
 
 fn each_task(mut check: impl FnMut(&'static iplw::task::Family, &Task)) {
-    for family in FAMILIES {
-        for task in (family.tasks)() {
+    for family in families() {
+        for task in family.tasks() {
             check(family, &task);
         }
     }
@@ -15,7 +15,7 @@ fn each_task(mut check: impl FnMut(&'static iplw::task::Family, &Task)) {
 #[test]
 fn numbers_and_splits_are_the_papers() {
     for (name, splits, actions) in [("bowling", [60, 20, 20], 50_000), ("basketball", [15, 5, 5], 40_000)] {
-        let tasks = (family(name).unwrap().tasks)();
+        let tasks = family(name).unwrap().tasks();
         let counts = [Split::Train, Split::Validation, Split::Test]
             .map(|s| tasks.iter().filter(|t| t.split == s).count());
         assert_eq!(counts, splits, "{name}");
@@ -59,7 +59,7 @@ fn certificates_hold() {
 #[test]
 fn shares_look_like_phyres() {
     let of = |name: &str| {
-        let tasks = (family(name).unwrap().tasks)();
+        let tasks = family(name).unwrap().tasks();
         let mut shares: Vec<[f64; 2]> = tasks
             .iter()
             .map(|t| t.certificate.as_ref().map(|c| [c.solving_share, c.solving_share_undamped]).unwrap())
@@ -97,7 +97,7 @@ fn every_action_has_an_outcome() {
 
 #[test]
 fn actions_outside_the_space_are_refused_by_name() {
-    let task = &(family("bowling").unwrap().tasks)()[0];
+    let task = &family("bowling").unwrap().tasks()[0];
     for (action, wanted) in [
         (vec![0.5, 0.5], "2 numbers"),
         (vec![0.5, 0.5, 1.5], "action[2]"),
