@@ -54,8 +54,10 @@ pub struct Draws {
     pub unmet: Vec<usize>,
 }
 
-/// Most points of a grid.
-pub const MOST_POINTS: usize = 200_000;
+/// Most points of a grid, and most candidates.
+pub const MOST_POINTS: usize = 100_000;
+/// Most numbers, names and operations that are computed for all draws together: about a second.
+const MOST_WORK: usize = 50_000_000;
 /// Candidates that are drawn from ranges if nothing is said.
 const USUAL: usize = 500;
 /// Draws for each candidate that is wanted before it is given up.
@@ -67,18 +69,28 @@ impl Recipe {
         let mut found =
             Draws { candidates: Vec::new(), tried: 0, undefined: 0, unmet: vec![0; self.require.len()] };
         let mut stream = rng::stream(seed, &format!("{family} candidates"));
+        let mut all = Vec::new();
+        let affordable = MOST_WORK / self.size();
         let grid: Option<Vec<&[f64]>> = self.parameters.iter().map(|p| p.range.among()).collect();
         if let Some(grid) = grid {
-            for index in 0..grid.iter().map(|values| values.len()).product() {
-                self.judge(point(&grid, index), &mut found);
+            let points: usize = grid.iter().map(|values| values.len()).product();
+            if points > affordable {
+                let value = format!("a grid of {points} points");
+                let allowed = format!("at most {affordable} with so much to compute for each");
+                return Err(Error::input("candidates.parameters", value, allowed));
+            }
+            for index in 0..points {
+                point(&grid, index, &mut all);
+                self.judge(&mut all, &mut found);
             }
             found.candidates.shuffle(&mut stream);
             found.candidates.truncate(self.count.unwrap_or(usize::MAX));
         } else {
             let wanted = self.count.unwrap_or(USUAL);
-            while found.candidates.len() < wanted && found.tried < wanted * PATIENCE {
-                let drawn = self.parameters.iter().map(|p| p.range.at(stream.random())).collect();
-                self.judge(drawn, &mut found);
+            while found.candidates.len() < wanted && found.tried < affordable.min(wanted * PATIENCE) {
+                all.clear();
+                all.extend(self.parameters.iter().map(|p| p.range.at(stream.random())));
+                self.judge(&mut all, &mut found);
             }
         }
         if found.candidates.is_empty() { Err(self.refusal(&found)) } else { Ok(found) }
@@ -87,27 +99,34 @@ impl Recipe {
     /// The parameters with all that follows from them; `None` where something has no finite number.
     pub fn complete(&self, parameters: &[f64]) -> Option<Vec<f64>> {
         let mut all = parameters.to_vec();
-        for value in &self.values {
-            let next = value.value(&all);
-            if !next.is_finite() {
-                return None;
-            }
-            all.push(next);
-        }
-        Some(all)
+        self.follow(&mut all).then_some(all)
     }
 
-    fn judge(&self, parameters: Vec<f64>, found: &mut Draws) {
+    /// Adds what follows from the parameters; whether all of it is finite.
+    fn follow(&self, all: &mut Vec<f64>) -> bool {
+        self.values.iter().all(|value| {
+            all.push(value.value(all));
+            all.last().is_some_and(|v| v.is_finite())
+        })
+    }
+
+    /// What there is to compute for a draw.
+    fn size(&self) -> usize {
+        let expressions = self.values.iter().chain(self.require.iter().map(|(_, e)| e));
+        1 + self.parameters.len() + expressions.map(Expression::size).sum::<usize>()
+    }
+
+    fn judge(&self, all: &mut Vec<f64>, found: &mut Draws) {
         found.tried += 1;
-        let Some(all) = self.complete(&parameters) else {
+        if !self.follow(all) {
             found.undefined += 1;
             return;
-        };
+        }
         // What is not a number does not hold.
-        let holds = |e: &Expression| !matches!(e.value(&all), v if v == 0.0 || v.is_nan());
+        let holds = |e: &Expression| !matches!(e.value(all), v if v == 0.0 || v.is_nan());
         match self.require.iter().position(|(_, e)| !holds(e)) {
             Some(unmet) => found.unmet[unmet] += 1,
-            None => found.candidates.push(parameters),
+            None => found.candidates.push(all[..self.parameters.len()].to_vec()),
         }
     }
 
@@ -147,13 +166,13 @@ impl Range {
 }
 
 /// A grid's point number `index`, the last parameter varying fastest.
-fn point(grid: &[&[f64]], mut index: usize) -> Vec<f64> {
-    let mut found = vec![0.0; grid.len()];
+fn point(grid: &[&[f64]], mut index: usize, found: &mut Vec<f64>) {
+    found.clear();
+    found.resize(grid.len(), 0.0);
     for (slot, values) in found.iter_mut().zip(grid).rev() {
         *slot = values[index % values.len()];
         index /= values.len();
     }
-    found
 }
 
 #[cfg(test)]

@@ -61,6 +61,11 @@ impl Expression {
         Expression(Term::Number(value))
     }
 
+    /// How much there is to compute: numbers, names and operations.
+    pub fn size(&self) -> usize {
+        self.0.size()
+    }
+
     /// What it gives for values of the names it was parsed over; not finite where it has none.
     pub fn value(&self, values: &[f64]) -> f64 {
         self.0.value(values)
@@ -68,6 +73,14 @@ impl Expression {
 }
 
 impl Term {
+    fn size(&self) -> usize {
+        match self {
+            Term::Number(_) | Term::Name(_) => 1,
+            Term::One(_, a) => 1 + a.size(),
+            Term::Two(_, ab) => 1 + ab[0].size() + ab[1].size(),
+        }
+    }
+
     fn value(&self, values: &[f64]) -> f64 {
         match self {
             Term::Number(v) => *v,

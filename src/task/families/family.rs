@@ -150,7 +150,7 @@ impl Family {
 }
 
 /// Candidates that are looked at before a family counts as one without scenes.
-const TRIED: usize = 100;
+const TRIED: usize = 20;
 
 /// Deals `n` tasks to splits: a seeded shuffle, then the first to train, the next to validation, the rest to
 /// test; returned in order of task number.

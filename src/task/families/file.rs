@@ -19,7 +19,9 @@ pub const FAMILY_FORMAT: &str = "iplw.family/1";
 /// Most bytes of a family's file.
 pub const MOST_BYTES: usize = 1 << 20;
 
-/// Most parameters, values and requirements, of each.
+/// Most parameters.
+const MOST_DRAWN: usize = 32;
+/// Most values, and most requirements.
 const MOST_NAMED: usize = 200;
 /// Most tasks of a family.
 const MOST_TASKS: usize = 1000;
@@ -235,10 +237,19 @@ fn from_toml<T: DeserializeOwned>(text: &str) -> Result<T> {
 
 /// How numbers are drawn, and the names that they go by, in order.
 fn recipe(from: &Candidates) -> Result<(Recipe, Vec<String>)> {
-    let several = |field: &str, n: usize| bounded(&format!("candidates.{field} (number)"), n, 0, MOST_NAMED);
-    several("parameters", from.parameters.len())?;
-    several("values", from.values.len())?;
-    several("require", from.require.len())?;
+    for (field, number, most) in [
+        ("parameters", from.parameters.len(), MOST_DRAWN),
+        ("values", from.values.len(), MOST_NAMED),
+        ("require", from.require.len(), MOST_NAMED),
+    ] {
+        if number > most {
+            return Err(Error::input(
+                format!("candidates.{field}"),
+                format!("{number}"),
+                format!("at most {most}"),
+            ));
+        }
+    }
     let mut recipe = Recipe::default();
     let mut names: Vec<String> = Vec::new();
     for (key, value) in &from.parameters {
