@@ -3,7 +3,7 @@
 use iplw::rng::Stream;
 use iplw::task::parse_family;
 
-use super::{Fate, MIB, Target, bytes, fate, text};
+use super::{MIB, Target, bytes, fate, text};
 
 /// A family's file.
 pub const TARGET: Target = Target {
