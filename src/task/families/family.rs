@@ -12,22 +12,12 @@ use crate::task::{Split, Task, custom};
 
 /// A family of tasks that share an action space, a kind of goal and what is hidden.
 pub struct Family {
-    content: Content,
-    tasks: Vec<Task>,
-}
-
-/// What a family's file says.
-pub struct Content {
     /// Name on the command line and in URLs.
     pub name: &'static str,
     /// One sentence.
     pub about: &'static str,
     /// Id under which Gymnasium makes the environment; empty if the Python package knows none.
     pub gymnasium: &'static str,
-    /// How the numbers of candidates are drawn.
-    pub recipe: Recipe,
-    /// The scene that they go into.
-    pub template: Template,
     /// How many tasks go to (train, validation, test).
     pub split: [usize; 3],
     /// The family's standard real world, sealed: `reality::standard` makes it into a world.
@@ -44,26 +34,23 @@ pub struct Content {
     pub claims: Claims,
     /// Of what certified tasks depend on.
     pub digest: String,
-}
-
-impl std::ops::Deref for Family {
-    type Target = Content;
-
-    fn deref(&self) -> &Content {
-        &self.content
-    }
+    /// How the numbers of candidates are drawn.
+    pub(super) recipe: Recipe,
+    /// The scene that they go into.
+    pub(super) template: Template,
+    /// What was certified.
+    pub(super) tasks: Vec<Task>,
 }
 
 impl Family {
-    /// A family without certified tasks. An error if no draw makes a candidate, or if its scene is none.
-    pub(super) fn new(content: Content) -> Result<Family> {
-        let family = Family { content, tasks: Vec::new() };
-        let draws = family.draws(CANDIDATE_SEED)?;
+    /// The family, if some draw makes a scene.
+    pub(super) fn checked(self) -> Result<Family> {
+        let draws = self.draws(CANDIDATE_SEED)?;
         // What is wrong with every scene is wrong with the first; what is wrong with some of them may not be.
-        let mut tried = draws.candidates.iter().take(TRIED).map(|draw| family.scene(draw));
+        let mut tried = draws.candidates.iter().take(TRIED).map(|draw| self.scene(draw));
         match tried.next() {
             Some(Err(error)) if !tried.any(|scene| scene.is_ok()) => Err(error),
-            _ => Ok(family),
+            _ => Ok(self),
         }
     }
 

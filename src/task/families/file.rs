@@ -7,7 +7,7 @@ use super::certified::{Bin, Selection};
 use super::claims::{Ahead, Claims, Nearer};
 use super::draw::{MOST_POINTS, Parameter, Range, Recipe};
 use super::expression::Expression;
-use super::family::{Content, Family};
+use super::family::Family;
 use super::presets::{Labels, Learning};
 use super::real::RealPhysics;
 use super::template::Template;
@@ -52,7 +52,7 @@ pub fn parse(text: &str) -> Result<Family> {
     let (recipe, names) = recipe(&file.candidates)?;
     file.real.validate().map_err(|e| e.under("real"))?;
     let split = [file.tasks.train, file.tasks.validation, file.tasks.test];
-    Family::new(Content {
+    let family = Family {
         name: kept(file.name),
         about: kept(file.about),
         gymnasium: kept(gymnasium),
@@ -66,7 +66,9 @@ pub fn parse(text: &str) -> Result<Family> {
         surface_actions: bounded("surface_actions", file.surface_actions, 1, MOST_SAMPLED)?,
         claims: file.claims.read(),
         digest,
-    })
+        tasks: Vec::new(),
+    };
+    family.checked()
 }
 
 /// The whole file.
