@@ -47,9 +47,10 @@ impl Family {
     pub(super) fn checked(self) -> Result<Family> {
         let draws = self.draws(CANDIDATE_SEED)?;
         // What is wrong with every scene is wrong with the first; what is wrong with some of them may not be.
-        let mut tried = draws.candidates.iter().take(TRIED).map(|draw| self.scene(draw));
-        match tried.next() {
-            Some(Err(error)) if !tried.any(|scene| scene.is_ok()) => Err(error),
+        let tried: Vec<Result<Scene>> = draws.candidates.iter().take(TRIED).map(|d| self.scene(d)).collect();
+        same_actions(tried.iter().flatten())?;
+        match tried.into_iter().reduce(|first, next| first.or_else(|error| next.map_err(|_| error))) {
+            Some(Err(error)) => Err(error),
             _ => Ok(self),
         }
     }
@@ -88,6 +89,7 @@ impl Family {
             })
         };
         self.tasks = rows.map(task).collect::<Result<_>>()?;
+        same_actions(self.tasks.iter().map(|t| &t.scene))?;
         Ok(self)
     }
 
@@ -134,6 +136,16 @@ impl Family {
         let dealt = deal(self.split, fold);
         self.tasks().into_iter().zip(dealt).map(|(task, split)| Task { split, ..task }).collect()
     }
+}
+
+/// What is said of a family's action space holds for each of its tasks.
+fn same_actions<'a>(mut scenes: impl Iterator<Item = &'a Scene>) -> Result<()> {
+    let first = scenes.next().and_then(|s| s.action.as_ref());
+    if scenes.all(|s| s.action.as_ref() == first) {
+        return Ok(());
+    }
+    let allowed = "the same in all candidates: numbers of a draw may not be in it";
+    Err(Error::input("scene.action", "not the same in all candidates", allowed))
 }
 
 /// Candidates that are looked at before a family counts as one without scenes.

@@ -121,6 +121,7 @@ fn what_is_wrong_in_a_file_is_named() {
         ("radius = 0.5", "raduis = 0.5", "`scene.bodies[0].shape`"),
         ("\"floor\"]", "\"wall\"]", "`scene.goal.bodies[1]` is \"wall\""),
         ("[scene.goal]", "[scene.gaol]", "scene.gaol"),
+        ("low = -5", "low = \"= -w\"", "`scene.action` is not the same in all candidates"),
         ("set = \"x\"", "set = \"radius\"", "`scene.action.components[0].low` is -5"),
         ("friction = 0.5", "friction = -1", "`real.friction` is -1; allowed: a number from 0 to 100"),
         ("friction = 0.5", "", "`real`; allowed: what iplw.family/1 allows (missing field `friction`)"),
