@@ -210,8 +210,7 @@ web/node_modules/.installed: web/package-lock.json
 # Searches the built-in tasks anew; only when physics or selection changed.
 tasks:
 	$(CARGO) build --release --locked
-	for f in src/task/families/*.certified.json; do \
-		./target/release/iplw tasks $$(basename $$f .certified.json) --certify > $$f.new && mv $$f.new $$f; done
+	for f in src/task/families/*.toml examples/families/*.toml; do ./target/release/iplw tasks check $$f || exit 1; done
 
 clean:
 	rm -rf out $(VENV) $(VENV)-peers $(VENV)-openenv $(VENV)-docs $(VENV)-release dist clients/generated/node_modules \

@@ -6,12 +6,12 @@ use std::time::Instant;
 use iplw::policy::{CHUNK, LabelConfig, TrainConfig, Training, label, rank, train};
 use iplw::progress::Silent;
 use iplw::reality::standard;
-use iplw::task::{FAMILIES, Split, split};
+use iplw::task::{Split, families, split};
 
 fn main() -> Result<(), iplw::error::Error> {
-    for family in FAMILIES {
+    for family in families() {
         let name = family.name;
-        let tasks = (family.tasks)();
+        let tasks = family.tasks();
         let training = split(&tasks, Split::Train);
         let latents = standard(family).latents;
         let labels = LabelConfig::preset(&family.learning.study_labels, 0);

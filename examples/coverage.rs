@@ -26,7 +26,7 @@ fn main() -> Result<()> {
     };
     let family = family(&arg(0, "basketball"))?;
     let (count, noise, trials) = (number(1, "100")? as u64, number(2, "0.02")?, number(4, "10")? as usize);
-    let tasks = split(&(family.tasks)(), Split::Train);
+    let tasks = split(&family.tasks(), Split::Train);
     let residual = ResidualKind::from_name(&arg(3, "trajectory"))?;
     let (mut held, mut far, mut unknown) = ([0u32; 3], [0u32; 3], [0u32; 3]);
     let (mut widths, mut errors) = (vec![Vec::new(); 3], vec![Vec::new(); 3]);

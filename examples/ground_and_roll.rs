@@ -30,7 +30,7 @@ fn main() -> Result<()> {
 
     // A hidden basketball world: 20 measurements tell its restitution (0.7, with drag the simulation lacks).
     let family = family("basketball")?;
-    let training = split(&(family.tasks)(), Split::Train);
+    let training = split(&family.tasks(), Split::Train);
     let mut world = HiddenWorld::new(standard(family))?;
     let config = EstimateConfig { rounds: 2, actions: 10, ..EstimateConfig::fast(family.prior) };
     let (report, _) = estimate(&training, &mut world, &config, &Silent)?;

@@ -23,7 +23,7 @@ use iplw::progress::Silent;
 use iplw::reality::{HiddenConfig, HiddenWorld, settled, standard};
 use iplw::rng;
 use iplw::task::scene::EffectTerm;
-use iplw::task::{FAMILIES, Split, family, split};
+use iplw::task::{Split, families, family, split};
 use iplw::world::Engine;
 use rand::RngExt;
 use worlds::study::{sets, weighed};
@@ -76,7 +76,7 @@ struct Run {
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let Run { seeds, first, trials, noise, engine, only, show, out } = Run::parse();
     let engine = if engine == "rapier" { Engine::Rapier } else { Engine::Auto };
-    let rows = FAMILIES.iter().flat_map(|f| HIDDEN.map(|row| format!("{}/{}", f.name, row.0)));
+    let rows = families().iter().flat_map(|f| HIDDEN.map(|row| format!("{}/{}", f.name, row.0)));
     let names: Vec<String> = rows.collect();
     if !names.iter().any(|n| n.starts_with(&only)) {
         let text =
@@ -91,7 +91,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let done: HashSet<&str> = known.lines().filter_map(|l| l.split(',').next()).collect();
     let mut file = std::fs::OpenOptions::new().create(true).append(true).open(&log)?;
     for seed in first..first + seeds {
-        for task in FAMILIES.map(|f| f.name) {
+        for task in families().iter().map(|f| f.name) {
             for row in &HIDDEN {
                 let name = format!("{task}/{}", row.0);
                 let key = format!("{name}/{seed}/{trials}/{noise}/{engine:?}");

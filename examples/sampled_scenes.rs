@@ -24,7 +24,8 @@ fn sampled(name: &str, count: usize) -> Vec<Scene> {
     let real = HiddenWorld::new(standard(family)).expect("a family's world can be made").reveal();
     let [density, friction, restitution] = real.latents.values();
     let mut scenes = Vec::new();
-    for (i, scene) in (family.candidates)(0).iter().cycle().enumerate() {
+    let found: Vec<Scene> = family.candidates(0).collect();
+    for (i, scene) in found.iter().cycle().enumerate() {
         let space = scene.action.as_ref().expect("a family's scenes have actions");
         let action = space.at((i * 7919 + 13) % space.count()).expect("the index is in range");
         let Placement::Valid(mut placed) = space.place(scene, &action) else { continue };

@@ -49,13 +49,13 @@ impl Clock {
 }
 
 fn bowling(count: usize) -> Vec<Scene> {
-    let scenes = (family("bowling").expect("built in").candidates)(0);
-    let acted = |(i, scene): (usize, &Scene)| {
+    let scenes = family("bowling").expect("built in").candidates(0);
+    let acted = |(i, scene): (usize, Scene)| {
         let space = scene.action.as_ref()?;
-        match space.place(scene, &space.at(i * 7919 % space.count()).ok()?) {
+        match space.place(&scene, &space.at(i * 7919 % space.count()).ok()?) {
             Placement::Valid(placed) => Some(*placed),
             Placement::Invalid(_) => None,
         }
     };
-    scenes.iter().enumerate().filter_map(acted).take(count).collect()
+    scenes.enumerate().filter_map(acted).take(count).collect()
 }

@@ -8,6 +8,7 @@ pub mod bytes;
 #[path = "../json.rs"]
 pub mod json;
 
+mod families;
 mod files;
 mod msgpack;
 mod requests;
@@ -35,7 +36,7 @@ pub struct Target {
 }
 
 /// Every target but scenes, which `tests/physics/fuzz_scene.rs` has.
-pub const TARGETS: [Target; 9] = [
+pub const TARGETS: [Target; 10] = [
     zmtp::TARGET,
     msgpack::TARGET,
     requests::READ,
@@ -45,6 +46,7 @@ pub const TARGETS: [Target; 9] = [
     weights::TARGET,
     files::TOKENS,
     files::LIMITS,
+    families::TARGET,
 ];
 
 /// A mebibyte, bytes.

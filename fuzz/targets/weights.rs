@@ -4,7 +4,7 @@ use std::sync::LazyLock;
 
 use iplw::policy::{Dqn, Policy, TrainConfig};
 use iplw::rng::Stream;
-use iplw::task::{FAMILIES, Learning};
+use iplw::task::{Learning, families};
 use rand::RngExt;
 
 use super::{Fate, MIB, Target, bytes, fate};
@@ -21,7 +21,7 @@ pub const TARGET: Target = Target {
 
 /// A small network that has learned nothing, with a card that says otherwise.
 static SEED: LazyLock<Vec<u8>> = LazyLock::new(|| {
-    let task = (FAMILIES[0].tasks)().swap_remove(0);
+    let task = families()[0].tasks().swap_remove(0);
     let dqn = Dqn::untrained(&task, 2, 1).expect("a small network");
     let config = TrainConfig { hidden: 2, ..TrainConfig::preset(&Learning::STANDARD) };
     let config = serde_json::to_string(&config).expect("plain fields").replace('"', r#"\""#);

@@ -4,6 +4,8 @@ use std::io::Read;
 
 use iplw::error::{Error, Result};
 
+use super::own::OwnFamilies;
+
 /// A command's own options, and those that all have that compute.
 #[derive(clap::Args)]
 pub struct Computing<A: clap::Args> {
@@ -11,6 +13,8 @@ pub struct Computing<A: clap::Args> {
     own: A,
     #[command(flatten)]
     threads: Threads,
+    #[command(flatten)]
+    families: OwnFamilies,
     /// Stop when standard input closes: the command ends with the program that started it.
     #[arg(long)]
     exit_with_stdin: bool,
@@ -20,6 +24,7 @@ impl<A: clap::Args> Computing<A> {
     /// Runs `command` on its own options.
     pub fn run(&self, command: fn(&A) -> Result<()>) -> Result<()> {
         self.threads.take()?;
+        self.families.take()?;
         if self.exit_with_stdin {
             // What was asked for is not there: a failure, other than a server's end.
             exit_with_stdin(1);

@@ -9,7 +9,7 @@ use iplw::experiment::surface;
 use iplw::experiment::{EstimateConfig, EstimateReport, Memory, ResidualKind, Sense, estimate_with};
 use iplw::explore::{Importance, strategy};
 use iplw::reality::{HiddenWorld, standard};
-use iplw::task::{FAMILIES, Family, Split, split};
+use iplw::task::{DEFAULT_FAMILY, Family, Split, split};
 use iplw::world::DRAG;
 use iplw::world::{EffectParameter, Engine};
 
@@ -20,7 +20,7 @@ use super::{output, parse};
 #[derive(clap::Args)]
 pub struct Args {
     /// A family, or one task such as bowling:017.
-    #[arg(long, default_value = FAMILIES[0].name)]
+    #[arg(long, default_value = DEFAULT_FAMILY)]
     task: String,
     /// The hidden world, over the family's own: `damping=0.8,density=..,friction=..,restitution=..,noise=..`.
     #[arg(long, default_value = "")]

@@ -7,6 +7,7 @@ use iplw::access::Scope;
 use iplw::error::{Error, Result};
 use iplw::serve::{Log, LogForm, McpConfig, mcp_blocking};
 
+use super::own::OwnFamilies;
 use super::serve::{environment, notices, to_stderr};
 
 /// Serves one agent until its input ends.
@@ -30,6 +31,8 @@ pub struct Args {
     /// Write a line for each operation and each job that ends to standard error: json or text.
     #[arg(long, value_name = "FORM")]
     log: Option<String>,
+    #[command(flatten)]
+    families: OwnFamilies,
 }
 
 /// What people put where their agent looks, and what it gets.
@@ -50,6 +53,7 @@ beyond the budget is refused. Standard output is the protocol's alone; what else
 docs/agents.md tells more, which the agent can read as well."#;
 
 pub fn run(args: &Args) -> Result<()> {
+    args.families.take()?;
     let may = match Scope::from_name("--may", &args.may)? {
         Scope::Admin => return Err(Error::input("--may", "\"admin\"", "read or act")),
         may => may,

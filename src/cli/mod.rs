@@ -13,6 +13,7 @@ mod layout;
 mod mcp;
 mod measure;
 mod output;
+mod own;
 mod parse;
 mod rollout;
 mod serve;

@@ -24,7 +24,7 @@ pub fn effect(text: &str) -> Result<EffectTerm> {
 /// Tasks of a family, or the single task `family:number`.
 pub fn tasks(name: &str) -> Result<(Vec<Task>, &'static Family)> {
     let family = family(name.split(':').next().unwrap_or(name))?;
-    let all = (family.tasks)();
+    let all = family.tasks();
     if name == family.name {
         return Ok((all, family));
     }

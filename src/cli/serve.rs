@@ -13,6 +13,7 @@ use tracing_subscriber::prelude::*;
 
 use super::computing::{Threads, exit_with_stdin};
 use super::output;
+use super::own::OwnFamilies;
 
 /// Worlds over HTTP, and over ZeroMQ if asked. A simulated and a real one of every family are ready at once: bowling-sim, bowling-real, ...
 /// Documentation is served at /docs, the OpenAPI document at /openapi.json.
@@ -72,6 +73,8 @@ pub struct Args {
     #[arg(long)]
     exit_with_stdin: bool,
     #[command(flatten)]
+    families: OwnFamilies,
+    #[command(flatten)]
     threads: Threads,
 }
 
@@ -98,6 +101,7 @@ pub fn run(args: &Args) -> Result<()> {
         exit_with_stdin(0);
     }
     args.threads.take()?;
+    args.families.take()?;
     let log = match &args.log {
         None => Log::default(),
         Some(form) => Log::new(LogForm::from_name("--log", form)?, Arc::new(to_stderr)),

@@ -8,7 +8,7 @@ use iplw::estimate::Surface;
 use iplw::estimate::surface::{Axis, Route};
 use iplw::experiment::surface::{SurfaceConfig, surface};
 use iplw::picture::surface::{Mark, surface_svg};
-use iplw::task::{FAMILIES, Family, family};
+use iplw::task::{DEFAULT_FAMILY, Family, family};
 use iplw::world::latent::FACTORS;
 
 use super::{output, parse};
@@ -19,7 +19,7 @@ use super::{output, parse};
 #[derive(clap::Args)]
 pub struct Args {
     /// A family (`iplw tasks` lists them).
-    #[arg(long, default_value = FAMILIES[0].name)]
+    #[arg(long, default_value = DEFAULT_FAMILY)]
     task: String,
     /// `ideal`: actions that solve in the simulation are tried first, no learning (a minute or so); `dqn`: a policy
     /// is trained at every point (ten seconds or so each).

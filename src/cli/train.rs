@@ -7,7 +7,7 @@ use iplw::error::{Error, Result};
 use iplw::experiment::try_out;
 use iplw::policy::{Dqn, EvaluateConfig, LabelConfig, TrainConfig, Training, label, train};
 use iplw::reality::standard;
-use iplw::task::{FAMILIES, Labels, Split, split};
+use iplw::task::{DEFAULT_FAMILY, Labels, Split, split};
 use serde_json::json;
 
 use super::{output, parse};
@@ -16,7 +16,7 @@ use super::{output, parse};
 #[derive(clap::Args)]
 pub struct TrainArgs {
     /// A family, or one of its tasks.
-    #[arg(long, default_value = FAMILIES[0].name)]
+    #[arg(long, default_value = DEFAULT_FAMILY)]
     task: String,
     /// Latents of the simulation, `density=..,friction=..,restitution=..`; the scene's own where not given.
     #[arg(long, default_value = "")]
@@ -48,7 +48,7 @@ pub struct TrainArgs {
 #[derive(clap::Args)]
 pub struct EvaluateArgs {
     /// A family, or one task such as bowling:017.
-    #[arg(long, default_value = FAMILIES[0].name)]
+    #[arg(long, default_value = DEFAULT_FAMILY)]
     task: String,
     /// File of weights that `iplw train` wrote.
     #[arg(long)]

@@ -127,7 +127,7 @@ mod tests {
     #[test]
     fn senses_are_read_and_refused_by_name() {
         let basketball = family("basketball").unwrap();
-        let scene = &(basketball.candidates)(0)[0];
+        let scene = &basketball.candidates(0).next().unwrap();
         let of = |text: &[&str]| {
             let senses: Vec<Sense> = text.iter().map(|t| Sense::parse(t)).collect::<Result<_>>()?;
             apply(&senses, CemConfig::fast(basketball.prior), std::iter::once(scene))

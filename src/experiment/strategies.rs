@@ -220,7 +220,7 @@ pub fn cell(
     importance: Option<Arc<dyn Importance>>,
     progress: &dyn Progress,
 ) -> Result<Cell> {
-    let training = split(&(family.tasks)(), Split::Train);
+    let training = split(&family.tasks(), Split::Train);
     let config = EstimateConfig { seed, ..arm.estimate.clone() };
     let mut reality = HiddenWorld::new(nature.hidden(family, seed))?;
     let mut workflow = Workflow::new(&training, &config, importance)?;
@@ -379,12 +379,12 @@ fn groups(cells: &[Cell]) -> Vec<(&str, Nature)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::task::FAMILIES;
+    use crate::task::families;
 
     /// A claim about an arm that is not run, or about a factor that there is not, would be left out silently.
     #[test]
     fn a_family_is_judged_by_its_own_claims_and_each_can_be_checked() {
-        for family in FAMILIES {
+        for family in families() {
             let config = StrategiesConfig::paper(family);
             for claim in family.claims.estimates {
                 let arm = |name: &str| config.arms.iter().any(|a| a.name == name);

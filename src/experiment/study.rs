@@ -455,12 +455,12 @@ fn with_drag(mut config: EstimateConfig) -> EstimateConfig {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::task::FAMILIES;
+    use crate::task::families;
 
     /// A claim about a row that a study does not have would be left out silently.
     #[test]
     fn every_claim_about_jump_starts_can_be_checked() {
-        for family in FAMILIES {
+        for family in families() {
             let check = |study: Study, claims: &[Ahead]| {
                 let schools = study.schools.iter().map(|(name, _)| name);
                 let rows: Vec<&String> = schools.chain(study.arms.iter().map(|a| &a.name)).collect();

@@ -128,7 +128,7 @@ pub fn quick(family: &Family, progress: &dyn Progress) -> Result<Surface> {
 /// Finds the surface of a family.
 pub fn surface(family: &Family, config: &SurfaceConfig, progress: &dyn Progress) -> Result<Surface> {
     config.validate()?;
-    let tasks = (family.tasks)();
+    let tasks = family.tasks();
     let validation = split(&tasks, Split::Validation);
     let places = config.design();
     let named = Named { inner: progress, name: "performance surface".into() };
@@ -232,7 +232,7 @@ fn learned(
     progress: &dyn Progress,
 ) -> Result<Vec<Point>> {
     let evaluation = EvaluateConfig { candidates: config.candidates, ..EvaluateConfig::phyre(config.seed) };
-    let training = split(&(family.tasks)(), Split::Train);
+    let training = split(&family.tasks(), Split::Train);
     let mut points = Vec::with_capacity(places.len());
     for (n, latents) in places.iter().enumerate() {
         let name = format!("performance surface: point {} of {}", n + 1, places.len());

@@ -320,7 +320,7 @@ mod tests {
     use crate::world::simulate;
 
     fn drawn(name: &str, count: usize, seed: u64) -> (Vec<Task>, Vec<Candidate>) {
-        let tasks = split(&(family(name).unwrap().tasks)(), Split::Train);
+        let tasks = split(&family(name).unwrap().tasks(), Split::Train);
         let found = candidates(&tasks, count, &WORLD, &mut rng::stream(seed, "candidates"), &Silent).unwrap();
         (tasks, found)
     }

@@ -114,7 +114,7 @@ mod tests {
     /// the same ones, with a surface beside it or, where none is needed, without; and as many as the groups say.
     #[test]
     fn every_strategy_keeps_its_contract() {
-        let tasks = (family("basketball").unwrap().tasks)();
+        let tasks = family("basketball").unwrap().tasks();
         let candidates =
             candidates(&tasks, 40, &WORLD, &mut crate::rng::stream(1, "candidates"), &Silent).unwrap();
         let slope = Slope([0.0, 0.4, -2.0]);
@@ -163,7 +163,7 @@ mod tests {
     #[test]
     fn collisions_are_contacts_of_what_carries_the_latents() {
         let simulated = |name: &str, carriers: Option<&[&str]>| {
-            let tasks = (family(name).unwrap().tasks)();
+            let tasks = family(name).unwrap().tasks();
             let drawn = draw(&tasks[..5], 60, &mut crate::rng::stream(2, "candidates")).unwrap();
             let mut scenes: Vec<Scene> = drawn.into_iter().map(|(_, _, scene)| *scene).collect();
             for scene in &mut scenes {

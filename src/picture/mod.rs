@@ -5,7 +5,7 @@
 //!
 //! [`scene_svg`] draws a scene, [`filmstrip_svg`], [`trails_svg`] and [`animation_svg`] a trajectory in it,
 //! [`film_png`] its film in pixels, [`end_svg`] how it ended,
-//! [`plot`] draws numbers, [`surface`] what performance asks of the latents, [`svg_to_png`] makes pixels of any of them, and [`Report`] binds them into a page.
+//! [`sheet_svg`] is a contact sheet, [`plot`] draws numbers, [`surface`] what performance asks of the latents, [`svg_to_png`] makes pixels of any of them, and [`Report`] binds them into a page.
 
 mod chances;
 pub mod film;
@@ -14,6 +14,7 @@ pub mod png;
 pub mod reel;
 pub mod report;
 pub mod scene;
+pub mod sheet;
 pub mod surface;
 mod svg;
 
@@ -23,4 +24,5 @@ pub use png::{svg_to_png, svg_to_png_within, svg_to_rgb};
 pub use reel::{end_svg, film_png};
 pub use report::{Block, Report, Section};
 pub use scene::{Style, scene_svg};
+pub use sheet::sheet_svg;
 pub use svg::{colour, escape};

@@ -28,6 +28,12 @@ impl Default for Style {
 
 /// The scene as it stands; bodies without a position are left out.
 pub fn scene_svg(scene: &Scene, style: &Style) -> String {
+    let (view, body) = inner(scene, style);
+    document(view.width, view.height, &title(scene), &body)
+}
+
+/// What [`scene_svg`] holds, and the view it is drawn in.
+pub(super) fn inner(scene: &Scene, style: &Style) -> (View, String) {
     let view = View::new(scene, None, f64::from(style.width.clamp(16, 4096)));
     let mut body = String::new();
     draw_statics(&mut body, scene, &view);
@@ -39,7 +45,7 @@ pub fn scene_svg(scene: &Scene, style: &Style) -> String {
     if style.names {
         draw_names(&mut body, scene, &view);
     }
-    document(view.width, view.height, &title(scene), &body)
+    (view, body)
 }
 
 /// What part of the world is seen, and where it lands in the picture.
@@ -369,7 +375,7 @@ fn focus(scene: &Scene, film: Option<&Trajectory>) -> Bounds {
 pub(super) mod tests {
     use super::*;
     use crate::picture::png::{svg_to_png, svg_to_rgb};
-    use crate::task::FAMILIES;
+    use crate::task::families;
     use crate::task::shape::{Halfspace, Polygon, Segment, Shape};
     use resvg::usvg::roxmltree::Document;
 
@@ -450,8 +456,8 @@ pub(super) mod tests {
         for names in [false, true] {
             check_svg(&scene_svg(&hall(), &Style { names, ..Style::default() }));
         }
-        for family in FAMILIES {
-            check_svg(&scene_svg(&(family.candidates)(0)[0], &Style::default()));
+        for family in families() {
+            check_svg(&scene_svg(&family.candidates(0).next().unwrap(), &Style::default()));
         }
         check_svg(&scene_svg(&Scene::empty(), &Style::default()));
     }
@@ -540,7 +546,7 @@ pub(super) mod tests {
         let view = with_floor(1e4);
         assert!(view.bounds[2] - view.bounds[0] < 20.0 && view.bounds[1] < 0.0, "{view:?}");
         // A wall of the usual kind is seen whole.
-        let walled = View::new(&(FAMILIES[0].candidates)(0)[0], None, 400.0);
+        let walled = View::new(&families()[0].candidates(0).next().unwrap(), None, 400.0);
         assert!(walled.bounds[0] < -0.8 && walled.bounds[2] > 43.4, "{walled:?}");
     }
 }

@@ -341,7 +341,7 @@ mod tests {
     use crate::policy::toy;
     use crate::task::action::Component;
     use crate::task::scene::{Shape, Static};
-    use crate::task::{FAMILIES, Split, custom};
+    use crate::task::{Split, custom, families};
 
     fn check(task: &Task) -> [usize; 2] {
         let features = Features::new(task);
@@ -360,7 +360,7 @@ mod tests {
 
     #[test]
     fn finite_bounded_and_of_one_size_within_a_family() {
-        for family in FAMILIES {
+        for family in families() {
             let task = |scene: &Scene| Task {
                 id: "x".into(),
                 family: family.name.into(),
@@ -369,7 +369,7 @@ mod tests {
                 certificate: None,
             };
             let sizes: Vec<[usize; 2]> =
-                (family.candidates)(0).iter().step_by(97).map(|scene| check(&task(scene))).collect();
+                family.candidates(0).step_by(97).map(|scene| check(&task(&scene))).collect();
             assert!(sizes.iter().all(|s| *s == sizes[0]), "{}", family.name);
         }
     }

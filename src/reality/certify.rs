@@ -5,13 +5,17 @@
 
 use rand::RngExt;
 use rand::seq::SliceRandom;
+use serde::{Deserialize, Serialize};
 
 use super::hidden::standard;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::rng::{self, Stream};
 use crate::task::scene::EffectTerm;
-use crate::task::{CANDIDATE_SEED, Certificate, CertifiedRow, Family, Placement, Scene, ValidAction};
+use crate::task::{
+    Bin, CANDIDATE_SEED, CERTIFIED_FORMAT, Certificate, Certified, CertifiedRow, Draws, Family, Placement,
+    Scene, ValidAction,
+};
 use crate::world::{Engine, Latents, Rollout, simulate_map};
 
 /// Perturbed copies of a certified action that must solve too, whenever a certificate is checked.
@@ -27,61 +31,220 @@ const TRIED: usize = 150;
 const ROUGH: usize = 200;
 
 /// Picks the family's tasks: candidates in order, each into the bin its share falls into, until all are full.
-pub fn certify(family: &Family, seed: u64, progress: &dyn Progress) -> Result<Vec<CertifiedRow>> {
-    let real = standard(family);
-    let physics = |in_real: bool| Physics {
-        latents: real.latents,
-        effects: if in_real { &real.effects } else { &[] },
-        engine: real.engine,
-    };
-    let mut room: Vec<usize> = family.selection.bins.iter().map(|b| b.2).collect();
-    let wanted: usize = room.iter().sum();
-    let bin_of = |share: f64| family.selection.bins.iter().position(|b| (b.0..=b.1).contains(&share));
-    let mut rows = Vec::new();
-    for (candidate, scene) in (family.candidates)(CANDIDATE_SEED).iter().enumerate() {
-        progress.report("certifying tasks", rows.len() as u64, wanted as u64)?;
-        if rows.len() == wanted {
+pub fn certify(family: &Family, seed: u64, progress: &dyn Progress) -> Result<Certified> {
+    let mut search = Search::new(family, seed, family.selection.wanted())?;
+    loop {
+        progress.report("certifying tasks", search.found() as u64, search.wanted as u64)?;
+        if search.step()?.is_none() {
             break;
         }
-        let own = rng::derive(seed, "certify", candidate as u64);
-        let judged = physics(family.selection.in_real_world);
+    }
+    if search.found() < search.wanted {
+        return Err(Error::Failed(format!(
+            "only {} of {} tasks of {} could be certified",
+            search.found(),
+            search.wanted,
+            family.name
+        )));
+    }
+    Ok(search.certified())
+}
+
+/// What became of a candidate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Outcome {
+    /// Its scene cannot stand: things overlap, say.
+    NoScene,
+    /// None of the sampled valid actions solves it, or there is none.
+    Unsolvable,
+    /// Fewer actions solve it than the first bin asks for.
+    TooHard,
+    /// More actions solve it than the last bin allows.
+    TooEasy,
+    /// Its share falls between bins, or into one that is full.
+    NotWanted,
+    /// Actions solve it, but none that was tried goes on to if it is perturbed.
+    Unstable,
+    /// It is a task.
+    Certified,
+}
+
+/// A candidate that was looked at.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Judged {
+    /// Its number.
+    pub candidate: usize,
+    /// What became of it.
+    pub outcome: Outcome,
+    /// Share of valid actions that solve it, from as many as were needed to know.
+    pub share: f64,
+    /// Its bin, where it has one.
+    pub bin: Option<usize>,
+    /// The evidence, if it is a task.
+    pub certificate: Option<Certificate>,
+}
+
+/// A search for a family's tasks, candidate by candidate; it can go on from what an earlier one found.
+pub struct Search<'a> {
+    family: &'a Family,
+    seed: u64,
+    wanted: usize,
+    draws: Draws,
+    /// Tasks that each bin still wants.
+    room: Vec<usize>,
+    judged: Vec<Judged>,
+}
+
+impl<'a> Search<'a> {
+    /// A search for so many tasks, spread over the family's bins as it says.
+    pub fn new(family: &'a Family, seed: u64, wanted: usize) -> Result<Search<'a>> {
+        let draws = family.draws(CANDIDATE_SEED)?;
+        let bins: Vec<usize> = family.selection.bins.iter().map(|b| b.tasks).collect();
+        Ok(Search { family, seed, wanted, draws, room: spread(&bins, wanted), judged: Vec::new() })
+    }
+
+    /// What was looked at so far.
+    pub fn judged(&self) -> &[Judged] {
+        &self.judged
+    }
+
+    /// Tasks that each bin still wants.
+    pub fn room(&self) -> &[usize] {
+        &self.room
+    }
+
+    /// Tasks found so far.
+    pub fn found(&self) -> usize {
+        self.wanted - self.room.iter().sum::<usize>()
+    }
+
+    /// The candidates' numbers, and why other draws are none.
+    pub fn draws(&self) -> &Draws {
+        &self.draws
+    }
+
+    /// Takes over what an earlier search with the same seed found of the next candidate.
+    pub fn take(&mut self, judged: Judged) -> Result<()> {
+        let next = self.judged.len();
+        let known = judged.bin.is_none_or(|b| b < self.room.len() && self.room[b] > 0);
+        let whole = (judged.outcome == Outcome::Certified) == (judged.certificate.is_some());
+        if judged.candidate != next || next >= self.draws.candidates.len() || !known || !whole {
+            let allowed = format!("candidate {next} of this search");
+            return Err(Error::input("candidate", judged.candidate, allowed));
+        }
+        if let (Outcome::Certified, Some(bin)) = (judged.outcome, judged.bin) {
+            self.room[bin] -= 1;
+        }
+        self.judged.push(judged);
+        Ok(())
+    }
+
+    /// Looks at the next candidate; `None` if all bins are full or there are no more.
+    pub fn step(&mut self) -> Result<Option<&Judged>> {
+        let candidate = self.judged.len();
+        if self.found() == self.wanted || candidate >= self.draws.candidates.len() {
+            return Ok(None);
+        }
+        let judged = match self.family.scene(&self.draws.candidates[candidate]) {
+            Ok(scene) => self.judge(candidate, &scene)?,
+            Err(_) => self.saying(candidate, Outcome::NoScene, 0.0),
+        };
+        self.take(judged)?;
+        Ok(self.judged.last())
+    }
+
+    /// The tasks found, as their file has them.
+    pub fn certified(&self) -> Certified {
+        let row = |j: &Judged| {
+            let certificate = j.certificate.clone()?;
+            Some(CertifiedRow { candidate: j.candidate, certificate })
+        };
+        Certified {
+            format: CERTIFIED_FORMAT.into(),
+            family: self.family.name.into(),
+            digest: self.family.digest.clone(),
+            rows: self.judged.iter().filter_map(row).collect(),
+        }
+    }
+
+    fn judge(&self, candidate: usize, scene: &Scene) -> Result<Judged> {
+        let selection = &self.family.selection;
+        let real = standard(self.family);
+        let physics = |in_real: bool| Physics {
+            latents: real.latents,
+            effects: if in_real { &real.effects } else { &[] },
+            engine: real.engine,
+        };
+        let own = rng::derive(self.seed, "certify", candidate as u64);
+        let judged = physics(selection.in_real_world);
         // A rough share first: most candidates fall into bins that are full.
         let rough = sample(scene, ROUGH, &mut rng::stream(own, "rough"), judged)?.share();
-        let near = |b: &(f64, f64, usize)| rough > b.0 / 2.0 - 0.004 && rough < b.1 * 1.3 + 0.004;
-        if !family.selection.bins.iter().zip(&room).any(|(b, left)| *left > 0 && near(b)) {
-            continue;
+        let near = |b: &Bin| rough > b.from / 2.0 - 0.004 && rough < b.to * 1.3 + 0.004;
+        if !selection.bins.iter().zip(&self.room).any(|(b, left)| *left > 0 && near(b)) {
+            return Ok(self.saying(candidate, self.unwanted(rough), rough));
         }
-        let actions = family.selection.sample;
+        let actions = selection.sample;
         let mut judged = sample(scene, actions, &mut rng::stream(own, "share"), judged)?;
-        let Some(bin) = bin_of(judged.share()).filter(|b| room[*b] > 0) else { continue };
+        let share = judged.share();
+        let holds = |b: &Bin| (b.from..=b.to).contains(&share);
+        let Some(bin) = selection.bins.iter().position(holds).filter(|b| self.room[*b] > 0) else {
+            return Ok(self.saying(candidate, self.unwanted(share), share));
+        };
         let mut other =
-            sample(scene, actions, &mut rng::stream(own, "share"), physics(!family.selection.in_real_world))?;
-        if !family.selection.in_real_world {
+            sample(scene, actions, &mut rng::stream(own, "share"), physics(!selection.in_real_world))?;
+        if !selection.in_real_world {
             std::mem::swap(&mut judged, &mut other);
         }
         let (in_real, undamped) = (judged, other);
         let mut stream = rng::stream(own, "perturb");
-        let Some(action) = stable(scene, &in_real.solutions, &mut stream, physics(true))? else { continue };
-        room[bin] -= 1;
-        rows.push(CertifiedRow {
+        let Some(action) = stable(scene, &in_real.solutions, &mut stream, physics(true))? else {
+            return Ok(self.saying(candidate, Outcome::Unstable, share));
+        };
+        let certificate = Certificate {
+            action: action.values().to_vec(),
+            seed: own,
+            solving_share: in_real.share(),
+            solving_share_undamped: undamped.share(),
+        };
+        Ok(Judged {
             candidate,
-            certificate: Certificate {
-                action: action.values().to_vec(),
-                seed: own,
-                solving_share: in_real.share(),
-                solving_share_undamped: undamped.share(),
-            },
-        });
+            outcome: Outcome::Certified,
+            share,
+            bin: Some(bin),
+            certificate: Some(certificate),
+        })
     }
-    if rows.len() < wanted {
-        return Err(Error::Failed(format!(
-            "only {} of {wanted} tasks of {} could be certified",
-            rows.len(),
-            family.name
-        )));
+
+    fn saying(&self, candidate: usize, outcome: Outcome, share: f64) -> Judged {
+        Judged { candidate, outcome, share, bin: None, certificate: None }
     }
-    rows.sort_by_key(|r| r.candidate);
-    Ok(rows)
+
+    /// What a candidate is whose share no bin wants.
+    fn unwanted(&self, share: f64) -> Outcome {
+        let bins = &self.family.selection.bins;
+        match (bins.first(), bins.last()) {
+            _ if share == 0.0 => Outcome::Unsolvable,
+            (Some(first), _) if share < first.from => Outcome::TooHard,
+            (_, Some(last)) if share > last.to => Outcome::TooEasy,
+            _ => Outcome::NotWanted,
+        }
+    }
+}
+
+/// `wanted` spread in proportion to `bins`: one after the other to the bin that is furthest behind.
+fn spread(bins: &[usize], wanted: usize) -> Vec<usize> {
+    let total: usize = bins.iter().sum();
+    let mut given = vec![0; bins.len()];
+    for n in 1..=wanted {
+        let behind = |i: usize| (bins[i] * n) as i64 - (given[i] * total) as i64;
+        // The first of equals.
+        if let Some(next) = (0..bins.len()).rev().max_by_key(|i| behind(*i)) {
+            given[next] += 1;
+        }
+    }
+    given
 }
 
 /// Whether an action and its perturbed copies solve a scene in the family's real world, on `engine`.
@@ -187,4 +350,17 @@ fn solved(scenes: &[&Scene], physics: Physics) -> Result<Vec<bool>> {
         .map(|scene| Rollout { scene, latents: physics.latents, effects: physics.effects, stop: true })
         .collect();
     simulate_map(&rollouts, physics.engine, |_, t| t.solved())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tasks_are_spread_as_bins_are() {
+        assert_eq!(spread(&[20, 20, 20, 20, 20], 100), [20; 5]);
+        assert_eq!(spread(&[20, 20, 20, 20, 20], 3), [1, 1, 1, 0, 0]);
+        assert_eq!(spread(&[1, 3], 8), [2, 6]);
+        assert_eq!(spread(&[25], 4), [4]);
+    }
 }

@@ -5,7 +5,7 @@ use std::sync::{Arc, OnceLock};
 use super::observation::Layout;
 use crate::error::{Error, Result};
 use crate::task::action::{Component, Quantity};
-use crate::task::{FAMILIES, Family, Learning, Scene, Split, Task, custom};
+use crate::task::{Family, Learning, Scene, Split, Task, custom, families};
 use crate::world::effect;
 
 /// Every built-in family with its tasks.
@@ -45,8 +45,8 @@ pub(super) struct Posed<'a> {
 impl Catalogue {
     /// Assembles all families.
     pub fn new() -> Catalogue {
-        let set = |f: &'static Family| TaskSet::new(f.name.into(), Some(f), (f.tasks)().into());
-        Catalogue { families: FAMILIES.iter().map(|f| (*f, set(f))).collect() }
+        let set = |f: &'static Family| TaskSet::new(f.name.into(), Some(f), f.tasks().into());
+        Catalogue { families: families().iter().map(|f| (*f, set(f))).collect() }
     }
 
     /// All families in the order of the registry.

@@ -19,7 +19,7 @@ use super::world::World;
 use crate::error::{Error, Result};
 use crate::json;
 use crate::store::{Answered, Store, WorldRow};
-use crate::task::FAMILIES;
+use crate::task::families;
 use crate::world::{Engine, Latents};
 
 /// Limits of a registry.
@@ -85,7 +85,7 @@ impl Registry {
                 Err(e) => tracing::warn!("the stored world {} cannot be made again: {e}", row.id),
             }
         }
-        for family in FAMILIES {
+        for family in families() {
             for kind in [Kind::Sim, Kind::Real] {
                 let id = resident(family.name, kind);
                 if lock(&registry.worlds).contains_key(&id) {
@@ -297,7 +297,7 @@ impl Registry {
     fn insert(&self, id: &str, world: World, owner: Option<&str>, now: Duration) -> Arc<World> {
         let world = Arc::new(world.kept_in(self.store.clone(), id));
         let resident =
-            FAMILIES.iter().any(|f| [Kind::Sim, Kind::Real].iter().any(|k| resident(f.name, *k) == id));
+            families().iter().any(|f| [Kind::Sim, Kind::Real].iter().any(|k| resident(f.name, *k) == id));
         let owner = owner.map(String::from);
         lock(&self.worlds).insert(id.into(), Entry { world: world.clone(), owner, resident, used: now });
         world

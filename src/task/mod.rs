@@ -1,6 +1,6 @@
 //! What is asked: scenes, what may be placed in them, goals, and the registry of task families.
 //!
-//! A family is one file in `families/` and one row in [`FAMILIES`], a shape one file and one row in [`shape`]. Nothing
+//! A family is one file in `families/` and one row in [`families`], a shape one file and one row in [`shape`]. Nothing
 //! here moves.
 
 pub mod action;
@@ -24,8 +24,9 @@ use serde::{Deserialize, Serialize};
 pub use action::{ActionSpace, ValidAction};
 pub use custom::custom;
 pub use families::{
-    Ahead, CANDIDATE_SEED, Certificate, CertifiedRow, Claims, FAMILIES, Family, Labels, Learning, Nearer,
-    RealPhysics, Selection, family,
+    Ahead, Bin, CANDIDATE_SEED, CERTIFIED_FORMAT, Certificate, Certified, CertifiedRow, Claims,
+    DEFAULT_FAMILY, Draws, FAMILY_FORMAT, Family, Labels, Learning, Nearer, RealPhysics, Selection,
+    certified_beside, families, family, parse_family, read_families, read_family, take_in,
 };
 pub use placement::Placement;
 pub use scene::Scene;

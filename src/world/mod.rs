@@ -310,10 +310,10 @@ mod tests {
     #[test]
     fn ending_lanes_at_rest_changes_no_bit() {
         let mut scenes = Vec::new();
-        for (i, scene) in (family("bowling").unwrap().candidates)(0).iter().enumerate().take(60) {
+        for (i, scene) in family("bowling").unwrap().candidates(0).enumerate().take(60) {
             let space = scene.action.as_ref().unwrap();
             let action = space.at(i * 7919 % space.count()).unwrap();
-            if let Placement::Valid(mut placed) = space.place(scene, &action) {
+            if let Placement::Valid(mut placed) = space.place(&scene, &action) {
                 placed.damping = Some(0.01);
                 placed.goal = Some(Goal::Contact {
                     bodies: ["green".into(), "floor".into()],

@@ -100,7 +100,7 @@ macro_rules! fuzz {
     };
 }
 
-fuzz!(zmtp msgpack bodies requests trials tracks weights tokens limits);
+fuzz!(zmtp msgpack bodies requests trials tracks weights tokens limits families);
 
 /// Every operation has seeds; each that takes a body of JSON takes some of them.
 #[test]

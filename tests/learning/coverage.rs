@@ -12,7 +12,7 @@ use rand::RngExt;
 /// Errors of friction and restitution in units of the interval's half width on their side, over `count` worlds.
 fn errors(name: &str, residual: ResidualKind, count: u64) -> Vec<f64> {
     let family = family(name).unwrap();
-    let tasks = split(&(family.tasks)(), Split::Train);
+    let tasks = split(&family.tasks(), Split::Train);
     let mut all = Vec::new();
     for seed in 0..count {
         let mut stream = rng::stream(seed, "truth");

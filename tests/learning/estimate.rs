@@ -14,7 +14,7 @@ use iplw::task::{Split, Task, family, split};
 use iplw::world::{EffectParameter, Engine, Latents, latent::FACTORS};
 
 fn training(name: &str) -> Vec<Task> {
-    split(&(family(name).unwrap().tasks)(), Split::Train)
+    split(&family(name).unwrap().tasks(), Split::Train)
 }
 
 fn hidden(name: &str, latents: [f64; 3], damped: bool) -> HiddenConfig {

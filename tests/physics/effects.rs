@@ -4,7 +4,7 @@
 use iplw::reality::{HiddenConfig, HiddenWorld, Reality, standard};
 use iplw::task::scene::{Body, EffectTerm, Goal, Shape, Static};
 use iplw::task::shape::{Disc, Rectangle, Segment};
-use iplw::task::{FAMILIES, Placement, Scene, family};
+use iplw::task::{Placement, Scene, families, family};
 use iplw::trajectory::{Track, Trajectory};
 use iplw::world::{Engine, Latents, Level, Rollout, Settings, effect, observe, simulate, simulate_map_set};
 use proptest::prelude::*;
@@ -656,7 +656,7 @@ fn clocks_beyond_reason_are_refused() {
 
 #[test]
 fn placements_are_off_where_an_action_places() {
-    let task = &(family("basketball").unwrap().tasks)()[0];
+    let task = &family("basketball").unwrap().tasks()[0];
     let action = task.actions().at(12_345).unwrap();
     let Placement::Valid(scene) = task.place(&action) else { panic!("pick another action") };
     let off = [term("placement_offset", &[("dx", 0.3), ("dy", -0.2)])];
@@ -707,9 +707,9 @@ fn a_plank_that_is_placed_off_is_met_where_it_is() {
 
 #[test]
 fn hidden_worlds_take_every_effect() {
-    for own in FAMILIES {
+    for own in families() {
         let name = own.name;
-        let task = &(own.tasks)()[0];
+        let task = &own.tasks()[0];
         let actions: Vec<_> = (0..200).map(|i| task.actions().at(i * 190).unwrap()).collect();
         let valid = |a: &&iplw::task::ValidAction| matches!(task.place(a), Placement::Valid(_));
         let actions: Vec<_> = actions.iter().filter(valid).take(3).cloned().collect();

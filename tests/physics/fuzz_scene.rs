@@ -7,7 +7,7 @@
 use crate::fuzz_one::{Fate, fuzz_one};
 use crate::json;
 use iplw::rng::stream;
-use iplw::task::{FAMILIES, Placement, Scene};
+use iplw::task::{Placement, Scene, families};
 use iplw::world::effect;
 use rand::RngExt;
 use rayon::iter::Either;
@@ -77,8 +77,8 @@ fn vanishing_and_crossed_shapes_are_refused() {
 /// Legal scenes that between them use every field, every shape and every effect.
 fn seeds() -> Vec<Value> {
     let mut seeds = Vec::new();
-    for family in FAMILIES {
-        let scene = (family.candidates)(0).swap_remove(0);
+    for family in families() {
+        let scene = family.candidates(0).next().unwrap();
         let space = scene.action.as_ref().expect("it has one");
         let placed = (0..).find_map(|k| match space.place(&scene, &space.at(k).expect("it exists")) {
             Placement::Valid(placed) => Some(placed),

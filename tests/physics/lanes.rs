@@ -3,7 +3,7 @@
 
 use iplw::task::scene::{Body, Goal, Shape, Static};
 use iplw::task::shape::{Compound, Disc, Halfspace, Piece, Polygon, Rectangle, Segment};
-use iplw::task::{FAMILIES, Placement, Scene};
+use iplw::task::{Placement, Scene, families};
 use iplw::trajectory::{End, Trajectory};
 use iplw::world::{Engine, Latents, Level, Rollout, chosen, effect, simulate, simulate_map, simulate_map_at};
 use proptest::prelude::*;
@@ -285,12 +285,11 @@ fn rollouts(scenes: &[Scene]) -> Vec<Rollout<'_>> {
 /// Scenes of every family and of our own, damped and not, some with goals reached early.
 fn mixed_scenes() -> Vec<Scene> {
     let mut scenes = Vec::new();
-    for family in FAMILIES {
-        let found = (family.candidates)(0);
-        for (i, scene) in found.iter().enumerate().take(40) {
+    for family in families() {
+        for (i, scene) in family.candidates(0).enumerate().take(40) {
             let space = scene.action.as_ref().unwrap();
             if let Placement::Valid(mut placed) =
-                space.place(scene, &space.at(i * 4099 % space.count()).unwrap())
+                space.place(&scene, &space.at(i * 4099 % space.count()).unwrap())
             {
                 placed.steps = 900 + 37 * (i as u32 % 5);
                 placed.damping = (i % 3 == 0).then_some(0.8);

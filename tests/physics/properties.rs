@@ -150,10 +150,10 @@ fn in_order_of(scene: &Scene, mut t: Trajectory) -> Trajectory {
 }
 
 fn bowling(count: usize) -> Vec<Scene> {
-    let scenes = (family("bowling").unwrap().candidates)(0);
-    let placed = (0..).zip(&scenes).filter_map(|(i, scene)| {
+    let scenes = family("bowling").unwrap().candidates(0);
+    let placed = (0..).zip(scenes).filter_map(|(i, scene)| {
         let space = scene.action.as_ref()?;
-        match space.place(scene, &space.at(i * 7919 % space.count()).ok()?) {
+        match space.place(&scene, &space.at(i * 7919 % space.count()).ok()?) {
             Placement::Valid(placed) => Some(*placed),
             Placement::Invalid(_) => None,
         }

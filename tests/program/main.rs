@@ -7,6 +7,7 @@ mod worlds;
 mod cli;
 mod discover_cli;
 mod families;
+mod families_cli;
 mod rooms;
 mod sources;
 mod tracks_cli;

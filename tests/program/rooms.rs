@@ -37,7 +37,7 @@ const ROOMS: [&str; 21] = [
 const LAST: &str = "serve";
 
 /// A crate and the only places that may name it.
-const HOMES: [(&str, &[&str]); 20] = [
+const HOMES: [(&str, &[&str]); 21] = [
     ("rapier2d", &["world"]),
     ("dfdx", &["policy"]),
     ("safetensors", &["policy"]),
@@ -58,6 +58,7 @@ const HOMES: [(&str, &[&str]); 20] = [
     ("plotters", &["picture"]),
     ("png", &["picture"]),
     ("resvg", &["picture"]),
+    ("toml", &["task"]),
 ];
 
 #[test]

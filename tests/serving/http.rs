@@ -143,7 +143,7 @@ fn action(server: &Running, task: &str, valid: bool) -> u64 {
 fn default_worlds_play_whole_episodes() {
     let server = Running::start();
     let ready = |f: &&iplw::task::Family| ["sim", "real"].map(|kind| format!("{}-{kind}", f.name));
-    for id in iplw::task::FAMILIES.iter().flat_map(ready) {
+    for id in iplw::task::families().iter().flat_map(ready) {
         let world = server.get(&format!("/v1/worlds/{id}"));
         assert_eq!(world["id"], id);
         assert_eq!(world["state"], json!({"task": null, "phase": "new", "episodes": 0}));
@@ -199,7 +199,7 @@ fn unseeded_resets_go_on_deterministically() {
 #[test]
 fn certified_actions_solve_their_tasks_in_the_real_world() {
     let server = Running::start();
-    for family in iplw::task::FAMILIES.map(|f| f.name) {
+    for family in iplw::task::families().iter().map(|f| f.name) {
         let tasks = server.get(&format!("/v1/tasks/{family}"));
         let row = &tasks["tasks"][0];
         let body = json!({"task": row["id"]});
@@ -905,7 +905,7 @@ fn jobs_are_cancelled_and_their_queue_is_bounded() {
 #[test]
 fn policies_are_trained_with_the_batch_size_of_their_family() {
     let server = Running::start();
-    for family in iplw::task::FAMILIES {
+    for family in iplw::task::families() {
         let body = json!({"task": format!("{}:000", family.name), "batches": 1});
         let trained = server.finish(&server.post("/v1/policies", &body, 202));
         assert_eq!(trained["result"]["config"]["batch_size"], family.learning.batch_size, "{trained}");

@@ -605,7 +605,7 @@ fn pages_stay_in_step_while_items_come_and_go() {
         }
     }
     let ready = |f: &&iplw::task::Family| ["sim", "real"].map(|kind| format!("{}-{kind}", f.name));
-    let mut wanted: Vec<String> = iplw::task::FAMILIES.iter().flat_map(ready).collect();
+    let mut wanted: Vec<String> = iplw::task::families().iter().flat_map(ready).collect();
     wanted.extend(all);
     wanted.sort();
     assert_eq!(seen, wanted, "each once, in order");

@@ -2,14 +2,14 @@
 
 use std::path::PathBuf;
 
-use iplw::task::FAMILIES;
+use iplw::task::DEFAULT_FAMILY;
 
 /// The story: a hidden world, its latents estimated, a policy trained in the grounded simulation and tried on
 /// unseen tasks of the hidden world, beside its baselines. Writes report.html, data as CSV and JSON, plots.
 #[derive(clap::Args)]
 pub struct RunArgs {
     /// A family (`iplw tasks` lists them).
-    #[arg(long, default_value = FAMILIES[0].name)]
+    #[arg(long, default_value = DEFAULT_FAMILY)]
     pub task: String,
     /// Seed of everything random.
     #[arg(long, default_value_t = 0)]
@@ -33,7 +33,7 @@ pub struct ExperimentArgs {
     /// quickstart, strategies, latents, harder or the name of a family.
     pub name: String,
     /// A family (`iplw tasks` lists them).
-    #[arg(long, default_value = FAMILIES[0].name)]
+    #[arg(long, default_value = DEFAULT_FAMILY)]
     pub task: String,
     /// Number of seeds, the first of the experiment's own; the experiment's number if not given.
     #[arg(long)]

@@ -11,7 +11,7 @@ mod study;
 pub use args::{ExperimentArgs, RunArgs};
 
 use iplw::error::{Error, Result};
-use iplw::task::{FAMILIES, Family};
+use iplw::task::{Family, families};
 
 /// An experiment: a row of [`experiments`].
 struct Experiment {
@@ -32,7 +32,7 @@ fn experiments() -> Vec<Experiment> {
         row("strategies", strategies::run, &[]),
         row("latents", study::latents, &["--trials", "--batches"]),
     ];
-    all.extend(FAMILIES.iter().map(of));
+    all.extend(families().iter().map(of));
     all.push(row("harder", study::harder, &["--trials", "--batches", "--worlds"]));
     all
 }

@@ -30,7 +30,7 @@ pub fn several(args: &ExperimentArgs) -> Result<()> {
 /// Runs the story and writes it down.
 pub fn story(name: &str, seeds: Vec<u64>, quick: bool, out: &Path) -> Result<()> {
     let family = family(name)?;
-    let tasks = (family.tasks)();
+    let tasks = family.tasks();
     let hidden = standard(family);
     let full = family.learning.study_labels;
     let labels = if quick { Labels { per_task: 60, ..full } } else { full };

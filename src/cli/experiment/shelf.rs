@@ -172,7 +172,7 @@ mod tests {
             train: TrainConfig { batches: 1, batch_size: 4, ..TrainConfig::preset(&family.learning) },
             evaluate: EvaluateConfig { candidates: 4, ..EvaluateConfig::phyre(0) },
         };
-        let tasks: Vec<_> = (family.tasks)();
+        let tasks: Vec<_> = family.tasks();
         quickstart(&tasks, &standard(family), &config, &|| 0.0, &Silent).unwrap()
     }
 

@@ -35,33 +35,3 @@ pub struct Ahead {
     /// Name of the other.
     pub worse: &'static str,
 }
-
-impl Claims {
-    /// For a family that the paper does not speak of: no statement is checked but those every experiment makes itself.
-    pub const NONE: Claims = Claims { estimates: &[], jump_starts: &[], all_trials: false };
-}
-
-/// The paper's comparison of strategies by jump start, made for both of its families.
-pub(super) const STRATEGIES_BY_JUMP_START: &[Ahead] = &[
-    ahead("gradient beats collisions", "gradient", "collisions"),
-    ahead("mixed beats collisions", "mixed", "collisions"),
-    ahead("gradient beats rolling", "gradient", "rolling"),
-    ahead("mixed beats rolling", "mixed", "rolling"),
-    ahead("mixed beats domain randomisation", "mixed", "domain randomisation"),
-    ahead("collisions beats rolling", "collisions", "rolling"),
-    ahead("gradient beats random", "gradient", "random"),
-];
-
-const fn ahead(text: &'static str, better: &'static str, worse: &'static str) -> Ahead {
-    Ahead { text, better, worse }
-}
-
-/// A row of a family's [`Claims::estimates`].
-pub(super) const fn nearer(
-    text: &'static str,
-    better: &'static str,
-    worse: &'static str,
-    factors: &'static [&'static str],
-) -> Nearer {
-    Nearer { text, better, worse, factors }
-}

@@ -1,12 +1,14 @@
-//! What a family of tasks is, and what families are made with.
+//! What a family of tasks is, once its file is read.
 
-use super::certified::{CANDIDATE_SEED, CertifiedRow, Selection};
+use super::certified::{CANDIDATE_SEED, Certified, CertifiedRow, Selection};
 use super::claims::Claims;
+use super::draw::{Draws, Recipe};
 use super::presets::Learning;
 use super::real::RealPhysics;
-use crate::task::scene::{Scene, Static};
-use crate::task::shape::Rectangle;
-use crate::task::{Split, Task};
+use super::template::Template;
+use crate::error::{Error, Result};
+use crate::task::scene::Scene;
+use crate::task::{Split, Task, custom};
 
 /// A family of tasks that share an action space, a kind of goal and what is hidden.
 pub struct Family {
@@ -14,12 +16,8 @@ pub struct Family {
     pub name: &'static str,
     /// One sentence.
     pub about: &'static str,
-    /// Id under which Gymnasium makes the environment.
+    /// Id under which Gymnasium makes the environment; empty if the Python package knows none.
     pub gymnasium: &'static str,
-    /// All tasks in order of number; certificates included.
-    pub tasks: fn() -> Vec<Task>,
-    /// Candidate scenes in the order the certifier tries them, for a seed.
-    pub candidates: fn(seed: u64) -> Vec<Scene>,
     /// How many tasks go to (train, validation, test).
     pub split: [usize; 3],
     /// The family's standard real world, sealed: `reality::standard` makes it into a world.
@@ -34,18 +32,124 @@ pub struct Family {
     pub surface_actions: usize,
     /// Statements of the paper that experiments check for this family.
     pub claims: Claims,
+    /// Of what certified tasks depend on.
+    pub digest: String,
+    /// How the numbers of candidates are drawn.
+    pub(super) recipe: Recipe,
+    /// The scene that they go into.
+    pub(super) template: Template,
+    /// What was certified.
+    pub(super) tasks: Vec<Task>,
 }
 
 impl Family {
+    /// The family, if some draw makes a scene.
+    pub(super) fn checked(self) -> Result<Family> {
+        let draws = self.draws(CANDIDATE_SEED)?;
+        // What is wrong with every scene is wrong with the first; what is wrong with some of them may not be.
+        let tried: Vec<Result<Scene>> = draws.candidates.iter().take(TRIED).map(|d| self.scene(d)).collect();
+        same_actions(tried.iter().flatten())?;
+        match tried.into_iter().reduce(|first, next| first.or_else(|error| next.map_err(|_| error))) {
+            Some(Err(error)) => Err(error),
+            _ => Ok(self),
+        }
+    }
+
+    /// The family with the tasks that were certified for it.
+    pub(super) fn with(mut self, certified: Certified) -> Result<Family> {
+        for (field, found, wanted) in
+            [("family", &certified.family, self.name), ("digest", &certified.digest, &self.digest)]
+        {
+            if found != wanted {
+                let allowed = format!("{wanted:?}: the family was changed, certify its tasks anew");
+                return Err(Error::input(field, format!("{found:?}"), allowed));
+            }
+        }
+        let wanted: usize = self.split.iter().sum();
+        if certified.rows.len() != wanted {
+            let value = format!("{} tasks", certified.rows.len());
+            return Err(Error::input("rows", value, format!("{wanted}, as the family's file says")));
+        }
+        let draws = self.draws(CANDIDATE_SEED)?.candidates;
+        let rows = certified.rows.into_iter().zip(deal(self.split, 0)).enumerate();
+        let task = |(number, (row, split)): (usize, (CertifiedRow, Split))| {
+            let Some(draw) = draws.get(row.candidate) else {
+                let field = format!("rows[{number}].candidate");
+                return Err(Error::input(field, row.candidate, format!("a number below {}", draws.len())));
+            };
+            let scene = self.scene(draw).map_err(|e| e.under(&format!("rows[{number}]")))?;
+            let actions = scene.action.as_ref().expect("a candidate has an action space: checked");
+            actions.validate(&row.certificate.action).map_err(|e| e.under(&format!("rows[{number}]")))?;
+            Ok(Task {
+                id: format!("{}:{number:03}", self.name),
+                family: self.name.to_string(),
+                split,
+                scene,
+                certificate: Some(row.certificate),
+            })
+        };
+        self.tasks = rows.map(task).collect::<Result<_>>()?;
+        same_actions(self.tasks.iter().map(|t| &t.scene))?;
+        Ok(self)
+    }
+
+    /// All tasks in order of number; certificates included.
+    pub fn tasks(&self) -> Vec<Task> {
+        self.tasks.clone()
+    }
+
+    /// Names of what is drawn, in order.
+    pub fn parameters(&self) -> impl Iterator<Item = &str> {
+        self.recipe.parameters.iter().map(|p| p.name.as_str())
+    }
+
+    /// What must hold of a draw, in order.
+    pub fn requirements(&self) -> impl Iterator<Item = &str> {
+        self.recipe.require.iter().map(|(text, _)| text.as_str())
+    }
+
+    /// The numbers of the candidates in the order in which the certifier tries them, for a seed.
+    pub fn draws(&self, seed: u64) -> Result<Draws> {
+        self.recipe.draws(self.name, seed)
+    }
+
+    /// The scenes of all draws that make one, in that order.
+    pub fn candidates(&self, seed: u64) -> impl Iterator<Item = Scene> {
+        let draws = self.draws(seed).map(|d| d.candidates).unwrap_or_default();
+        draws.into_iter().filter_map(|draw| self.scene(&draw).ok())
+    }
+
+    /// The scene of a draw, with goal and action space. An error if it is none: if things overlap, for one.
+    pub fn scene(&self, draw: &[f64]) -> Result<Scene> {
+        let values = self.recipe.complete(draw).ok_or_else(|| {
+            Error::input("candidates.values", "without a finite number", "expressions that have one")
+        })?;
+        let scene = self.template.fill(self.name, &values)?;
+        custom(scene).map(|task| task.scene).map_err(|e| e.under("scene"))
+    }
+
     /// All tasks, dealt anew to the splits. Fold 0 is how [`Family::tasks`] deals them.
     ///
     /// Source: PHYRE's folds (Bakhtin et al. 2019, section 3): figures over folds hold for tasks that happen not to be
     /// in one of them, too.
     pub fn fold(&self, fold: u64) -> Vec<Task> {
         let dealt = deal(self.split, fold);
-        (self.tasks)().into_iter().zip(dealt).map(|(task, split)| Task { split, ..task }).collect()
+        self.tasks().into_iter().zip(dealt).map(|(task, split)| Task { split, ..task }).collect()
     }
 }
+
+/// What is said of a family's action space holds for each of its tasks.
+fn same_actions<'a>(mut scenes: impl Iterator<Item = &'a Scene>) -> Result<()> {
+    let first = scenes.next().and_then(|s| s.action.as_ref());
+    if scenes.all(|s| s.action.as_ref() == first) {
+        return Ok(());
+    }
+    let allowed = "the same in all candidates: numbers of a draw may not be in it";
+    Err(Error::input("scene.action", "not the same in all candidates", allowed))
+}
+
+/// Candidates that are looked at before a family counts as one without scenes.
+const TRIED: usize = 20;
 
 /// Deals `n` tasks to splits: a seeded shuffle, then the first to train, the next to validation, the rest to
 /// test; returned in order of task number.
@@ -63,43 +167,4 @@ fn deal(counts: [usize; 3], seed: u64) -> Vec<Split> {
         };
     }
     splits
-}
-
-/// Assembles a family's tasks from its certified scenes.
-pub(super) fn assemble(family: &Family, certified: &str, split_seed: u64) -> Vec<Task> {
-    let rows: Vec<CertifiedRow> =
-        serde_json::from_str(certified).expect("the certified tasks in the crate are well-formed: tested");
-    let scenes = (family.candidates)(CANDIDATE_SEED);
-    let splits = deal(family.split, split_seed);
-    rows.into_iter()
-        .zip(splits)
-        .enumerate()
-        .map(|(number, (row, split))| Task {
-            id: format!("{}:{number:03}", family.name),
-            family: family.name.to_string(),
-            split,
-            scene: scenes[row.candidate].clone(),
-            certificate: Some(row.certificate),
-        })
-        .collect()
-}
-
-/// Four walls of `thickness` just outside a square of `side`, m.
-pub(super) fn walls(side: f64, thickness: f64, friction: f64, restitution: f64) -> Vec<Static> {
-    let half = side / 2.0;
-    let (near, far) = (-thickness / 2.0, side + thickness / 2.0);
-    let wall = |name: &str, position: [f64; 2], half_width: f64, half_height: f64| Static {
-        name: name.into(),
-        shape: Rectangle { half_width, half_height }.into(),
-        friction,
-        restitution,
-        position,
-        angle: 0.0,
-    };
-    vec![
-        wall("floor", [half, near], half + thickness, thickness / 2.0),
-        wall("ceiling", [half, far], half + thickness, thickness / 2.0),
-        wall("left_wall", [near, half], thickness / 2.0, half),
-        wall("right_wall", [far, half], thickness / 2.0, half),
-    ]
 }

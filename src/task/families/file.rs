@@ -1,0 +1,391 @@
+//! `iplw.family/1`: a family of tasks as a TOML file. `docs/formats.md` says what each field means.
+
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+
+use super::certified::{Bin, Selection};
+use super::claims::{Ahead, Claims, Nearer};
+use super::draw::{MOST_POINTS, Parameter, Range, Recipe};
+use super::expression::Expression;
+use super::family::Family;
+use super::presets::{Labels, Learning};
+use super::real::RealPhysics;
+use super::template::Template;
+use crate::error::{Error, Input, Result, shown, within};
+use crate::rng;
+
+/// The value of a family's `format` field.
+pub const FAMILY_FORMAT: &str = "iplw.family/1";
+/// Most bytes of a family's file.
+pub const MOST_BYTES: usize = 1 << 20;
+
+/// Most parameters.
+const MOST_DRAWN: usize = 32;
+/// Most values, and most requirements.
+const MOST_NAMED: usize = 200;
+/// Most tasks of a family.
+const MOST_TASKS: usize = 1000;
+/// Most valid actions that a share is taken from.
+const MOST_SAMPLED: usize = 100_000;
+/// Names of families that would be taken for something else: custom tasks, policies of any family, a command, experiments.
+const TAKEN: [&str; 7] = ["custom", "any", "check", "quickstart", "strategies", "latents", "harder"];
+
+/// Reads a family without its certified tasks. Errors name the line or the field.
+pub fn parse(text: &str) -> Result<Family> {
+    if text.len() > MOST_BYTES {
+        return Err(Error::input("", format!("{} bytes", text.len()), format!("at most {MOST_BYTES} bytes")));
+    }
+    let file: File = from_toml(text)?;
+    if file.format != FAMILY_FORMAT {
+        return Err(Error::input("format", format!("{:?}", file.format), format!("{FAMILY_FORMAT:?}")));
+    }
+    name("name", &file.name)?;
+    if let Some(taken) = TAKEN.iter().find(|t| **t == file.name) {
+        return Err(Error::input("name", format!("{taken:?}"), "a name that means nothing else"));
+    }
+    line("about", &file.about)?;
+    let gymnasium = file.gymnasium.unwrap_or_default();
+    if !gymnasium.is_empty() {
+        line("gymnasium", &gymnasium)?;
+    }
+    let digest = digest(&file.name, &file.candidates, &file.scene, &file.real);
+    let (recipe, names) = recipe(&file.candidates)?;
+    file.real.validate().map_err(|e| e.under("real"))?;
+    let split = [file.tasks.train, file.tasks.validation, file.tasks.test];
+    let family = Family {
+        name: kept(file.name),
+        about: kept(file.about),
+        gymnasium: kept(gymnasium),
+        template: Template::new(&file.scene, &names)?,
+        recipe,
+        split,
+        selection: selection(file.tasks)?,
+        real_physics: file.real,
+        prior: file.prior.read()?,
+        learning: file.learning.read()?,
+        surface_actions: bounded("surface_actions", file.surface_actions, 1, MOST_SAMPLED)?,
+        claims: file.claims.read(),
+        digest,
+        tasks: Vec::new(),
+    };
+    family.checked()
+}
+
+/// The whole file.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    format: String,
+    name: String,
+    about: String,
+    gymnasium: Option<String>,
+    candidates: Candidates,
+    scene: toml::Table,
+    real: RealPhysics,
+    #[serde(default)]
+    prior: Prior,
+    tasks: Tasks,
+    #[serde(default)]
+    learning: LearningIn,
+    #[serde(default = "usual_surface_actions")]
+    surface_actions: usize,
+    #[serde(default)]
+    claims: ClaimsIn,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Candidates {
+    #[serde(default)]
+    parameters: toml::Table,
+    #[serde(default)]
+    values: toml::Table,
+    #[serde(default)]
+    require: Vec<String>,
+    count: Option<usize>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Tasks {
+    train: usize,
+    validation: usize,
+    test: usize,
+    bins: Vec<Bin>,
+    sample: usize,
+    #[serde(default)]
+    in_real_world: bool,
+}
+
+/// Mean and standard deviation of each.
+#[derive(Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct Prior {
+    density: [f64; 2],
+    friction: [f64; 2],
+    restitution: [f64; 2],
+}
+
+#[derive(Default, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct LearningIn {
+    batches: Option<usize>,
+    batch_size: Option<usize>,
+    labels: Option<usize>,
+    study_labels: Option<usize>,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct ClaimsIn {
+    estimates: Vec<NearerIn>,
+    /// (better, worse)
+    jump_starts: Vec<[String; 2]>,
+    all_trials: bool,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct NearerIn {
+    text: String,
+    better: String,
+    worse: String,
+    factors: Vec<String>,
+}
+
+impl Default for Prior {
+    /// The paper's, which is centred on nothing in particular.
+    fn default() -> Self {
+        Prior { density: [1.0, 0.5], friction: [0.5, 0.25], restitution: [0.5, 0.25] }
+    }
+}
+
+impl Prior {
+    fn read(&self) -> Result<[(f64, f64); 3]> {
+        let of = [("density", self.density), ("friction", self.friction), ("restitution", self.restitution)];
+        for (name, [mean, deviation]) in of {
+            within(&format!("prior.{name}[0]"), mean, 0.0, 1e6)?;
+            within(&format!("prior.{name}[1]"), deviation, 1e-6, 1e6)?;
+        }
+        Ok(of.map(|(_, [mean, deviation])| (mean, deviation)))
+    }
+}
+
+impl LearningIn {
+    fn read(&self) -> Result<Learning> {
+        let usual = Learning::STANDARD;
+        let batch_size =
+            bounded("learning.batch_size", self.batch_size.unwrap_or(usual.batch_size), 2, 1024)?;
+        if batch_size % 2 == 1 {
+            return Err(Error::input("learning.batch_size", batch_size, "an even number: half of it solves"));
+        }
+        let labels = |field: &str, given: Option<usize>, usual: Labels| {
+            let per_task = bounded(field, given.unwrap_or(usual.per_task), 2, MOST_SAMPLED)?;
+            Ok(Labels { per_task, ..usual })
+        };
+        Ok(Learning {
+            batches: bounded("learning.batches", self.batches.unwrap_or(usual.batches), 1, 100_000)?,
+            batch_size,
+            labels: labels("learning.labels", self.labels, usual.labels)?,
+            study_labels: labels("learning.study_labels", self.study_labels, usual.study_labels)?,
+        })
+    }
+}
+
+impl ClaimsIn {
+    fn read(self) -> Claims {
+        let nearer = |c: NearerIn| Nearer {
+            text: kept(c.text),
+            better: kept(c.better),
+            worse: kept(c.worse),
+            factors: c.factors.into_iter().map(kept).collect::<Vec<_>>().leak(),
+        };
+        let ahead = |[better, worse]: [String; 2]| Ahead {
+            text: kept(format!("{better} beats {worse}")),
+            better: kept(better),
+            worse: kept(worse),
+        };
+        Claims {
+            estimates: self.estimates.into_iter().map(nearer).collect::<Vec<_>>().leak(),
+            jump_starts: self.jump_starts.into_iter().map(ahead).collect::<Vec<_>>().leak(),
+            all_trials: self.all_trials,
+        }
+    }
+}
+
+/// Families last as long as the program, and so do their texts.
+fn kept(text: String) -> &'static str {
+    text.leak()
+}
+
+fn usual_surface_actions() -> usize {
+    600
+}
+
+/// Parses TOML; the error names line and path.
+fn from_toml<T: DeserializeOwned>(text: &str) -> Result<T> {
+    let refuse = |path: String, error: &toml::de::Error| {
+        let line = error.span().map(|s| text.as_bytes()[..s.start.min(text.len())].iter());
+        let place =
+            line.map_or(String::new(), |l| format!("line {}", 1 + l.filter(|b| **b == b'\n').count()));
+        let reason = shown(&error.message().replace('\n', ", "));
+        let allowed = format!("what {FAMILY_FORMAT} allows ({reason})");
+        let field = shown(if path == "." { "" } else { &path });
+        Error::Input(Input { place, field, value: String::new(), allowed })
+    };
+    let read = toml::Deserializer::parse(text).map_err(|e| refuse(String::new(), &e))?;
+    serde_path_to_error::deserialize(read).map_err(|e| refuse(e.path().to_string(), e.inner()))
+}
+
+/// How numbers are drawn, and the names that they go by, in order.
+fn recipe(from: &Candidates) -> Result<(Recipe, Vec<String>)> {
+    for (field, number, most) in [
+        ("parameters", from.parameters.len(), MOST_DRAWN),
+        ("values", from.values.len(), MOST_NAMED),
+        ("require", from.require.len(), MOST_NAMED),
+    ] {
+        if number > most {
+            return Err(Error::input(
+                format!("candidates.{field}"),
+                format!("{number}"),
+                format!("at most {most}"),
+            ));
+        }
+    }
+    let mut recipe = Recipe::default();
+    let mut names: Vec<String> = Vec::new();
+    for (key, value) in &from.parameters {
+        let field = format!("candidates.parameters.{key}");
+        name(&field, key)?;
+        recipe.parameters.push(Parameter { name: key.clone(), range: range(&field, value)? });
+        names.push(key.clone());
+    }
+    for (key, value) in &from.values {
+        let field = format!("candidates.values.{key}");
+        name(&field, key)?;
+        if names.contains(key) {
+            return Err(Error::input(field, format!("{key:?}"), "a name that is not taken"));
+        }
+        recipe.values.push(match value {
+            toml::Value::String(text) => Expression::parse(&field, text, &names)?,
+            other => Expression::number(number(&field, other)?),
+        });
+        names.push(key.clone());
+    }
+    for (i, text) in from.require.iter().enumerate() {
+        let rule = Expression::parse(&format!("candidates.require[{i}]"), text, &names)?;
+        recipe.require.push((text.clone(), rule));
+    }
+    if let Some(count) = from.count {
+        recipe.count = Some(bounded("candidates.count", count, 1, MOST_POINTS)?);
+    }
+    let points = recipe.parameters.iter().try_fold(1usize, |n, p| match &p.range {
+        Range::Among(values) => n.checked_mul(values.len()),
+        Range::Between(..) => Some(n),
+    });
+    match points {
+        Some(1..=MOST_POINTS) => Ok((recipe, names)),
+        _ => {
+            let allowed = format!(
+                "a grid of at most {MOST_POINTS} points; a parameter of `low` and `high` makes draws of it"
+            );
+            Err(Error::input("candidates.parameters", "a larger grid", allowed))
+        }
+    }
+}
+
+/// A list, `{ from, to, step }` or `{ low, high }`.
+fn range(field: &str, value: &toml::Value) -> Result<Range> {
+    const ALLOWED: &str = "a list of numbers, { from, to, step } or { low, high }";
+    let refuse = || Error::input(field, shown(&value.to_string()), ALLOWED);
+    match value {
+        toml::Value::Array(items) if !items.is_empty() => {
+            let each = items.iter().enumerate().map(|(i, v)| number(&format!("{field}[{i}]"), v));
+            each.collect::<Result<Vec<f64>>>().map(Range::Among)
+        }
+        toml::Value::Table(table) => {
+            let keys: Vec<&str> = table.keys().map(String::as_str).collect();
+            let get = |key: &str| number(&format!("{field}.{key}"), &table[key]);
+            let all = |wanted: &[&str]| keys.len() == wanted.len() && wanted.iter().all(|k| keys.contains(k));
+            if all(&["low", "high"]) {
+                let (low, high) = (get("low")?, get("high")?);
+                return Ok(Range::Between(low, within(&format!("{field}.high"), high, low, 1e9)?));
+            }
+            if !all(&["from", "to", "step"]) {
+                return Err(refuse());
+            }
+            let (from, to, step) = (get("from")?, get("to")?, get("step")?);
+            let most = (to - from) / (MOST_POINTS as f64);
+            if !(to >= from && step > 0.0 && step >= most) {
+                return Err(refuse());
+            }
+            // A last value that rounding put a hair beyond `to` counts.
+            let last = ((to - from) / step + 1e-9).floor() as usize;
+            Ok(Range::Among((0..=last).map(|i| from + i as f64 * step).collect()))
+        }
+        _ => Err(refuse()),
+    }
+}
+
+fn selection(from: Tasks) -> Result<Selection> {
+    let mut least = 0.0;
+    for (i, bin) in from.bins.iter().enumerate() {
+        least = within(&format!("tasks.bins[{i}].from"), bin.from, least, 1.0)?;
+        least = within(&format!("tasks.bins[{i}].to"), bin.to, least, 1.0)?;
+        bounded(&format!("tasks.bins[{i}].tasks"), bin.tasks, 1, MOST_TASKS)?;
+    }
+    if from.bins.first().is_some_and(|b| b.to == 0.0) {
+        return Err(Error::input("tasks.bins[0].to", 0, "a share above 0: a task has a solution"));
+    }
+    let sample = bounded("tasks.sample", from.sample, 10, MOST_SAMPLED)?;
+    let selection = Selection { bins: from.bins, in_real_world: from.in_real_world, sample };
+    let dealt = [from.train, from.validation, from.test].iter().fold(0usize, |n, m| n.saturating_add(*m));
+    bounded("tasks.train + validation + test", dealt, 1, MOST_TASKS)?;
+    if dealt != selection.wanted() {
+        let value = format!("{} in all, while train, validation and test are {dealt}", selection.wanted());
+        return Err(Error::input("tasks.bins", value, "as many tasks as are dealt to the three parts"));
+    }
+    Ok(selection)
+}
+
+/// What certified tasks depend on, as 16 hexadecimal digits: other spaces, comments, bins and presets leave it as it is.
+fn digest(name: &str, candidates: &Candidates, scene: &toml::Table, real: &RealPhysics) -> String {
+    let text = |table: &toml::Table| serde_json::to_string(table).unwrap_or_default();
+    let drawn = format!("{:?} {:?}", candidates.require, candidates.count);
+    let (parameters, values) = (text(&candidates.parameters), text(&candidates.values));
+    let all = [name, &parameters, &values, &drawn, &text(scene), &real.fingerprint()].join("\n");
+    format!("{:016x}", rng::derive(0, &all, 0))
+}
+
+fn name(field: &str, text: &str) -> Result<()> {
+    let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
+    let fits = (1..=40).contains(&text.len()) && text.starts_with(|c: char| c.is_ascii_lowercase());
+    if fits && text.chars().all(plain) {
+        return Ok(());
+    }
+    let allowed = "1 to 40 of a to z, 0 to 9 and _, a letter first";
+    Err(Error::input(field, format!("{text:?}"), allowed))
+}
+
+fn line(field: &str, text: &str) -> Result<()> {
+    if (1..=200).contains(&text.len()) && !text.contains(char::is_control) {
+        return Ok(());
+    }
+    Err(Error::input(field, format!("{text:?}"), "one line of 1 to 200 bytes"))
+}
+
+fn number(field: &str, value: &toml::Value) -> Result<f64> {
+    let found = match value {
+        toml::Value::Integer(v) => *v as f64,
+        toml::Value::Float(v) => *v,
+        other => return Err(Error::input(field, shown(&other.to_string()), "a number")),
+    };
+    within(field, found, -1e9, 1e9)
+}
+
+fn bounded(field: &str, value: usize, low: usize, high: usize) -> Result<usize> {
+    if (low..=high).contains(&value) {
+        return Ok(value);
+    }
+    Err(Error::input(field, value, format!("a whole number from {low} to {high}")))
+}
