@@ -1,7 +1,8 @@
 """Builds a Box2D world from an `iplw.scene/1` scene, and judges its goal as PHYRE does. Box2D 2.3.10 of PyPI: its rules of contact are
 those that a scene calls `geometric_mean`, `max` and 1.0, and it knows no others.
 
-Bodies are made after statics: Box2D visits contacts in the order that they came up, so that a world made in another order differs in last digits.
+Statics are made first, and from the last to the first: Box2D visits the newest contacts first, and the order matters where its
+iterations do not converge.
 """
 
 import math
@@ -18,7 +19,7 @@ def build(scene, angular_damping=ANGULAR_DAMPING):
     """(world, bodies and statics by name)."""
     world = Box2D.b2World(gravity=tuple(scene["gravity"]))
     things = {}
-    for own in [*scene.get("statics", []), *scene["bodies"]]:
+    for own in [*reversed(scene.get("statics", [])), *scene["bodies"]]:
         moves = "density" in own
         make = world.CreateDynamicBody if moves else world.CreateStaticBody
         body = make(position=tuple(own.get("position", (0.0, 0.0))), angle=own.get("angle", 0.0), linearDamping=0.0,

@@ -39,7 +39,11 @@ def load(path):
 
 
 def scene(name, task, action, rate, rules=BOX2D_RULES):
-    """The task with the action's red ball placed, at `rate` steps a second; bodies are named by kind and index."""
+    """The task with the action's red ball placed, at `rate` steps a second; bodies are named by kind and index.
+
+    Statics are listed from the last to the first, since ours visits a body's contacts as they are listed and Box2D the newest first: which
+    of two is visited last decides what a disc in a notch does when it is hit (template 00015).
+    """
     x, y, r = red_ball(action)
     red = {"x": x, "y": y, "angle": 0.0, "dynamic": True, "kind": "red", "shapes": [{"circle": r}]}
     own = [*task["bodies"], red]
@@ -51,7 +55,7 @@ def scene(name, task, action, rate, rules=BOX2D_RULES):
         "name": name,
         "gravity": [0.0, GRAVITY],
         "bodies": [thing for thing, body in zip(things, own) if body["dynamic"]],
-        "statics": [thing for thing, body in zip(things, own) if not body["dynamic"]],
+        "statics": [thing for thing, body in reversed(list(zip(things, own))) if not body["dynamic"]],
         "time_step": 1 / rate,
         "steps": round(SECONDS * rate),
         "observe_every": round(SECONDS * rate),
