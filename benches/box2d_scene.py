@@ -1,8 +1,8 @@
-"""Builds a Box2D world from an `iplw.scene/1` scene, and judges its goal as PHYRE does. Box2D 2.3.10 of PyPI: its rules of contact are
-those that a scene calls `geometric_mean`, `max` and 1.0, and it knows no others.
+"""Builds a Box2D world from an `iplw.scene/1` scene, and judges its goal as PHYRE does.
 
-Statics are made first, and from the last to the first: Box2D visits the newest contacts first, and the order matters where its
-iterations do not converge.
+Box2D 2.3.10 of PyPI: its rules of contact are those that a scene calls `geometric_mean`, `max` and 1.0, and it knows no
+others. Statics are made first, and from the last to the first: Box2D visits the newest contacts first, and the order
+matters where its iterations do not converge.
 """
 
 import math
@@ -40,7 +40,7 @@ def build(scene, how=PHYRE):
 
 
 def solved(scene, how=PHYRE):
-    """Whether the two bodies of the goal touch for its `hold_s` on end: discs by distance, others while Box2D has a contact."""
+    """Whether the goal's bodies touch for its `hold_s` on end: discs by distance, others while Box2D has a contact."""
     world, things = build(scene, how)
     one, other = (things[name] for name in scene["goal"]["bodies"])
     shapes = [thing.fixtures[0].shape for thing in (one, other)]

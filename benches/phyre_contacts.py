@@ -1,18 +1,19 @@
-"""Where our contacts and Box2D's part: three small scenes, and what Box2D itself loses of PHYRE's solutions without what we do not have.
+"""Where our contacts and Box2D's part: three small scenes, and PHYRE's solutions in Box2D with one thing changed.
 
     python benches/phyre_contacts.py target/release/iplw [phyre_b.json.gz [--template ID ...] [--tasks N]]
 
-The scenes, each in `lanes`, in Pymunk (`pymunk_scene.py`, with Box2D's rules of contact put in by a callback) and in Box2D
-with and without continuous collision, with fewer and more iterations and without the skin of its polygons:
+The scenes, each in `lanes`, in Pymunk (with Box2D's rules of contact put in by a callback) and in Box2D with and without continuous collision, with fewer and more iterations and without the skin of its polygons; Pymunk also
+with Box2D's slop of 5 mm, and with a skin of 1 cm as well:
 
 - *drop*: a disc of radius 1.25 m falls 8.55 m onto a floor; its height about the impact and at rest, m.
-- *notch*: a disc lies between two bars and is hit by a larger one; how far it has come, m, with the bars listed either way.
+- *notch*: a disc lies between two bars and is hit by a larger one; how far it has come, m, the bars listed either way.
 - *bar*: a bar, 0.85 by 18.1 m, stands on end and is set turning with 0.02 rad/s; its tilt, mrad.
 
-Steps are 1/60 s; Box2D's are counted from 1, since it moves bodies after it has accelerated them and ours before: otherwise the same.
+Steps are 1/60 s; Box2D's are counted from 1, since it moves bodies after it has accelerated them and ours before:
+otherwise the same.
 
-With a file of tasks (`phyre_templates.py` tells of it): the first solution of each of the first N (25) tasks of a template in Box2D as PHYRE runs it,
-and with one thing changed at a time.
+With a file of tasks (`phyre_templates.py` tells of it): the first solution of each of the first N (25) tasks of a
+template in Box2D as PHYRE runs it, and with one thing changed at a time.
 """
 
 import argparse
@@ -22,6 +23,7 @@ import subprocess
 
 import box2d_scene
 import phyre_tasks
+import pymunk
 import pymunk_scene
 from box2d_scene import How
 
@@ -62,8 +64,9 @@ def ablation(tasks):
 
 
 def show(binary, title, scene, name, which, steps):
-    ways = {"lanes": lanes(binary, scene), "Pymunk": in_pymunk(scene), "Pymunk, slop 5 mm": in_pymunk(scene, slop=0.005),
-            "Pymunk, 100 sweeps": in_pymunk(scene, sweeps=100)}
+    ways = {"lanes": lanes(binary, scene), "Pymunk": in_pymunk(scene),
+            "Pymunk, 100 sweeps": in_pymunk(scene, sweeps=100), "Pymunk, slop 5 mm": in_pymunk(scene, slop=0.005),
+            "Pymunk, skin too": in_pymunk(scene, slop=0.005, skin=0.01)}
     ways |= {f"Box2D, {label}": in_box2d(scene, how) for label, how in CHANGED.items() if label != "no damping"}
     print(f"{title}\n    {'step':24}" + "".join(f"{k:9}" for k in steps))
     for label, states in ways.items():
@@ -97,7 +100,8 @@ def notch(other_way):
 
 
 def bar():
-    own = {"name": "bar", "shape": box(0.427, 9.067), "position": [0.0, 9.067], "angular_velocity": 0.02, "velocity": [-0.18, 0.0]}
+    own = {"name": "bar", "shape": box(0.427, 9.067), "position": [0.0, 9.067], "angular_velocity": 0.02,
+           "velocity": [-0.18, 0.0]}
     return room([own], [FLOOR], 10)
 
 
@@ -107,16 +111,21 @@ def lanes(binary, scene):
     if ran.returncode != 0:
         raise SystemExit(ran.stderr.strip())
     bodies = json.loads(ran.stdout)["bodies"]
-    return [{name: (own["x"][k], own["y"][k], own["angle"][k]) for name, own in bodies.items()} for k in range(scene["steps"] + 1)]
+    return [{name: (own["x"][k], own["y"][k], own["angle"][k]) for name, own in bodies.items()}
+            for k in range(scene["steps"] + 1)]
 
 
-def in_pymunk(scene, slop=None, sweeps=10):
+def in_pymunk(scene, slop=None, sweeps=10, skin=0.0):
     """Pymunk with Box2D's rules: what multiplies to them, and no bounce below the threshold."""
     own = json.loads(json.dumps(scene))
     for thing in [*own["bodies"], *own["statics"]]:
         thing |= {key: math.sqrt(thing[key]) for key in SURFACE}
     space, bodies = pymunk_scene.build(own, slop)
     space.iterations = sweeps
+    for shape in space.shapes:
+        if isinstance(shape, pymunk.Poly):
+            shape.unsafe_set_radius(skin)
+    space.reindex_static()
     space.on_collision(None, None, pre_solve=threshold)
     states = []
     for _ in range(scene["steps"] + 1):

@@ -1,13 +1,13 @@
-"""PHYRE's ball-tier tasks as `iplw.scene/1`, read from one JSON object by task id; `phyre_templates.py` tells of the file.
+"""PHYRE's ball-tier tasks as `iplw.scene/1`, read from one JSON object by task id: see `phyre_templates.py`.
 
-What is said of PHYRE here was looked up in its sources (facebookresearch/phyre: `action_mappers.py`, `geometry.h`, `task_utils.h`,
-`task_validation.cpp`, `thrift_box2d_conversion.cpp`):
+What is said of PHYRE here was looked up in its sources (facebookresearch/phyre: `action_mappers.py`, `geometry.h`,
+`task_utils.h`, `task_validation.cpp`, `thrift_box2d_conversion.cpp`):
 
 - An action's ball is put on the grid of pixels: x and y are cut, the radius is rounded. Without that, a tenth of the
   stable solutions no longer solve their task in PHYRE's own engine.
 - It must lie within the scene before that, and overlap no body by more than 1e-5 px after it.
-- Two balls touch within 0.1 px; anything else while Box2D has a contact, which it has within the skins of its polygons, 0.01 m
-  each.
+- Two balls touch within 0.1 px; anything else while Box2D has a contact, which it has within the skins of its polygons,
+  0.01 m each.
 - 1000 steps of 1/60 s; touching for 180 steps on end solves.
 """
 
@@ -39,14 +39,15 @@ def load(path):
 
 
 def scene(name, task, action, rate, rules=BOX2D_RULES):
-    """The task with the action's red ball placed, at `rate` steps a second; bodies are named by kind and index.
+    """The task with the action's red ball placed (None: left alone), at `rate` steps a second; names: kind and index.
 
-    Statics are listed from the last to the first, since ours visits a body's contacts as they are listed and Box2D the newest first: which
-    of two is visited last decides what a disc in a notch does when it is hit (template 00015).
+    Statics are listed from the last to the first: ours visits a body's contacts as they are listed, Box2D the newest
+    first, and which of two is visited last decides what a disc in a notch does when it is hit (template 00015).
     """
-    x, y, r = red_ball(action)
-    red = {"x": x, "y": y, "angle": 0.0, "dynamic": True, "kind": "red", "shapes": [{"circle": r}]}
-    own = [*task["bodies"], red]
+    own = [*task["bodies"]]
+    if action is not None:
+        x, y, r = red_ball(action)
+        own.append({"x": x, "y": y, "angle": 0.0, "dynamic": True, "kind": "red", "shapes": [{"circle": r}]})
     names = [f"{body['kind'] or 'wall'}{i}" for i, body in enumerate(own)]
     pair = [task["goal"][key] for key in ("body1", "body2")]
     things = [said(label, body) for label, body in zip(names, own)]

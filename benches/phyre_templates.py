@@ -1,18 +1,24 @@
 """PHYRE-B's 25 templates in our batched engine and in Box2D: do the actions that solve a task in PHYRE solve it here?
 
-    python benches/phyre_templates.py target/release/iplw phyre_b.json.gz [--rate 60] [--random 40] [--tasks N] [--template ID ...]
+    python benches/phyre_templates.py target/release/iplw phyre_b.json.gz [--rate 240] [--random N] [--tasks N]
+                                      [--template ID ...] [--verbose]
 
-The file holds tasks by id `TEMPLATE:TASK`, as PHYRE's own files give them: `bodies` (x, y, `angle`, `dynamic`, `kind`, `shapes`:
-`circle` or `polygon`, px, in the body's frame), `goal` (`body1` and `body2` by index, touching for 3 s), `solutions` (actions that solve the
-task even when they are moved a little) and `random_actions` (how many of PHYRE's random actions came to -1 nothing, 0 invalid, 2
-solved, 3 solved and stable). Nothing of it is part of this project, and no test needs it. `phyre_tasks.py` makes scenes of them,
-with Box2D's rules of contact; `box2d_scene.py` runs them in Box2D (PyPI: Box2D) with PHYRE's iterations at the same time step.
+The file holds tasks by id `TEMPLATE:TASK`, as PHYRE's own files give them: `bodies` (x, y, `angle`, `dynamic`, `kind`,
+`shapes`: `circle` or `polygon`, px, in the body's frame), `goal` (`body1` and `body2` by index, touching for 3 s),
+`solutions` (actions that solve the task even when they are moved a little) and `random_actions` (how many of PHYRE's
+random actions came to -1 nothing, 0 invalid, 2 solved, 3 solved and stable). Nothing of it is part of this project, and
+no test needs it. `phyre_tasks.py` makes scenes of them, with Box2D's rules of contact; `box2d_scene.py` runs them in
+Box2D (`pip install Box2D`) with PHYRE's iterations at the same time step.
 
-By template: tasks that can be said (whose scenes the engine takes); stable solutions; how many of them Box2D and we solve, and the share
-of ours to Box2D's; the share of RANDOM random valid actions a task that solve here, with its 95 % interval, beside PHYRE's own (mean over the same
-tasks), and their ratio. `--verbose` names the tasks whose solutions one side alone solves. `--engine NAME=COMMAND` adds another of our programs.
+By template: tasks that can be said (whose scenes the engine takes); stable solutions; how many of them Box2D and we
+solve, and the share of ours to Box2D's; the share of N random valid actions a task that solve here, with its 95 %
+interval, beside PHYRE's own (mean over the same tasks), their ratio, and a * where they are neither within 1.5 times of
+each other nor have intervals that overlap; how many tasks solve themselves here without any ball (PHYRE kept none that
+does in Box2D), and ratio and * over the others. `--verbose` names tasks that are refused and those whose solutions one
+side alone solves: a mark a solution, = both, - Box2D alone, + ours alone, 0 neither.
 
-Differences from PHYRE: no angular damping in ours (0.01 per second in Box2D's); Box2D's polygons have a skin of 0.01 m, ours have none.
+Differences from PHYRE: no angular damping in ours (0.01 per second in Box2D's); Box2D's polygons have a skin of 0.01 m,
+ours have none.
 """
 
 import argparse
@@ -36,7 +42,8 @@ def main():
     options = parser.parse_args()
     templates = phyre_tasks.load(options.data)
     rows = []
-    print(f"{'':8} {'said':>7} {'stable':>6} {'Box2D':>6} {'ours':>5} {'ours/Box2D':>10}   {'random: ours (95 %)':>24} {'PHYRE':>7} {'ratio':>5}")
+    print(f"{'':8} {'said':>7} {'stable':>6} {'Box2D':>6} {'ours':>5} {'ours/Box2D':>10}"
+          f"   {'random: ours (95 %)':>26} {'PHYRE':>7} {'ratio':>7} {'alone':>5} {'ratio':>7}")
     for template, tasks in templates.items():
         if not options.template or template in options.template:
             rows.append(Row(template, tasks[:options.tasks], options))
@@ -51,17 +58,22 @@ class Row:
         self.template, self.tasks, self.options = template, tasks, options
         refused = {name for name, task in tasks if not self.said(name, task)}
         self.taken = [(name, task) for name, task in tasks if name not in refused]
-        solutions = [(name, action, self.scene(name, task, action)) for name, task in self.taken for action in task["solutions"]]
-        self.box2d = box2d(scene for *_, scene in solutions)
-        self.ours = self.run([scene for *_, scene in solutions])
-        chances = [self.scene(name, task, action) for name, task in self.taken
-                   for action in phyre_tasks.valid_actions(name, task, options.random)]
-        self.chance = self.run(chances)
+        solutions = [(name, self.scene(name, task, action)) for name, task in self.taken
+                     for action in task["solutions"]]
+        self.box2d = box2d(scene for _, scene in solutions)
+        self.ours = self.run([scene for _, scene in solutions])
+        self.chance = {name: self.run([self.scene(name, task, action) for action in
+                                       phyre_tasks.valid_actions(name, task, options.random)])
+                       for name, task in self.taken} if options.random else {}
+        left_alone = self.run([self.scene(name, task, None) for name, task in self.taken])
+        self.alone = {name for (name, _), solved in zip(self.taken, left_alone) if solved}
         if options.verbose:
-            told = {}
-            for (name, *_), theirs, own in zip(solutions, self.box2d, self.ours):
-                told[name] = told.get(name, "") + {(0, 0): "0", (0, 1): "+", (1, 0): "-", (1, 1): "="}[theirs, own]
-            print("\n".join(f"    {name} {marks}" for name, marks in told.items() if set(marks) & set("+-0")))
+            marks = {}
+            for (name, _), *pair in zip(solutions, self.box2d, self.ours):
+                marks[name] = marks.get(name, "") + ("0+", "-=")[pair[0]][pair[1]]
+            for name, seen in marks.items():
+                if set(seen) != {"="}:
+                    print(f"    {name} {seen}")
 
     def scene(self, name, task, action):
         return phyre_tasks.scene(name, task, action, self.options.rate)
@@ -86,25 +98,33 @@ class Row:
     def share(self):
         return sum(self.ours) / max(1, sum(self.box2d))
 
-    def rates(self):
-        """Ours, its interval; PHYRE's, its interval. Every task has as many of our random actions, so that the pooled share is the mean."""
-        own = [phyre_tasks.own_rate(task) for _, task in self.taken]
+    def rates(self, without=frozenset()):
+        """Ours, its interval; PHYRE's, its interval. Tasks have equally many of our actions."""
+        own = [phyre_tasks.own_rate(task) for name, task in self.taken if name not in without]
         theirs = sum(p for p, _ in own) / len(own)
         spread = 1.96 * math.sqrt(sum(p * (1 - p) / n for p, n in own)) / len(own)
-        return sum(self.chance) / len(self.chance), wilson(self.chance), theirs, (theirs - spread, theirs + spread)
-
-    def alike(self):
-        """Within 1.5 times of PHYRE's own rate, or intervals that overlap."""
-        ours, (low, high), theirs, (least, most) = self.rates()
-        return (low <= most and least <= high) or theirs / 1.5 <= ours <= theirs * 1.5
+        chance = [solved for name, results in self.chance.items() if name not in without for solved in results]
+        return sum(chance) / len(chance), wilson(chance), theirs, (theirs - spread, theirs + spread)
 
     def line(self):
-        counted = (f"{self.template:8} {len(self.taken):3}/{len(self.tasks):3} {len(self.ours):6} {sum(self.box2d):6} {sum(self.ours):5}"
-                   f" {self.share():10.3f}")
+        counted = (f"{self.template:8} {len(self.taken):3}/{len(self.tasks):3} {len(self.ours):6} {sum(self.box2d):6}"
+                   f" {sum(self.ours):5} {self.share():10.3f}")
         if not self.chance:
             return counted
-        ours, (low, high), theirs, _ = self.rates()
-        return f"{counted}   {ours:8.2%} ({low:6.2%} - {high:6.2%}) {theirs:7.2%} {ours / theirs:5.2f}{'' if self.alike() else ' *'}"
+        everywhere, others = self.rates(), self.rates(self.alone)
+        ours, (low, high), theirs, _ = everywhere
+        return (f"{counted}   {ours:8.2%} ({low:6.2%} - {high:6.2%}) {theirs:7.2%} {told(everywhere)}"
+                f" {len(self.alone):5} {told(others)}")
+
+
+def alike(rates):
+    """Within 1.5 times of PHYRE's own rate, or intervals that overlap."""
+    ours, (low, high), theirs, (least, most) = rates
+    return (low <= most and least <= high) or theirs / 1.5 <= ours <= theirs * 1.5
+
+
+def told(rates):
+    return f"{rates[0] / rates[2]:5.2f}{' ' if alike(rates) else '*':>2}"
 
 
 def box2d(scenes):
@@ -124,13 +144,15 @@ def wilson(results):
 def summary(rows):
     whole = sum(len(row.taken) == len(row.tasks) for row in rows)
     shares = [row.share() for row in rows]
-    found = (f"said in full: {whole} of {len(rows)}; ours/Box2D at least 0.9 in {sum(s >= 0.9 for s in shares)},"
-             f" mean {sum(shares) / len(shares):.3f}; Box2D {sum(sum(r.box2d) for r in rows)} and ours {sum(sum(r.ours) for r in rows)}"
-             f" of {sum(len(r.ours) for r in rows)}")
+    theirs, ours, known = (sum(map(count, rows)) for count in
+                           (lambda r: sum(r.box2d), lambda r: sum(r.ours), lambda r: len(r.ours)))
+    found = (f"said in full: {whole} of {len(rows)}; ours/Box2D at least 0.9 in {sum(s >= 0.9 for s in shares)}, mean"
+             f" {sum(shares) / len(shares):.3f}; Box2D {theirs} and ours {ours} of {known}")
     if not rows[0].chance:
         return found
-    ratios = [ours / theirs for ours, _, theirs, _ in (row.rates() for row in rows)]
-    return f"{found}\nrandom: alike in {sum(row.alike() for row in rows)} (the others have a *), mean ratio {sum(ratios) / len(ratios):.2f}"
+    everywhere, others = [row.rates() for row in rows], [row.rates(row.alone) for row in rows]
+    return (f"{found}\nrandom: alike in {sum(map(alike, everywhere))} (the others have a *), without"
+            f" {sum(len(row.alone) for row in rows)} tasks that solve themselves here in {sum(map(alike, others))}")
 
 
 if __name__ == "__main__":
