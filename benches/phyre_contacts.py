@@ -2,8 +2,9 @@
 
     python benches/phyre_contacts.py target/release/iplw [phyre_b.json.gz [--template ID ...] [--tasks N]]
 
-The scenes, each in `lanes`, in Pymunk (with Box2D's rules of contact put in by a callback) and in Box2D with and without continuous collision, with fewer and more iterations and without the skin of its polygons; Pymunk also
-with Box2D's slop of 5 mm, and with a skin of 1 cm as well:
+The scenes, each in `lanes`, in Pymunk (Box2D's rules of contact put in by a callback; also with Box2D's slop of 5 mm, and
+with a skin of 1 cm as well) and in Box2D, also without continuous collision or the skin of its polygons, with fewer and
+more iterations, and made in the opposite order:
 
 - *drop*: a disc of radius 1.25 m falls 8.55 m onto a floor; its height about the impact and at rest, m.
 - *notch*: a disc lies between two bars and is hit by a larger one; how far it has come, m, the bars listed either way.
