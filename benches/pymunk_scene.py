@@ -14,9 +14,9 @@ def build(scene, slop=None):
         space.collision_slop = slop
     for fixed in scene.get("statics", []):
         position, angle = fixed.get("position", [0.0, 0.0]), fixed.get("angle", 0.0)
-        shape = _shape(space.static_body, fixed["shape"], pymunk.Transform(
-            math.cos(angle), math.sin(angle), -math.sin(angle), math.cos(angle), *position))
-        _add(space, shape, fixed)
+        stands = pymunk.Transform(math.cos(angle), math.sin(angle), -math.sin(angle), math.cos(angle), *position)
+        for shape, placed in _pieces(fixed["shape"]):
+            _add(space, _shape(space.static_body, shape, stands @ placed), fixed)
     bodies = []
     for own in scene["bodies"]:
         pieces = list(_pieces(own["shape"]))
