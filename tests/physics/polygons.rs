@@ -308,15 +308,10 @@ fn what_is_fast_does_not_pass_through() {
         ],
     };
     let slant = 0.7f64.sqrt();
+    let askew = capsule_of([-slant, -slant], [slant, slant], 0.03);
     let mut bodies = vec![
-        (
-            Body {
-                angle: -std::f64::consts::FRAC_PI_4,
-                ..capsule_of([-slant, -slant], [slant, slant], 0.03)
-            },
-            0.0,
-        ),
-        (Body { shape: jar.into(), ..block(1.0, 1.0) }, 0.0),
+        (Body { angle: -std::f64::consts::FRAC_PI_4, ..askew }, 0.0, 1.0),
+        (Body { shape: jar.into(), ..block(1.0, 1.0) }, 0.0, 1.0),
     ];
     for i in 0..40 {
         let (size, turn) = (0.1 + 0.01 * f64::from(i), 0.41 * f64::from(i));
