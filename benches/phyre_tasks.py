@@ -3,8 +3,8 @@
 What is said of PHYRE here was looked up in its sources (facebookresearch/phyre: `action_mappers.py`, `geometry.h`,
 `task_utils.h`, `task_validation.cpp`, `thrift_box2d_conversion.cpp`):
 
-- An action's ball is put on the grid of pixels: x and y are cut, the radius is rounded. Without that, a tenth of the
-  stable solutions no longer solve their task in PHYRE's own engine.
+- An action's ball is put on the grid of pixels: x and y are cut, the radius is rounded. Without that, an eighth of
+  the stable solutions no longer solves its task in Box2D.
 - It must lie within the scene before that, and overlap no body by more than 1e-5 px after it.
 - Two balls touch within 0.1 px; anything else while Box2D has a contact, which it has within the skins of its polygons,
   0.01 m each.
