@@ -12,6 +12,7 @@ mod launches;
 mod layout;
 mod mcp;
 mod measure;
+mod outcomes;
 mod output;
 mod own;
 mod parse;
@@ -81,6 +82,8 @@ enum Command {
     Train(Computing<train::TrainArgs>),
     /// Try a policy in a hidden world.
     Evaluate(Computing<train::EvaluateArgs>),
+    /// Find out what many actions do in every task of a family; writes NumPy arrays.
+    Outcomes(Computing<outcomes::Args>),
     /// Print the OpenAPI document.
     Openapi,
 }
@@ -118,6 +121,7 @@ pub fn main() -> ExitCode {
         Command::Diagnose(args) => args.run(diagnose::run),
         Command::Train(args) => args.run(train::train_policy),
         Command::Evaluate(args) => args.run(train::evaluate_policy),
+        Command::Outcomes(args) => args.run(outcomes::run),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

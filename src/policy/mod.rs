@@ -7,6 +7,7 @@
 //! |---|---|
 //! | `features` | task and action -> numbers |
 //! | `data` | labels actions by simulating them |
+//! | `outcomes` | what many actions do in every task, for learning without a simulator |
 //! | `dqn` | learns to score from labelled actions |
 //! | `validate` | AUCCESS along a training, on tasks not learned from |
 //! | `random` | the floor every policy must beat |
@@ -17,6 +18,7 @@ pub mod data;
 pub mod dqn;
 pub mod evaluate;
 pub mod features;
+pub mod outcomes;
 pub mod random;
 pub mod validate;
 mod weights;

@@ -18,7 +18,7 @@ The files, from the top down; each uses only those below it:
 | `aio`, `sync` | the client and its handles on worlds, jobs, policies, surfaces: written once, in `aio`; `generate.py` makes `sync` of it |
 | `runner` | the difference between the two: who does what blocks |
 | `plot`, `live` | figures by matplotlib; a job as it goes on, in a notebook |
-| `results`, `trials`, `rows`, `scene`, `show` | what a notebook shows, and pandas takes, of what the server tells |
+| `outcomes`, `results`, `trials`, `rows`, `scene`, `show` | what a notebook shows, and pandas takes, of what the server tells |
 | `calls`, `rollout`, `film`, `ranked`, `proposal`, `measured`, `bar` | what is asked, and what answers mean; nothing here waits |
 | `connect`, `http`, `zeromq`, `transport` | how a call goes to the server and back; `codec` and `frames` write it down |
 | `call`, `operations` | a call; the table of operations, which `generate.py` makes of the OpenAPI document |
@@ -30,6 +30,7 @@ from . import plot
 from .aio import AsyncAsking, AsyncClient, AsyncJob, AsyncPolicy, AsyncSurface, AsyncWorld
 from .errors import IplwError, JobCancelled, JobFailed, Problem, ServerUnavailable
 from .film import Film
+from .outcomes import Outcomes
 from .proposal import Proposal
 from .ranked import Ranked
 from .registration import register
@@ -61,6 +62,7 @@ __all__ = [
     "Job",
     "JobCancelled",
     "JobFailed",
+    "Outcomes",
     "PlacementVectorEnv",
     "Policy",
     "Problem",

@@ -1,0 +1,70 @@
+"""Tables of outcomes: as the command writes them, and as NumPy and the ranking read them."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import iplw
+from iplw.binary import find_binary
+
+COMMAND = ["outcomes", "--task", "basketball", "--split", "test", "--actions", "400", "--effect", "linear_drag:c=0.223"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("outcomes")
+    told = run(out).stdout
+    assert "20 tasks, 400 actions each" in told
+    return out
+
+
+def run(out: Path, *more: str) -> subprocess.CompletedProcess[str]:
+    argv = [find_binary(), *COMMAND, "--out", str(out), *more]
+    return subprocess.run(argv, capture_output=True, text=True, check=False)
+
+
+def test_table(folder: Path) -> None:
+    table = iplw.Outcomes(folder)
+    assert table.actions.shape == (400, 4) and 0 <= table.actions.min() <= table.actions.max() <= 1
+    assert table.outcomes.shape == (20, 400) and table.outcomes.dtype == np.int8
+    assert set(np.unique(table.outcomes)) == {-1, 0, 1}
+    assert table.of("test") == table.tasks and table.of("train") == []
+    assert table.about["effects"][0]["name"] == "linear_drag"
+
+
+def test_ranking(folder: Path) -> None:
+    table = iplw.Outcomes(folder)
+    knowing = table.evaluate(lambda task, _: table.row(task))
+    solvable = [task for task in table.tasks if (table.row(task) == 1).any()]
+    assert knowing.auccess == pytest.approx(len(solvable) / len(table.tasks))
+    contrary = table.evaluate(lambda task, _: -table.row(task), solvable)
+    assert contrary.auccess < 0.2
+    odd = table.evaluate(lambda task, _: np.where(table.row(task) == 1, 1.0, np.nan), solvable)
+    assert odd.auccess == 1.0
+    with pytest.raises(ValueError, match=r"scores of basketball:\d+ have shape \(3,\); allowed: \(400,\)"):
+        table.evaluate(lambda *_: np.zeros(3))
+    with pytest.raises(KeyError, match="bowling:000"):
+        table.row("bowling:000")
+
+
+def test_goes_on_where_it_was(folder: Path, tmp_path: Path) -> None:
+    whole = (folder / "outcomes.npy").read_bytes()
+    # As a run leaves it that was killed within its eighth task.
+    for name in ("outcomes.json", "actions.npy"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    data = whole[-20 * 400 :]
+    (tmp_path / "outcomes.part").write_bytes(data[: 7 * 400 + 123])
+    with pytest.raises(FileNotFoundError, match="not finished"):
+        iplw.Outcomes(tmp_path)
+    done = run(tmp_path)
+    assert done.returncode == 0 and "goes on after 7 tasks" in done.stderr, done.stderr
+    assert (tmp_path / "outcomes.npy").read_bytes() == whole
+    assert not (tmp_path / "outcomes.part").exists()
+    other = run(tmp_path, "--seed", "1")
+    assert other.returncode == 2 and "another directory" in other.stderr
+    assert json.loads((tmp_path / "outcomes.json").read_text())["seed"] == 0
