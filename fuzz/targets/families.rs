@@ -8,7 +8,7 @@ use super::{MIB, Target, bytes, fate, text};
 /// A family's file.
 pub const TARGET: Target = Target {
     name: "families",
-    short: 1_000,
+    short: 500,
     long: 1_000_000,
     work: 256 * MIB,
     seeds: || SEEDS.map(|s| s.as_bytes().to_vec()).into(),
