@@ -9,6 +9,8 @@ use super::batch;
 #[cfg(feature = "levels")]
 use super::count::Counted;
 use super::feed::Feed;
+#[cfg(feature = "levels")]
+use super::simd::Eight;
 #[cfg(target_arch = "x86_64")]
 use std::arch::x86_64::{__m128d, __m256d, __m512d};
 
@@ -86,9 +88,9 @@ pub fn run(feed: &mut dyn Feed, settings: Settings) {
         #[cfg(target_arch = "x86_64")]
         Level::Avx512 if Level::Avx512.available() => unsafe { run_avx512(feed, end_at_rest) },
         #[cfg(feature = "levels")]
-        Level::Plain => batch::run::<f64, 8>(feed, end_at_rest),
+        Level::Plain => batch::run::<Eight<f64>, 1>(feed, end_at_rest),
         #[cfg(feature = "levels")]
-        Level::Counted => batch::run::<Counted, 8>(feed, end_at_rest),
+        Level::Counted => batch::run::<Eight<Counted>, 1>(feed, end_at_rest),
         _ => run_baseline(feed, end_at_rest),
     }
 }

@@ -37,7 +37,7 @@ pub fn warm_start<R: Register, const N: usize>(state: &mut State) {
 
 /// One visit to every contact that a visit may change; whether any was changed.
 #[inline(always)]
-pub fn sweep<const BIAS: bool, const SLIP: bool, R: Register, const N: usize>(state: &mut State) -> bool {
+pub fn sweep<const BIAS: bool, R: Register, const N: usize>(state: &mut State) -> bool {
     let State { pressing, manifolds, near, bodies, frames, versions, .. } = state;
     let mut changed = false;
     for slot in pressing.iter() {
@@ -49,7 +49,7 @@ pub fn sweep<const BIAS: bool, const SLIP: bool, R: Register, const N: usize>(st
         if manifold.seen == now {
             continue;
         }
-        if visit::<BIAS, SLIP, R, N>(manifold, [met.first, met.other], bodies, frames) {
+        if visit::<BIAS, R, N>(manifold, [met.first, met.other], bodies, frames) {
             changed = true;
             versions[met.first] += 1;
             if moves {
@@ -64,7 +64,7 @@ pub fn sweep<const BIAS: bool, const SLIP: bool, R: Register, const N: usize>(st
 
 /// One visit to a contact; whether it changed anything.
 #[inline(always)]
-fn visit<const BIAS: bool, const SLIP: bool, R: Register, const N: usize>(
+fn visit<const BIAS: bool, R: Register, const N: usize>(
     manifold: &mut Manifold,
     between: [usize; 2],
     bodies: &mut [BodyLanes],
@@ -86,7 +86,7 @@ fn visit<const BIAS: bool, const SLIP: bool, R: Register, const N: usize>(
             }
         }
         let speed = speeds.at(point);
-        if let Some(impulse) = resist::<SLIP, R, N>(point, friction, speed) {
+        if let Some(impulse) = resist(point, friction, speed) {
             speeds.push(point, impulse);
             sum = [sum[0] + impulse[0], sum[1] + impulse[1]];
             moved = true;
@@ -103,7 +103,7 @@ fn visit<const BIAS: bool, const SLIP: bool, R: Register, const N: usize>(
 
 /// Changes of the normal and tangential impulse against relative speeds; `None` where the point is content.
 #[inline(always)]
-fn resist<const SLIP: bool, R: Register, const N: usize>(
+fn resist<R: Register, const N: usize>(
     point: &mut Point,
     friction: Wide<R, N>,
     [along, across]: [Wide<R, N>; 2],
@@ -112,7 +112,7 @@ fn resist<const SLIP: bool, R: Register, const N: usize>(
     let (jn_old, jt_old) = (Wide::load(&point.jn), Wide::load(&point.jt));
     let jn = (jn_old - (Wide::load(&point.bounce) + along) * Wide::load(&point.normal_mass)).above(none);
     let most = friction * jn;
-    let across = if SLIP { across - Wide::load(&point.slip) } else { across };
+    let across = across - Wide::load(&point.slip);
     let jt = (jt_old - across * Wide::load(&point.tangent_mass)).above(none - most).below(most);
     let (dn, dt) = (jn - jn_old, jt - jt_old);
     let content = Wide::all(CONTENT) * jn;

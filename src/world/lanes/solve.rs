@@ -76,7 +76,7 @@ fn sweep<const BIAS: bool, const SLIP: bool, R: Register, const N: usize>(state:
             }
         }
         if !state.pressing.is_empty() {
-            changed |= press::sweep::<BIAS, SLIP, R, N>(state);
+            changed |= press::sweep::<BIAS, R, N>(state);
         }
         if !changed {
             break;

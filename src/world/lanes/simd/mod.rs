@@ -4,6 +4,8 @@
 
 #![allow(unsafe_code, reason = "calls methods of registers, which read and write eight numbers")]
 
+#[cfg(feature = "levels")]
+mod eight;
 mod plain;
 mod register;
 #[cfg(target_arch = "x86_64")]
@@ -11,6 +13,8 @@ mod x86;
 
 use std::ops::{Add, Deref, DerefMut, Mul, Sub};
 
+#[cfg(feature = "levels")]
+pub use eight::Eight;
 pub use register::Register;
 
 use crate::world::effect::LANES;
