@@ -6,9 +6,7 @@
 
 use super::feed::Feed;
 use super::goal::GoalLanes;
-use super::kernel;
 use super::rest::{LOOK_EVERY, Snapshot};
-use super::simd::Register;
 use super::state::State;
 use super::touching::Met;
 use crate::trajectory::{End, Trajectory};
@@ -20,9 +18,17 @@ use crate::world::record::{self, APART_STEPS, Recorder};
 /// Pairs looked at, all lanes of each, between two looks at whether to go on: about a millisecond.
 const PAIRS_A_LOOK: usize = 1 << 14;
 
+/// What is compiled for a set of instructions. Both own nothing: what does, a panic would have to take away, and a way out of every
+/// operation of so large a function takes the compiler minutes.
+pub trait Instructions {
+    /// Advances every lane by one time step.
+    fn step(&self, state: &mut State);
+    /// Follows the goals; whether a lane has just reached its own.
+    fn judge(&self, goal: &mut GoalLanes, state: &mut State) -> bool;
+}
+
 /// Integrates everything that `feed` holds, unless it is told to stop.
-#[inline(always)]
-pub fn run<R: Register, const N: usize>(feed: &mut dyn Feed, end_at_rest: bool) {
+pub fn run(feed: &mut dyn Feed, end_at_rest: bool, instructions: &dyn Instructions) {
     let Some((index, first)) = feed.next() else { return };
     let mut batch = Batch::new(&first);
     batch.fill(0, index, &first);
@@ -39,7 +45,7 @@ pub fn run<R: Register, const N: usize>(feed: &mut dyn Feed, end_at_rest: bool) 
                 return;
             }
         }
-        kernel::step::<R, N>(&mut batch.state);
+        instructions.step(&mut batch.state);
         if batch.state.wild {
             batch.retire_diverged(feed);
         }
@@ -47,7 +53,7 @@ pub fn run<R: Register, const N: usize>(feed: &mut dyn Feed, end_at_rest: bool) 
             batch.record_begun();
         }
         if let Some(goal) = &mut batch.goal
-            && goal.judge::<R, N>(&mut batch.state)
+            && instructions.judge(goal, &mut batch.state)
         {
             batch.reached(feed);
         }

@@ -5,14 +5,19 @@
 
 #![allow(unsafe_code, reason = "calls what was compiled for instructions that this machine was seen to have")]
 
-use super::batch;
+use super::batch::{self, Instructions};
 #[cfg(feature = "levels")]
 use super::count::Counted;
 use super::feed::Feed;
+use super::goal::GoalLanes;
+use super::kernel;
 #[cfg(feature = "levels")]
 use super::simd::Eight;
+use super::simd::Register;
+use super::state::State;
 #[cfg(target_arch = "x86_64")]
 use std::arch::x86_64::{__m128d, __m256d, __m512d};
+use std::marker::PhantomData;
 
 /// How a batch is run; neither changes any result.
 #[derive(Clone, Copy, Debug)]
@@ -79,38 +84,63 @@ impl Level {
 /// Integrates everything that `feed` holds, with the level's instructions; a level this machine lacks is taken for the
 /// baseline.
 pub fn run(feed: &mut dyn Feed, settings: Settings) {
-    let end_at_rest = settings.end_at_rest;
+    let mut run = |instructions: &dyn Instructions| batch::run(feed, settings.end_at_rest, instructions);
     match settings.level {
-        // SAFETY: `available` has just found the instructions on this machine.
         #[cfg(target_arch = "x86_64")]
-        Level::Avx2 if Level::Avx2.available() => unsafe { run_avx2(feed, end_at_rest) },
-        // SAFETY: as above.
+        Level::Avx2 if Level::Avx2.available() => run(&Avx2),
         #[cfg(target_arch = "x86_64")]
-        Level::Avx512 if Level::Avx512.available() => unsafe { run_avx512(feed, end_at_rest) },
+        Level::Avx512 if Level::Avx512.available() => run(&Avx512),
         #[cfg(feature = "levels")]
-        Level::Plain => batch::run::<Eight<f64>, 1>(feed, end_at_rest),
+        Level::Plain => run(&Everywhere::<Eight<f64>, 1>(PhantomData)),
         #[cfg(feature = "levels")]
-        Level::Counted => batch::run::<Eight<Counted>, 1>(feed, end_at_rest),
-        _ => run_baseline(feed, end_at_rest),
+        Level::Counted => run(&Everywhere::<Eight<Counted>, 1>(PhantomData)),
+        // Every x86-64 machine has 128-bit registers; elsewhere the compiler makes of single lanes what it can.
+        #[cfg(target_arch = "x86_64")]
+        _ => run(&Everywhere::<__m128d, 4>(PhantomData)),
+        #[cfg(not(target_arch = "x86_64"))]
+        _ => run(&Everywhere::<f64, 8>(PhantomData)),
     }
 }
 
-/// Every x86-64 machine has 128-bit registers; elsewhere the compiler makes of single lanes what it can.
-fn run_baseline(feed: &mut dyn Feed, end_at_rest: bool) {
-    #[cfg(target_arch = "x86_64")]
-    batch::run::<__m128d, 4>(feed, end_at_rest);
-    #[cfg(not(target_arch = "x86_64"))]
-    batch::run::<f64, 8>(feed, end_at_rest);
+/// Instructions that every machine has.
+struct Everywhere<R, const N: usize>(PhantomData<R>);
+
+impl<R: Register, const N: usize> Instructions for Everywhere<R, N> {
+    fn step(&self, state: &mut State) {
+        kernel::step::<R, N>(state);
+    }
+    fn judge(&self, goal: &mut GoalLanes, state: &mut State) -> bool {
+        goal.judge::<R, N>(state)
+    }
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn run_avx2(feed: &mut dyn Feed, end_at_rest: bool) {
-    batch::run::<__m256d, 2>(feed, end_at_rest);
+/// Instructions of some machines: made only where they were found.
+macro_rules! where_found {
+    ($name:ident, $features:literal, $register:ty, $count:literal) => {
+        #[cfg(target_arch = "x86_64")]
+        struct $name;
+
+        #[cfg(target_arch = "x86_64")]
+        impl Instructions for $name {
+            fn step(&self, state: &mut State) {
+                #[target_feature(enable = $features)]
+                fn step(state: &mut State) {
+                    kernel::step::<$register, $count>(state);
+                }
+                // SAFETY: `available` has found the instructions on this machine.
+                unsafe { step(state) }
+            }
+            fn judge(&self, goal: &mut GoalLanes, state: &mut State) -> bool {
+                #[target_feature(enable = $features)]
+                fn judge(goal: &mut GoalLanes, state: &mut State) -> bool {
+                    goal.judge::<$register, $count>(state)
+                }
+                // SAFETY: as above.
+                unsafe { judge(goal, state) }
+            }
+        }
+    };
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw")]
-fn run_avx512(feed: &mut dyn Feed, end_at_rest: bool) {
-    batch::run::<__m512d, 1>(feed, end_at_rest);
-}
+where_found!(Avx2, "avx2", __m256d, 2);
+where_found!(Avx512, "avx512f,avx512dq,avx512vl,avx512bw", __m512d, 1);
