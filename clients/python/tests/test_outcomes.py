@@ -12,14 +12,15 @@ import pytest
 import iplw
 from iplw.binary import find_binary
 
-COMMAND = ["outcomes", "--task", "basketball", "--split", "test", "--actions", "400", "--effect", "linear_drag:c=0.223"]
+COMMAND = ["outcomes", "--task", "basketball", "--actions", "400", "--effect", "linear_drag:c=0.223"]
+TASKS, ACTIONS = 25, 400
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("outcomes")
     told = run(out).stdout
-    assert "20 tasks, 400 actions each" in told
+    assert "25 tasks, 400 actions each" in told
     return out
 
 
@@ -31,15 +32,16 @@ def run(out: Path, *more: str) -> subprocess.CompletedProcess[str]:
 def test_table(folder: Path) -> None:
     table = iplw.Outcomes(folder)
     assert table.actions.shape == (400, 4) and 0 <= table.actions.min() <= table.actions.max() <= 1
-    assert table.outcomes.shape == (20, 400) and table.outcomes.dtype == np.int8
+    assert table.outcomes.shape == (TASKS, ACTIONS) and table.outcomes.dtype == np.int8
     assert set(np.unique(table.outcomes)) == {-1, 0, 1}
-    assert table.of("test") == table.tasks and table.of("train") == []
+    parts = [table.of(split) for split in ("train", "validation", "test")]
+    assert sorted(sum(parts, [])) == table.tasks and all(parts)
     assert table.about["effects"][0]["name"] == "linear_drag"
 
 
 def test_ranking(folder: Path) -> None:
     table = iplw.Outcomes(folder)
-    knowing = table.evaluate(lambda task, _: table.row(task))
+    knowing = table.evaluate(lambda task, _: table.row(task), table.tasks)
     solvable = [task for task in table.tasks if (table.row(task) == 1).any()]
     assert knowing.auccess == pytest.approx(len(solvable) / len(table.tasks))
     contrary = table.evaluate(lambda task, _: -table.row(task), solvable)
@@ -57,8 +59,8 @@ def test_goes_on_where_it_was(folder: Path, tmp_path: Path) -> None:
     # As a run leaves it that was killed within its eighth task.
     for name in ("outcomes.json", "actions.npy"):
         (tmp_path / name).write_bytes((folder / name).read_bytes())
-    data = whole[-20 * 400 :]
-    (tmp_path / "outcomes.part").write_bytes(data[: 7 * 400 + 123])
+    data = whole[-TASKS * ACTIONS :]
+    (tmp_path / "outcomes.part").write_bytes(data[: 7 * ACTIONS + 123])
     with pytest.raises(FileNotFoundError, match="not finished"):
         iplw.Outcomes(tmp_path)
     done = run(tmp_path)

@@ -59,7 +59,8 @@ class Outcomes:
         """(actions,) what each action does in a task."""
         if task not in self.splits:
             raise KeyError(f"task {task!r} is not in the table; it has {self.tasks[0]} to {self.tasks[-1]}")
-        return self.outcomes[self.tasks.index(task)]
+        row: NDArray[np.int8] = self.outcomes[self.tasks.index(task)]
+        return row
 
     def evaluate(
         self, scorer: Callable[[str, NDArray[np.float64]], ArrayLike], tasks: Iterable[str] | None = None
