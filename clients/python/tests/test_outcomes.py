@@ -25,7 +25,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(out: Path, *more: str) -> subprocess.CompletedProcess[str]:
-    argv = [find_binary(), *COMMAND, "--out", str(out), *more]
+    argv = [str(find_binary()), *COMMAND, "--out", str(out), *more]
     return subprocess.run(argv, capture_output=True, text=True, check=False)
 
 
