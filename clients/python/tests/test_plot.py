@@ -80,9 +80,10 @@ def test_auccess(ax: Any, client: iplw.Client) -> None:
     assert iplw.plot.weighted(score.solved_within) == pytest.approx(score.auccess, rel=1e-12)
     iplw.plot.auccess({"random": score, "by hand": np.ones(100)}, ax=ax)
     assert [text.get_text() for text in ax.get_legend().get_texts()] == [f"random {score.auccess:.3f}", "by hand 1.000"]
-    for wrong in ({"odd": 1.0}, {"odd": []}, {"odd": [0.2, np.nan]}, {"odd": [[0.1]]}):
+    odd: list[Any] = [1.0, [], [0.2, np.nan], [[0.1]]]
+    for wrong in odd:
         with pytest.raises(ValueError, match=r"scores\['odd'\] is .*0 to 1"):
-            iplw.plot.auccess(wrong)  # type: ignore[arg-type]
+            iplw.plot.auccess({"odd": wrong})
 
 
 def test_diagnoses(ax: Any) -> None:
