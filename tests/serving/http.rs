@@ -481,8 +481,9 @@ fn bad_input_is_a_problem_that_names_it() {
     );
     let tile = |i: usize| json!({"type": "box", "half_width": 0.05, "half_height": 0.05, "position": [0.0, 0.05 * i as f64]});
     let tower = json!({"type": "compound", "pieces": (0..8).map(tile).collect::<Vec<_>>()});
+    let named = |i: usize| if i == 0 { "ball".to_string() } else { format!("b{i}") };
     let crowd: Vec<Value> =
-        (0..30).map(|i| json!({"name": format!("b{i}"), "shape": tower, "position": [i, 1]})).collect();
+        (0..30).map(|i| json!({"name": named(i), "shape": tower, "position": [i, 1]})).collect();
     let crowded = with("bodies", json!(crowd)).replace("{\"scene\"", "{\"engine\":\"lanes\",\"scene\"");
     let homeless = with("bodies", json!([{"name": "ball", "shape": {"type": "disc", "radius": 0.1}}]));
     let huge = with("steps", json!(1_000_000))

@@ -18,6 +18,10 @@ pub const WATCHED: f64 = 0.5;
 /// Share of both radii at which the disc is stopped: a little less than 1, so that it touches.
 const STOPPED: f64 = 0.9;
 
+/// The same for a disc within a body that is none: one that is within the first is stopped at the next. What is hit at a corner turns, and
+/// its middle may go on as before for a step or two.
+const NEARER: [f64; 4] = [STOPPED, 0.5, 0.25, 0.1];
+
 /// Share of its radius that a disc must move into a static in a step to be stopped. Less than that cannot take its
 /// centre in, and a disc that slides along a wall must not be held up by what rounds off.
 const DEEP: f64 = 0.25;
@@ -38,7 +42,7 @@ fn stop_disc(body: &mut BodyLanes, statics: &[StaticLanes]) {
     for lane in (0..LANES).filter(|l| body.radius[*l] > 0.0) {
         let way = [body.way_x[lane], body.way_y[lane]];
         let from = [body.moving.x[lane] - way[0], body.moving.y[lane] - way[1]];
-        let share = free_share(statics, lane, from, way, body.radius[lane]);
+        let share = free_share(statics, lane, from, way, body.radius[lane], STOPPED);
         if share < 1.0 {
             body.moving.x[lane] = from[0] + way[0] * share;
             body.moving.y[lane] = from[1] + way[1] * share;
@@ -62,7 +66,9 @@ fn stop_pieces(body: &mut BodyLanes, frame: &Frame, pieces: &[Outline], statics:
             let (old, new) = (arm(piece, angle - turned), arm(piece, angle));
             let start = [from[0] + old[0], from[1] + old[1]];
             let own = [way[0] + new[0] - old[0], way[1] + new[1] - old[1]];
-            share = share.min(free_share(statics, lane, start, own, piece.inner[lane]));
+            for near in NEARER {
+                share = share.min(free_share(statics, lane, start, own, piece.inner[lane], near));
+            }
         }
         if share < 1.0 {
             body.moving.x[lane] = from[0] + way[0] * share;
@@ -72,15 +78,22 @@ fn stop_pieces(body: &mut BodyLanes, frame: &Frame, pieces: &[Outline], statics:
     }
 }
 
-/// Share of its way that a disc may go before it is in a static; all of it if it is slow.
-fn free_share(statics: &[StaticLanes], lane: usize, from: [f64; 2], way: [f64; 2], radius: f64) -> f64 {
+/// Share of its way that a disc may go before a static is within a share of both radii; all of it if it is slow.
+fn free_share(
+    statics: &[StaticLanes],
+    lane: usize,
+    from: [f64; 2],
+    way: [f64; 2],
+    radius: f64,
+    near: f64,
+) -> f64 {
     if way[0].abs() + way[1].abs() <= WATCHED * radius {
         return 1.0;
     }
     let least = DEEP * radius;
     let mut share = 1.0f64;
     for fixed in statics {
-        let margin = STOPPED * (radius + fixed.radius[lane]);
+        let margin = near * (radius + fixed.radius[lane]);
         let hit = match &fixed.core {
             // Whatever passes into a half plane is found within it.
             Core::Plane { .. } => None,
