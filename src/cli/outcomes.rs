@@ -1,13 +1,13 @@
 //! `iplw outcomes`: a table of what many actions do in every task of a family, as NumPy arrays.
 
-use std::fs::{File, OpenOptions};
+use std::fs::OpenOptions;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use iplw::error::{Error, Result};
 use iplw::policy::outcomes::{INVALID, OutcomesConfig, SOLVED, UNSOLVED, chosen, outcomes};
 use iplw::progress::Progress;
-use iplw::task::{DEFAULT_FAMILY, Split, Task, ValidAction, split};
+use iplw::task::{DEFAULT_FAMILY, Task, ValidAction, split};
 use iplw::world::Engine;
 use serde_json::{Value, json};
 
@@ -36,7 +36,7 @@ pub struct Args {
     #[arg(long = "effect", value_name = "EFFECT")]
     effects: Vec<String>,
     /// auto, lanes or rapier.
-    #[arg(long, default_value = "auto", value_parser = ["auto", "lanes", "rapier"])]
+    #[arg(long, default_value = "auto")]
     engine: String,
     /// Decides the subset.
     #[arg(long, default_value_t = 0)]
@@ -50,13 +50,7 @@ pub fn run(args: &Args) -> Result<()> {
     let (tasks, family) = parse::tasks(&args.task)?;
     let tasks = match &args.split {
         None => tasks,
-        Some(name) => match [Split::Train, Split::Validation, Split::Test]
-            .into_iter()
-            .find(|s| s.name() == name)
-        {
-            Some(part) => split(&tasks, part),
-            None => return Err(Error::input("--split", format!("{name:?}"), "train, validation or test")),
-        },
+        Some(name) => split(&tasks, parse::part(name)?),
     };
     let Some(first) = tasks.first() else {
         return Err(Error::input("--split", format!("{:?}", args.split), "a part that has tasks"));
@@ -64,11 +58,7 @@ pub fn run(args: &Args) -> Result<()> {
     let config = OutcomesConfig {
         latents: parse::latents(&args.latents)?,
         effects: args.effects.iter().map(|e| parse::effect(e)).collect::<Result<_>>()?,
-        engine: match args.engine.as_str() {
-            "lanes" => Engine::Lanes,
-            "rapier" => Engine::Rapier,
-            _ => Engine::Auto,
-        },
+        engine: Engine::from_name(&args.engine)?,
     };
     iplw::error::within("--actions", args.actions as f64, 1.0, 1e6)?;
     let numbers = chosen(first.actions(), args.actions, args.seed)?;
@@ -80,7 +70,7 @@ pub fn run(args: &Args) -> Result<()> {
         "actions": actions.len(), "seed": args.seed, "codes": {"solved": SOLVED, "unsolved": UNSOLVED, "invalid": INVALID},
         "tasks": tasks.iter().map(|t| json!({"id": t.id, "split": t.split.name()})).collect::<Vec<_>>(),
     });
-    let mut table = Table::open(&args.out, &of, actions.len())?;
+    let mut table = Table::open(&args.out, &of, [tasks.len(), actions.len()])?;
     let values: Vec<u8> =
         actions.iter().flat_map(|a| a.values().iter().flat_map(|v| v.to_le_bytes())).collect();
     let shape = [actions.len(), first.actions().dimension()];
@@ -123,48 +113,78 @@ fn told(tasks: &[Task], found: &[u8], actions: usize, out: &Path) -> String {
 /// A table that is being made: rows are added to `outcomes.part` until all are there.
 struct Table {
     folder: PathBuf,
-    part: File,
     /// Rows that are there.
     rows: usize,
 }
 
 impl Table {
-    /// Begins a table, or goes on with one of the same.
-    fn open(folder: &Path, of: &Value, width: usize) -> Result<Table> {
-        let (about, path) = (folder.join("outcomes.json"), folder.join("outcomes.part"));
-        let there =
-            std::fs::read_to_string(&about).ok().and_then(|text| serde_json::from_str::<Value>(&text).ok());
-        let failed = |e| Error::io(&path, e);
-        let mut rows = 0;
-        if there.as_ref() == Some(of) {
-            rows = std::fs::metadata(&path).map_or(0, |m| m.len() as usize / width);
-        } else if there.is_some() && folder.join("outcomes.npy").exists() {
-            let allowed = "another directory: there is a table of other tasks, actions or physics";
-            return Err(Error::input("--out", folder.display(), allowed));
+    /// Begins a table of so many tasks and actions, or goes on with one of the same. Another's, and whatever else has its files'
+    /// names, is left alone.
+    fn open(folder: &Path, of: &Value, [rows, width]: [usize; 2]) -> Result<Table> {
+        let mut table = Table { folder: folder.into(), rows: 0 };
+        let about = folder.join("outcomes.json");
+        let there = ["outcomes.json", "outcomes.npy", "outcomes.part", "actions.npy"]
+            .iter()
+            .any(|f| folder.join(f).exists());
+        if there {
+            let text = std::fs::read_to_string(&about).unwrap_or_default();
+            if serde_json::from_str::<Value>(&text).ok().as_ref() != Some(of) {
+                let allowed = "another directory: there is something else, or a table of other tasks, actions or physics";
+                return Err(Error::input("--out", folder.display(), allowed));
+            }
+            if table.whole().exists() {
+                eprintln!("  all of it is there");
+                return Ok(Table { rows, ..table });
+            }
+            table.rows = std::fs::metadata(table.part()).map_or(0, |m| m.len() as usize / width);
         }
-        let part = OpenOptions::new().create(true).append(true).open(&path).map_err(failed)?;
-        part.set_len((rows * width) as u64).map_err(failed)?;
+        // A row that was half written when the work was stopped is found again.
+        let part = OpenOptions::new().create(true).append(true).open(table.part());
+        let cut = part.and_then(|part| part.set_len((table.rows * width) as u64));
+        cut.map_err(|e| Error::io(&table.part(), e))?;
+        if table.rows > 0 {
+            eprintln!("  goes on after {} tasks in {}", table.rows, table.part().display());
+        }
         output::write_whole(&about, format!("{of:#}\n").as_bytes())?;
-        if rows > 0 {
-            eprintln!("  goes on after {rows} tasks in {}", path.display());
-        }
-        Ok(Table { folder: folder.into(), part, rows })
+        Ok(table)
+    }
+
+    fn part(&self) -> PathBuf {
+        self.folder.join("outcomes.part")
+    }
+
+    fn whole(&self) -> PathBuf {
+        self.folder.join("outcomes.npy")
     }
 
     fn add(&mut self, row: &[i8]) -> Result<()> {
         let bytes: Vec<u8> = row.iter().map(|o| *o as u8).collect();
-        let path = self.folder.join("outcomes.part");
-        self.part.write_all(&bytes).and_then(|()| self.part.sync_data()).map_err(|e| Error::io(&path, e))?;
+        let added = OpenOptions::new().append(true).open(self.part()).and_then(|mut part| {
+            part.write_all(&bytes)?;
+            part.sync_data()
+        });
+        added.map_err(|e| Error::io(&self.part(), e))?;
         self.rows += 1;
         Ok(())
     }
 
-    /// The array takes the place of its parts.
-    fn finish(self, shape: [usize; 2]) -> Result<Vec<u8>> {
-        let path = self.folder.join("outcomes.part");
-        let found = std::fs::read(&path).map_err(|e| Error::io(&path, e))?;
-        output::write_whole(&self.folder.join("outcomes.npy"), &npy("|i1", shape, &found))?;
-        std::fs::remove_file(&path).map_err(|e| Error::io(&path, e))?;
+    /// The array takes the place of its parts; what it holds.
+    fn finish(self, [rows, columns]: [usize; 2]) -> Result<Vec<u8>> {
+        let read = |path: PathBuf| std::fs::read(&path).map_err(|e| Error::io(&path, e));
+        if self.whole().exists() {
+            let bytes = read(self.whole())?;
+            return match bytes.len().checked_sub(rows * columns) {
+                Some(header) => Ok(bytes[header..].to_vec()),
+                None => Err(Error::input(
+                    "--out",
+                    self.whole().display(),
+                    "a whole table: this one was cut short",
+                )),
+            };
+        }
+        let found = read(self.part())?;
+        output::write_whole(&self.whole(), &npy("|i1", [rows, columns], &found))?;
+        std::fs::remove_file(self.part()).map_err(|e| Error::io(&self.part(), e))?;
         Ok(found)
     }
 }

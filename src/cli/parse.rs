@@ -6,7 +6,7 @@ use iplw::error::{Error, Result};
 use iplw::estimate::surface::Related;
 use iplw::reality::HiddenConfig;
 use iplw::task::scene::EffectTerm;
-use iplw::task::{Family, Task, family};
+use iplw::task::{Family, Split, Task, family};
 use iplw::world::{Engine, Latents, effect};
 
 /// `name:parameter=value,...` as an effect.
@@ -36,6 +36,13 @@ pub fn tasks(name: &str) -> Result<(Vec<Task>, &'static Family)> {
             known: vec![format!("{}:000 and on", family.name)],
         }),
     }
+}
+
+/// A part of a family's tasks, as `--split` names it.
+pub fn part(name: &str) -> Result<Split> {
+    let all = [Split::Train, Split::Validation, Split::Test];
+    let found = all.into_iter().find(|s| s.name() == name);
+    found.ok_or_else(|| Error::input("--split", format!("{name:?}"), "train, validation or test"))
 }
 
 /// What `--real` says of a hidden world, laid over a base.

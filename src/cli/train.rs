@@ -120,10 +120,7 @@ pub fn train_policy(args: &TrainArgs) -> Result<()> {
 pub fn evaluate_policy(args: &EvaluateArgs) -> Result<()> {
     let (tasks, family) = parse::tasks(&args.task)?;
     iplw::error::within("--candidates", args.candidates as f64, 1.0, 1e6)?;
-    let which = [Split::Train, Split::Validation, Split::Test];
-    let Some(part) = which.into_iter().find(|s| s.name() == args.split) else {
-        return Err(Error::input("--split", format!("{:?}", args.split), "train, validation or test"));
-    };
+    let part = parse::part(&args.split)?;
     let bytes = std::fs::read(&args.policy).map_err(|e| Error::io(&args.policy, e))?;
     let policy = Dqn::from_safetensors(&bytes).map_err(|e| e.at(args.policy.display()))?;
     let chosen = if tasks.len() > 1 { split(&tasks, part) } else { tasks };

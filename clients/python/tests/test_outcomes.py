@@ -67,6 +67,21 @@ def test_goes_on_where_it_was(folder: Path, tmp_path: Path) -> None:
     assert done.returncode == 0 and "goes on after 7 tasks" in done.stderr, done.stderr
     assert (tmp_path / "outcomes.npy").read_bytes() == whole
     assert not (tmp_path / "outcomes.part").exists()
+    again = run(tmp_path)
+    assert again.returncode == 0 and "all of it is there" in again.stderr and again.stdout == done.stdout
     other = run(tmp_path, "--seed", "1")
     assert other.returncode == 2 and "another directory" in other.stderr
     assert json.loads((tmp_path / "outcomes.json").read_text())["seed"] == 0
+    assert (tmp_path / "outcomes.npy").read_bytes() == whole
+
+
+@pytest.mark.parametrize("there", ["outcomes.part", "outcomes.npy", "outcomes.json", "actions.npy"])
+def test_what_is_another_is_left_alone(folder: Path, tmp_path: Path, there: str) -> None:
+    (tmp_path / there).write_bytes(b"mine")
+    if there == "outcomes.part":
+        about = json.loads((folder / "outcomes.json").read_text())
+        (tmp_path / "outcomes.json").write_text(json.dumps(about | {"seed": 1}))
+    refused = run(tmp_path)
+    assert refused.returncode == 2 and "another directory" in refused.stderr, refused.stderr
+    assert (tmp_path / there).read_bytes() == b"mine"
+    assert len(list(tmp_path.iterdir())) == (2 if there == "outcomes.part" else 1)

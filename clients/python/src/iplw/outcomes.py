@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .results import Score
+from .results import Score, weighted
 
 #: The action solves the task; it does not; it cannot be placed.
 SOLVED, UNSOLVED, INVALID = 1, -1, 0
@@ -74,12 +74,11 @@ class Outcomes:
         if not chosen:
             raise ValueError("tasks is empty; allowed: names of tasks of the table")
         solved_at = [self._solved_at(task, scorer(task, self.actions)) for task in chosen]
-        k = np.arange(1, ATTEMPTS + 1)
         first = np.array([np.inf if at is None else at for at in solved_at])
-        curve = [float(share) for share in (first[:, None] <= k).mean(axis=0)]
+        curve = (first[:, None] <= np.arange(1, ATTEMPTS + 1)).mean(axis=0)
         return Score(
-            auccess=float(np.average(curve, weights=np.log(k + 1) - np.log(k))),
-            solved_within=curve,
+            auccess=weighted(curve),
+            solved_within=curve.tolist(),
             tasks=[{"task": task, "solved_at": at} for task, at in zip(chosen, solved_at, strict=True)],
         )
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .results import Diagnosis, Estimate, Score, Training
+from .results import weighted as weighted
 from .rollout import Rollout, Rollouts
 from .rows import Rounds
 
@@ -163,12 +164,6 @@ def auccess(scores: Curve | Mapping[str, Curve], *, ax: Axes | None = None) -> A
     ax.set(xscale="log", xlabel="attempts", ylabel="share of tasks solved", ylim=(-0.02, 1.02))
     ax.legend(title="AUCCESS", frameon=False, fontsize="small")
     return ax
-
-
-def weighted(curve: NDArray[np.float64]) -> float:
-    """AUCCESS of a curve: its mean, attempt k weighted by log(k + 1) - log(k)."""
-    k = np.arange(1, len(curve) + 1)
-    return float(np.average(curve, weights=np.log(k + 1) - np.log(k)))
 
 
 def rivals(found: Diagnosis | pandas.DataFrame, *, most: int = 10, ax: Axes | None = None) -> Axes:

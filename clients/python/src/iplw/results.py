@@ -218,6 +218,12 @@ class Training(Result):
         return card("training", beside(*drawn), table(["", ""], facts), note=f"policy {self.get('policy')}")
 
 
+def weighted(curve: NDArray[np.float64]) -> float:
+    """AUCCESS of a curve: its mean, attempt k weighted by log(k + 1) - log(k)."""
+    k = np.arange(1, len(curve) + 1)
+    return float(np.average(curve, weights=np.log(k + 1) - np.log(k)))
+
+
 class Score(Result):
     """A policy's AUCCESS in a world: `evaluate`."""
 
