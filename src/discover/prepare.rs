@@ -62,6 +62,7 @@ pub fn prepare(scene: &Scene, trials: &[Trial], engine: Engine) -> Result<std::r
     let runs = run_noise(&windows);
     let Some(noise) = noise_of(&windows, runs) else { return Ok(Err(no_noise(trials))) };
     trust::shorten(&mut windows, engine)?;
+    window::leave_runs(&mut windows);
     let scale = |w: &Window| if w.kind.simulated() { runs.unwrap_or(noise.sd) } else { noise.sd };
     let sd: Vec<f64> = windows.iter().map(scale).collect();
     trust::weed(&mut windows, &sd, &settings, engine)?;

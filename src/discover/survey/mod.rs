@@ -45,7 +45,7 @@ const USUAL: f64 = 2.0;
 pub fn possible(data: &Data, layout: &Layout) -> bool {
     !layout.slots.is_empty()
         && layout.slots.iter().all(|s| s.setting.is_none())
-        && window::leaping(data.windows)
+        && window::known(data.windows)
 }
 
 /// The state of the best values found about `start`.
@@ -137,10 +137,10 @@ fn framed(
     (framed, near)
 }
 
-/// Leaps that are not left out.
+/// Stretches that start where everything is known and are not left out.
 fn counting(data: &Data) -> Vec<usize> {
-    let leap = |w: &usize| data.windows[*w].kind == Kind::Leap && data.sd[*w].is_finite();
-    (0..data.windows.len()).filter(leap).collect()
+    let counts = |w: &usize| data.windows[*w].kind.starts_known() && data.sd[*w].is_finite();
+    (0..data.windows.len()).filter(counts).collect()
 }
 
 /// Leaps that take part, in order: evenly spread over those that fit and over those that do not.

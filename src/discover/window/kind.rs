@@ -32,6 +32,11 @@ impl Kind {
         matches!(self, Kind::Run | Kind::Leap | Kind::Shot)
     }
 
+    /// Whether it starts where everything is known: any physics can be tried on it, without a start to be found along.
+    pub fn starts_known(self) -> bool {
+        matches!(self, Kind::Run | Kind::Leap)
+    }
+
     /// Whether chance in a collision can take it another way than simulated, whatever the model.
     pub fn strays(self) -> bool {
         matches!(self, Kind::Leap | Kind::Shot)
@@ -40,6 +45,11 @@ impl Kind {
 
 /// Fewest observations of a flight: 4 nuisances for 2n coordinates must leave something to test.
 pub const FLIGHT: usize = 7;
+
+/// Whether there are stretches that start where everything is known.
+pub fn known(windows: &[Window]) -> bool {
+    windows.iter().any(|w| w.kind.starts_known())
+}
 
 /// Whether there are stretches that start from what was seen whole.
 pub fn leaping(windows: &[Window]) -> bool {

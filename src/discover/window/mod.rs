@@ -13,5 +13,5 @@ mod touch;
 mod whole;
 
 pub use cut::cut;
-pub use kind::{FLIGHT, Kind, Point, Surface, Window, leaping, shooting};
-pub use whole::launch;
+pub use kind::{FLIGHT, Kind, Point, Surface, Window, known, leaping, shooting};
+pub use whole::{launch, leave_runs};

@@ -8,6 +8,8 @@ use crate::trajectory::{Track, Trajectory};
 
 /// Intervals of a shot: each body's 5 unknowns against 2 coordinates at one observation more than that.
 const SHOT: usize = 3;
+/// Most intervals of a beginning, which has no unknowns.
+const RUN: usize = 8;
 /// Most shots of a trial.
 const SHOTS: usize = 6;
 /// m from observation to observation in a leap, or in all of a shot; less is rest.
@@ -18,7 +20,7 @@ pub fn run(trial: &Trial) -> Option<Window> {
     let mut scene = Scene { stop: Some(false), ..trial.scene.clone() };
     let observed = &trial.observed;
     let start = *observed.times.first()?;
-    let rows = 1..observed.times.len().min(SHOT + 1);
+    let rows = 1..observed.times.len().min(RUN + 1);
     let points = points(observed, start, rows);
     let last = points.last()?.time;
     let every = scene.observe_every.max(1);
@@ -87,6 +89,15 @@ pub fn shots(trial: &Trial) -> Vec<Window> {
     let last = observed.times.len().saturating_sub(SHOT);
     let tells = |i: &usize| (*i..=i + SHOT).all(whole) && moves(observed, *i, SHOT);
     spread((1..last).step_by(SHOT).filter(tells).collect(), SHOTS).map(shot).collect()
+}
+
+/// Takes out the shots that show again what a trial's beginning shows.
+pub fn leave_runs(windows: &mut Vec<Window>) {
+    let end = |w: &Window| w.start + w.points.last().map_or(0.0, |p| p.time);
+    let runs: Vec<(usize, f64)> =
+        windows.iter().filter(|w| w.kind == Kind::Run).map(|w| (w.trial, end(w))).collect();
+    let shown = |w: &Window| runs.iter().any(|(trial, until)| *trial == w.trial && w.start < until - 1e-9);
+    windows.retain(|w| w.kind != Kind::Shot || !shown(w));
 }
 
 /// Guesses of a body's position, velocity and spin at an observation: as in flight to the next (0), as if nothing
