@@ -193,6 +193,25 @@ mod tests {
         assert!(shots(&still).is_empty() && leaps(&still, 100).is_empty());
     }
 
+    /// What the beginning shows, no shot shows again.
+    #[test]
+    fn shots_begin_where_the_run_ends() {
+        let trial = trial();
+        let run = run(&trial).unwrap();
+        let end = run.points.last().unwrap().time;
+        assert!((end - 0.1 * RUN as f64).abs() < 1e-9, "{end}");
+        let mut windows: Vec<Window> = shots(&trial).into_iter().chain([run]).collect();
+        assert_eq!(windows.len(), 4);
+        leave_runs(&mut windows);
+        assert!(windows.iter().all(|w| w.kind == Kind::Run), "the last shot begins at 0.7 s");
+        windows.extend(shots(&trial));
+        let run = windows.iter_mut().find(|w| w.kind == Kind::Run).unwrap();
+        run.points.retain(|p| p.time < 0.45);
+        leave_runs(&mut windows);
+        let shots: Vec<f64> = windows.iter().filter(|w| w.kind == Kind::Shot).map(|w| w.start).collect();
+        assert_eq!(shots.len(), 2, "{shots:?}");
+    }
+
     /// In flight, the guesses forwards and backwards are the velocity there, and the spin that of the angles.
     #[test]
     fn a_launch_in_flight_is_met_from_both_sides() {
