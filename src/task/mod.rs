@@ -24,9 +24,10 @@ use serde::{Deserialize, Serialize};
 pub use action::{ActionSpace, ValidAction};
 pub use custom::custom;
 pub use families::{
-    Ahead, Bin, CANDIDATE_SEED, CERTIFIED_FORMAT, Certificate, Certified, CertifiedRow, Claims,
-    DEFAULT_FAMILY, Draws, FAMILY_FORMAT, Family, Labels, Learning, Nearer, RealPhysics, Selection,
-    certified_beside, families, family, parse_family, read_families, read_family, take_in,
+    Ahead, Bin, CANDIDATE_SEED, CERTIFIED_FORMAT, COLLECTIONS, Certificate, Certified, CertifiedRow, Claims,
+    Collection, DEFAULT_FAMILY, Draws, FAMILY_FORMAT, Family, Labels, Learning, Nearer, RealPhysics,
+    Selection, certified_beside, collection, families, family, parse_family, read_families, read_family,
+    take_in,
 };
 pub use placement::Placement;
 pub use scene::Scene;

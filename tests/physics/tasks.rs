@@ -1,7 +1,7 @@
 //! The built-in tasks: their number and splits, their certificates, and that actions behave.
 
 use iplw::reality::certify::{PERTURBATIONS, holds};
-use iplw::task::{Placement, Split, Task, families, family, read_families};
+use iplw::task::{COLLECTIONS, Placement, Split, Task, families, family, read_families};
 use iplw::world::Engine;
 
 fn each_task(mut check: impl FnMut(&'static iplw::task::Family, &Task)) {
@@ -126,4 +126,27 @@ fn example_families_hold_what_they_promise() {
         assert!(count + 1 >= tasks.len(), "{}: {count} of {}", family.name, tasks.len());
         assert!(tasks.iter().any(|t| t.split == Split::Test));
     }
+}
+
+/// Three tasks of each family of the collections: the first, one of the middle and the last of those certified.
+#[test]
+fn collections_hold_what_they_promise() {
+    let (mut failed, mut count) = (Vec::new(), 0);
+    for family in COLLECTIONS.iter().flat_map(|c| c.families().unwrap_or_else(|e| panic!("{}: {e}", c.name)))
+    {
+        let tasks = family.tasks();
+        assert!(tasks.iter().any(|t| t.split == Split::Test), "{}", family.name);
+        for task in [0, tasks.len() / 2, tasks.len() - 1].map(|i| &tasks[i]) {
+            count += 1;
+            if !holds(&family, &task.scene, task.certificate.as_ref().unwrap(), Engine::Auto).unwrap() {
+                failed.push(task.id.clone());
+            }
+        }
+    }
+    // As above: a solution near the edge of its basin may lose a new perturbation.
+    assert!(
+        failed.len() * 10 <= count,
+        "{} of {count} fail under new perturbations: {failed:?}",
+        failed.len()
+    );
 }

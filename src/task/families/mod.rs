@@ -7,6 +7,7 @@
 
 mod certified;
 mod claims;
+mod collections;
 mod draw;
 mod expression;
 mod family;
@@ -22,6 +23,7 @@ use std::sync::OnceLock;
 
 pub use certified::{Bin, CANDIDATE_SEED, CERTIFIED_FORMAT, Certificate, Certified, CertifiedRow, Selection};
 pub use claims::{Ahead, Claims, Nearer};
+pub use collections::{COLLECTIONS, Collection, collection};
 pub use draw::Draws;
 pub use family::Family;
 pub use file::{FAMILY_FORMAT, parse as parse_family};

@@ -1,0 +1,70 @@
+//! Collections of families that come with the program, and are taken in when they are asked for by name.
+//!
+//! They do not stand beside bowling and basketball by themselves: each family brings two worlds and a hundred tasks, which who does
+//! not want them would wait for.
+
+use super::certified::Certified;
+use super::family::Family;
+use super::file::parse;
+use crate::error::Result;
+
+/// Families that belong together: a folder beside this file, of `NAME.toml` and `NAME.certified.json` each.
+pub struct Collection {
+    pub name: &'static str,
+    /// One sentence.
+    pub about: &'static str,
+    /// Each family's file and its certified tasks.
+    files: &'static [(&'static str, &'static str)],
+}
+
+/// The files of a folder by the names of families.
+macro_rules! files {
+    ($folder:literal: $($name:literal),+ $(,)?) => {
+        &[$((
+            include_str!(concat!($folder, "/", $name, ".toml")),
+            include_str!(concat!($folder, "/", $name, ".certified.json")),
+        )),+]
+    };
+}
+
+/// Every collection.
+pub static COLLECTIONS: [Collection; 1] = [Collection {
+    name: "levels",
+    about: "ten families that are solved by who knows friction, restitution or density",
+    files: files!["levels": "carom", "chute", "cradle", "hurdle", "jar", "scales", "seesaw", "shunt", "spin", "uphill"],
+}];
+
+impl Collection {
+    /// Its families, as a folder's would be read.
+    pub fn families(&self) -> Result<Vec<Family>> {
+        self.files
+            .iter()
+            .map(|(text, certified)| parse(text)?.with(Certified::from_json(certified)?))
+            .collect()
+    }
+}
+
+/// The collection of a name, if there is one.
+pub fn collection(name: &str) -> Option<&'static Collection> {
+    COLLECTIONS.iter().find(|c| c.name == name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_family_is_well_formed_and_no_name_stands_twice() {
+        let mut names = Vec::new();
+        for collection in &COLLECTIONS {
+            let families = collection.families().unwrap_or_else(|e| panic!("{}: {e}", collection.name));
+            names.extend(families.iter().map(|f| f.name));
+        }
+        names.extend(["bowling", "basketball"]);
+        let all = names.len();
+        names.sort_unstable();
+        names.dedup();
+        assert_eq!(names.len(), all);
+        assert!(collection("levels").is_some() && collection("none").is_none());
+    }
+}
