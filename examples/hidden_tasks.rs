@@ -23,7 +23,7 @@ use iplw::progress::Silent;
 use iplw::reality::{HiddenConfig, HiddenWorld, settled, standard};
 use iplw::rng;
 use iplw::task::scene::EffectTerm;
-use iplw::task::{Split, families, family, split};
+use iplw::task::{Split, collection, families, family, split, take_in};
 use iplw::world::Engine;
 use rand::RngExt;
 use worlds::study::{sets, weighed};
@@ -65,6 +65,9 @@ struct Run {
     /// Rows whose names begin so, as `bowling/wind`
     #[arg(long, default_value = "")]
     only: String,
+    /// Families of a collection beside the built-in ones, as `phyre` or `levels`
+    #[arg(long, value_name = "NAME")]
+    tasks: Option<String>,
     /// Shows what each diagnosis weighed
     #[arg(long)]
     show: bool,
@@ -74,7 +77,11 @@ struct Run {
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let Run { seeds, first, trials, noise, engine, only, show, out } = Run::parse();
+    let Run { seeds, first, trials, noise, engine, only, tasks, show, out } = Run::parse();
+    if let Some(name) = tasks {
+        let known = collection(&name).ok_or_else(|| format!("--tasks: no collection is called {name}"))?;
+        take_in(known.families()?)?;
+    }
     let engine = if engine == "rapier" { Engine::Rapier } else { Engine::Auto };
     let rows = families().iter().flat_map(|f| HIDDEN.map(|row| format!("{}/{}", f.name, row.0)));
     let names: Vec<String> = rows.collect();
