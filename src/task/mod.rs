@@ -11,6 +11,7 @@ mod custom;
 mod families;
 pub mod geometry;
 mod goal;
+pub mod intervention;
 mod limits;
 mod placement;
 pub mod scene;
@@ -28,6 +29,7 @@ pub use families::{
     DEFAULT_FAMILY, Draws, FAMILY_FORMAT, Family, Labels, Learning, Nearer, RealPhysics, Selection,
     certified_beside, families, family, parse_family, read_families, read_family, take_in,
 };
+pub use intervention::{Intervention, MOST_INTERVENTIONS};
 pub use placement::Placement;
 pub use scene::Scene;
 

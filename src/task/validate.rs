@@ -5,6 +5,7 @@ use std::collections::HashSet;
 use super::body::Body;
 use super::geometry::signed_area;
 use super::goal::Goal;
+use super::intervention;
 use super::limits::{FAR, TIME_STEPS, vector};
 use super::placement;
 use super::scene::{FORMAT, Scene};
@@ -57,7 +58,8 @@ impl Scene {
         if let Some(space) = &self.action {
             placement::validate(space, self).map_err(|e| e.under("action"))?;
         }
-        self.validate_apart()
+        self.validate_apart()?;
+        intervention::in_order(self).map(drop)
     }
 
     fn validate_setting(&self, name: &str) -> Result<()> {

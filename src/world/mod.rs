@@ -12,6 +12,7 @@
 pub mod coordinates;
 pub mod effect;
 pub mod goal;
+mod intervene;
 mod lanes;
 pub mod latent;
 mod observe;

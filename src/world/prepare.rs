@@ -2,8 +2,10 @@
 
 use super::Rollout;
 use super::effect::{self, Act, Active, Constants, Motion, Placing, Sensor, Surroundings, Touch};
-use super::goal::GoalSpec;
+use super::goal::{Condition, GoalSpec, Party};
+use super::intervene::{self, Change, Matter};
 use super::observe::{Schedule, View};
+use super::record::State;
 use crate::error::{Error, Result};
 use crate::task::Scene;
 use crate::task::action::Quantity;
@@ -36,6 +38,10 @@ pub struct Prepared {
     pub stop: bool,
     /// Gap up to which two surfaces count as touching in events and counts, m.
     pub touch: f64,
+    /// How many of the bodies and statics are the scene's own; the others come in later.
+    pub own: [usize; 2],
+    /// What is done on the way; `step` rising.
+    pub changes: Vec<Change>,
 }
 
 /// A movable body.
@@ -60,6 +66,8 @@ pub struct PreparedBody {
     pub velocity: [f64; 2],
     /// rad/s
     pub omega: f64,
+    /// Whether it is in the scene.
+    pub there: bool,
 }
 
 /// A thing that never moves.
@@ -70,6 +78,56 @@ pub struct PreparedStatic {
     pub shape: Solid,
     pub friction: f64,
     pub restitution: f64,
+    /// Whether it is in the scene.
+    pub there: bool,
+}
+
+impl PreparedBody {
+    /// Where it starts, as it was given.
+    pub fn start(&self) -> State {
+        // Adding 0 turns -0 into 0, as for all that follows.
+        State {
+            position: self.position.map(|x| x + 0.0),
+            angle: self.angle + 0.0,
+            velocity: self.velocity.map(|v| v + 0.0),
+            omega: self.omega + 0.0,
+        }
+    }
+
+    /// From the frame's origin to the centre of mass at an angle, world frame, m.
+    pub fn arm(&self, angle: f64) -> [f64; 2] {
+        let [x, y] = self.centre;
+        if [x, y] == [0.0; 2] {
+            return [0.0; 2];
+        }
+        let (sine, cosine) = libm::sincos(angle);
+        [cosine * x - sine * y, sine * x + cosine * y]
+    }
+}
+
+impl Prepared {
+    /// Where a thing was given, for errors.
+    pub fn path_of(&self, thing: Party) -> String {
+        let adds = |c: &&Change| matches!(&c.act, intervene::Act::Add(added) if *added == thing);
+        match (self.changes.iter().find(adds), thing) {
+            (Some(change), Party::Body(_)) => format!("interventions[{}].body", change.number),
+            (Some(change), Party::Static(_)) => format!("interventions[{}].static", change.number),
+            (None, Party::Body(i)) => format!("bodies[{i}]"),
+            (None, Party::Static(i)) => format!("statics[{i}]"),
+        }
+    }
+
+    /// Whether all that a goal is about is in the scene.
+    pub fn has(&self, goal: &GoalSpec) -> bool {
+        let there = |thing: &Party| match thing {
+            Party::Body(i) => self.bodies[*i].there,
+            Party::Static(i) => self.statics[*i].there,
+        };
+        match &goal.condition {
+            Condition::Contact { parties, .. } => parties.iter().all(there),
+            Condition::Inside { body, .. } => self.bodies[*body].there,
+        }
+    }
 }
 
 /// Decides everything about a rollout; errors name the field that stands in the way.
@@ -87,9 +145,9 @@ pub fn prepare(rollout: &Rollout) -> Result<Prepared> {
         body.map_err(|e| e.under(&format!("bodies[{i}]")))
     });
     let bodies = bodies.collect::<Result<Vec<PreparedBody>>>()?;
-    let statics = scene.statics.iter().map(|s| prepare_static(rollout, s, &laws.placings)).collect();
-    let smallest = bodies.iter().map(|b| b.shape.smallest_extent()).fold(f64::INFINITY, f64::min);
-    Ok(Prepared {
+    let statics: Vec<PreparedStatic> =
+        scene.statics.iter().map(|s| prepare_static(rollout, s, &laws.placings)).collect();
+    let mut prepared = Prepared {
         gravity: scene.gravity,
         time_step: scene.time_step,
         steps: scene.steps,
@@ -101,9 +159,36 @@ pub fn prepare(rollout: &Rollout) -> Result<Prepared> {
         touches: laws.touches,
         goal: scene.goal.as_ref().map(|goal| GoalSpec::new(goal, scene)),
         stop: scene.stops_at_goal() && rollout.stop,
-        touch: 0.005 * smallest.min(1.0),
+        touch: bodies.iter().map(intervene::touch).fold(f64::INFINITY, f64::min),
+        own: [bodies.len(), statics.len()],
+        changes: Vec::new(),
         bodies,
         statics,
+    };
+    let placings = &laws.placings;
+    intervene::decide(
+        rollout,
+        &mut prepared,
+        |body| prepare_body(rollout, body, placings),
+        |fixed| prepare_static(rollout, fixed, placings),
+        |latents| matter(&Rollout { latents, ..*rollout }, placings),
+    )?;
+    Ok(prepared)
+}
+
+/// What latents decide of the scene's own things.
+fn matter(rollout: &Rollout, placings: &[(&'static dyn Placing, Constants)]) -> Result<intervene::Act> {
+    let body = |body: &Body| {
+        let own = prepare_body(rollout, body, placings)?;
+        Ok(Matter { mass: own.mass, inertia: own.inertia, surface: [own.friction, own.restitution] })
+    };
+    let fixed = |fixed: &Static| {
+        let own = prepare_static(rollout, fixed, placings);
+        [own.friction, own.restitution]
+    };
+    Ok(intervene::Act::Matter {
+        bodies: rollout.scene.bodies.iter().map(body).collect::<Result<_>>()?,
+        statics: rollout.scene.statics.iter().map(fixed).collect(),
     })
 }
 
@@ -189,6 +274,7 @@ fn prepare_body(
         angle: body.angle,
         velocity: body.velocity,
         omega: body.angular_velocity,
+        there: true,
     })
 }
 
@@ -205,6 +291,7 @@ fn prepare_static(
         shape: fixed.shape.solid().placed(position, fixed.angle),
         friction: latents.friction.filter(|_| carries).unwrap_or(fixed.friction),
         restitution: latents.restitution.filter(|_| carries).unwrap_or(fixed.restitution),
+        there: true,
     }
 }
 
