@@ -117,6 +117,25 @@ impl Prepared {
         }
     }
 
+    /// Friction and restitution of a thing by its number: bodies, then statics.
+    pub fn surface(&self, number: usize) -> [f64; 2] {
+        match self.bodies.get(number) {
+            Some(body) => [body.friction, body.restitution],
+            None => {
+                let fixed = &self.statics[number - self.bodies.len()];
+                [fixed.friction, fixed.restitution]
+            }
+        }
+    }
+
+    /// Whether a thing is in the scene; by its number.
+    pub fn has_number(&self, number: usize) -> bool {
+        match self.bodies.get(number) {
+            Some(body) => body.there,
+            None => self.statics[number - self.bodies.len()].there,
+        }
+    }
+
     /// Whether all that a goal is about is in the scene.
     pub fn has(&self, goal: &GoalSpec) -> bool {
         let there = |thing: &Party| match thing {
