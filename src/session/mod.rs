@@ -18,6 +18,7 @@
 
 mod action;
 mod attempt;
+mod branch;
 mod catalogue;
 mod config;
 mod episode;
@@ -35,6 +36,7 @@ mod world;
 
 pub use action::Action;
 pub use attempt::{Batch, Keep, Rolled, Tried};
+pub use branch::{Asked, Branched, SNAPSHOT_FORMAT, Snapshot};
 pub use catalogue::{Catalogue, TaskSet};
 pub use config::{Kind, WorldConfig};
 pub use episode::{Reset, Start, Step};

@@ -119,6 +119,17 @@ impl Intervention {
         *at
     }
 
+    /// Name of the thing that it is about, if it is one.
+    pub fn thing(&self) -> Option<&str> {
+        match self {
+            Intervention::Impulse { body, .. } | Intervention::Set { body, .. } => Some(body),
+            Intervention::Remove { body, .. } => Some(body),
+            Intervention::Add { body, .. } => Some(&body.name),
+            Intervention::AddStatic { fixed, .. } => Some(&fixed.name),
+            Intervention::Latents { .. } => None,
+        }
+    }
+
     /// Whether a body comes in.
     pub fn adds_body(&self) -> bool {
         matches!(self, Intervention::Add { .. })
@@ -128,6 +139,23 @@ impl Intervention {
     fn step(&self, scene: &Scene) -> Result<u32> {
         moment(scene, self.at())
     }
+}
+
+/// Names of all that is ever in the scene, as engines number it: bodies, then statics, what comes in behind each in the
+/// order in which it does.
+pub fn things(scene: &Scene) -> Result<Vec<String>> {
+    let order = in_order(scene)?;
+    let added = || order.iter().map(|(_, k)| &scene.interventions[*k]);
+    let bodies = added().filter_map(|i| match i {
+        Intervention::Add { body, .. } => Some(&body.name),
+        _ => None,
+    });
+    let statics = added().filter_map(|i| match i {
+        Intervention::AddStatic { fixed, .. } => Some(&fixed.name),
+        _ => None,
+    });
+    let bodies = scene.bodies.iter().map(|b| &b.name).chain(bodies);
+    Ok(bodies.chain(scene.statics.iter().map(|s| &s.name).chain(statics)).cloned().collect())
 }
 
 /// The time step that is nearest to a moment; errors, about `at`, unless a rollout has another one after it.

@@ -7,7 +7,10 @@ use utoipa::ToSchema;
 
 use super::action::ActionIn;
 use super::array::{Array, Data};
+use super::branch::{InterventionIn, interventions};
 use super::bulk::Bulk;
+use super::strict::Object;
+use crate::error::Result;
 use crate::session::{Action, Batch, Rolled, Tried};
 use crate::trajectory::Trajectory;
 
@@ -23,6 +26,9 @@ pub struct RolloutIn {
     pub trajectories: Option<bool>,
     /// Whether a rollout ends with the goal; default true, and always true in a real world.
     pub stop: Option<bool>,
+    /// What is done in the middle of rollouts: a list for each action, or one for all of them. Not in a real or sealed world.
+    #[schema(value_type = Option<Vec<Vec<InterventionIn>>>)]
+    pub interventions: Option<Vec<Vec<Object<InterventionIn>>>>,
 }
 
 /// What a batch brought.
@@ -83,14 +89,19 @@ pub struct BodyTrack {
     pub angle: Vec<f64>,
 }
 
-impl From<RolloutIn> for Batch {
-    fn from(batch: RolloutIn) -> Batch {
-        Batch {
+impl RolloutIn {
+    /// What is asked for.
+    pub fn batch(self) -> Result<Batch> {
+        let batch = self;
+        let lists = batch.interventions.unwrap_or_default().into_iter().enumerate();
+        let lists = lists.map(|(i, own)| interventions(own, None, &format!("interventions[{i}]")));
+        Ok(Batch {
+            interventions: lists.collect::<Result<_>>()?,
             actions: batch.actions.into_iter().map(Action::from).collect(),
             task: batch.task,
             trajectories: batch.trajectories.unwrap_or(false),
             stop: batch.stop.unwrap_or(true),
-        }
+        })
     }
 }
 
