@@ -161,9 +161,10 @@ impl World {
             .iter()
             .map(|p| match p {
                 Placement::Invalid(reason) => Err(reason.clone()),
-                Placement::Valid(scene) => {
-                    simulated.next().ok_or_else(|| "nothing was simulated".into()).and_then(|t| unblocked(scene, t))
-                }
+                Placement::Valid(scene) => simulated
+                    .next()
+                    .ok_or_else(|| "nothing was simulated".into())
+                    .and_then(|t| unblocked(scene, t)),
             })
             .collect();
         let interactions = {

@@ -132,8 +132,13 @@ impl World {
         let largest = self.intervened(&task.scene, lists, 1).map_err(|e| renumbered(e, before))?;
         self.limits.affordable(&largest, 1, true)?;
         let actions = [action];
-        let trial =
-            Trial { task, actions: &actions, latents: snapshot.latents, stop: snapshot.stop, interventions: lists };
+        let trial = Trial {
+            task,
+            actions: &actions,
+            latents: snapshot.latents,
+            stop: snapshot.stop,
+            interventions: lists,
+        };
         let (mut results, interactions) = self.attempt(&trial, |t| t, None, budget)?;
         self.tell_attempts(&trial, &results, interactions);
         let engine = self.engine_for(task, &actions);
@@ -181,7 +186,8 @@ impl World {
                 return Err(unplaceable(&Action::Vector(snapshot.action.clone()), &reason));
             }
         };
-        let before = |own: &&Intervention| moment(&task.scene, own.at()).is_ok_and(|step| step < snapshot.step);
+        let before =
+            |own: &&Intervention| moment(&task.scene, own.at()).is_ok_and(|step| step < snapshot.step);
         scene.interventions = snapshot.interventions.iter().filter(before).cloned().collect();
         scene.steps = snapshot.step.max(1);
         let (latents, stop) = (snapshot.latents, snapshot.stop);
@@ -202,7 +208,12 @@ impl World {
 
     /// Errors unless interventions can be carried out on a task's scene with so many actions: then the scene with the most
     /// bodies that any of them makes.
-    pub(super) fn intervened(&self, scene: &Scene, lists: &[Vec<Intervention>], actions: usize) -> Result<Scene> {
+    pub(super) fn intervened(
+        &self,
+        scene: &Scene,
+        lists: &[Vec<Intervention>],
+        actions: usize,
+    ) -> Result<Scene> {
         let mut largest = scene.clone();
         if lists.iter().all(Vec::is_empty) && lists.len() <= 1 {
             return Ok(largest);
@@ -261,7 +272,9 @@ fn in_the_way(reason: &str) -> Error {
 
 /// The error about `interventions[k]` as one about `interventions[list][k]`.
 fn of_list(error: Error, list: usize) -> Error {
-    renamed(error, |field| field.strip_prefix("interventions").map(|rest| format!("interventions[{list}]{rest}")))
+    renamed(error, |field| {
+        field.strip_prefix("interventions").map(|rest| format!("interventions[{list}]{rest}"))
+    })
 }
 
 /// The error about `interventions[0][k]` as one about those of a branch, before which a snapshot has `before`.

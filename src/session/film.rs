@@ -105,8 +105,7 @@ mod tests {
             let actions = placeable(&world, 3);
             assert!(matches!(world.last_step(&Endless), Err(Error::Refused { .. })));
             let batch = |action: &Action| {
-                let batch =
-                    Batch {
+                let batch = Batch {
                     actions: vec![action.clone()],
                     task: None,
                     trajectories: true,

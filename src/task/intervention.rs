@@ -221,7 +221,11 @@ impl There {
                 let added = scene.interventions.iter().filter(|i| i.adds_body()).count();
                 if added > most {
                     let value = format!("{added} bodies that come in");
-                    return Err(Error::input("body", value, format!("at most {most} beside the scene's own")));
+                    return Err(Error::input(
+                        "body",
+                        value,
+                        format!("at most {most} beside the scene's own"),
+                    ));
                 }
                 Ok(())
             }
@@ -257,8 +261,11 @@ impl There {
         if known.iter().any(|k| *k == name) {
             return Ok(());
         }
-        let value =
-            if self.gone.iter().any(|g| g == name) { format!("{name:?}, taken away before") } else { format!("{name:?}") };
+        let value = if self.gone.iter().any(|g| g == name) {
+            format!("{name:?}, taken away before")
+        } else {
+            format!("{name:?}")
+        };
         let known = known.iter().map(|k| format!("{k:?}")).collect::<Vec<_>>().join(", ");
         Err(Error::input(field, value, format!("what is there then: one of {known}")))
     }

@@ -37,12 +37,25 @@ pub struct Change {
 #[derive(Clone, Debug)]
 pub enum Act {
     /// N s, and where (the centre of mass if `None`), m.
-    Push { body: usize, impulse: [f64; 2], point: Option<[f64; 2]> },
-    Put { body: usize, position: Option<[f64; 2]>, angle: Option<f64>, velocity: Option<[f64; 2]>, omega: Option<f64> },
+    Push {
+        body: usize,
+        impulse: [f64; 2],
+        point: Option<[f64; 2]>,
+    },
+    Put {
+        body: usize,
+        position: Option<[f64; 2]>,
+        angle: Option<f64>,
+        velocity: Option<[f64; 2]>,
+        omega: Option<f64>,
+    },
     Add(Party),
     Remove(Party),
     /// What latents decide, of the scene's own bodies and statics in their order.
-    Matter { bodies: Vec<Matter>, statics: Vec<[f64; 2]> },
+    Matter {
+        bodies: Vec<Matter>,
+        statics: Vec<[f64; 2]>,
+    },
 }
 
 /// What latents decide of a body.
@@ -110,12 +123,15 @@ fn bearable(prepared: &Prepared) -> Result<()> {
     let mut masses: Vec<f64> = prepared.bodies.iter().map(|b| b.mass).collect();
     for change in &prepared.changes {
         match &change.act {
-            Act::Matter { bodies, .. } => bodies.iter().zip(&mut masses).for_each(|(own, mass)| *mass = own.mass),
+            Act::Matter { bodies, .. } => {
+                bodies.iter().zip(&mut masses).for_each(|(own, mass)| *mass = own.mass)
+            }
             Act::Push { body, impulse, .. } => {
                 let most = MOST_BLOW * masses[*body];
                 if libm::hypot(impulse[0], impulse[1]) > most {
                     let field = format!("interventions[{}].impulse", change.number);
-                    let allowed = format!("at most {most} N s: {MOST_BLOW} m/s for this body of {} kg", masses[*body]);
+                    let allowed =
+                        format!("at most {most} N s: {MOST_BLOW} m/s for this body of {} kg", masses[*body]);
                     return Err(Error::input(field, format!("{impulse:?}"), allowed));
                 }
             }
@@ -207,7 +223,8 @@ fn in_the_way(prepared: &Prepared, states: &[State], body: usize, at: &State, gi
     let own = prepared.bodies[body].shape.placed(at.position, at.angle);
     let others = prepared.bodies.iter().zip(states).enumerate();
     let mut others = others.filter(|(i, (other, _))| *i != body && other.there);
-    let in_it = others.find(|(_, (other, at))| own.gap_to(&other.shape.placed(at.position, at.angle)) < -give);
+    let in_it =
+        others.find(|(_, (other, at))| own.gap_to(&other.shape.placed(at.position, at.angle)) < -give);
     let fixed = || {
         let mut statics = prepared.statics.iter().enumerate().filter(|(_, s)| s.there);
         statics.find(|(_, s)| s.shape.gap_to(&own) < -give).map(|(s, _)| prepared.bodies.len() + s)

@@ -167,7 +167,8 @@ impl World {
         for (n, piece) in body.shape.0.iter().enumerate() {
             // The first piece carries the whole body's mass.
             let mass = if n == 0 { mass_properties(body) } else { MassProperties::default() };
-            let builder = surface(collider(piece, path)?, &prepared.rules, body.friction, body.restitution, i);
+            let builder =
+                surface(collider(piece, path)?, &prepared.rules, body.friction, body.restitution, i);
             let collider = builder.mass_properties(mass).active_hooks(self.hooks);
             self.physics.colliders.insert_with_parent(collider, handle, &mut self.physics.bodies);
         }

@@ -164,7 +164,8 @@ impl InterventionIn {
     /// The intervention, at `moment` if it does not say when.
     pub fn at(self, moment: Option<f64>) -> Result<Intervention> {
         let when = |at: Option<f64>| {
-            at.or(moment).ok_or_else(|| Error::input("at", "missing", "a moment, s since the start of the rollout"))
+            at.or(moment)
+                .ok_or_else(|| Error::input("at", "missing", "a moment, s since the start of the rollout"))
         };
         Ok(match self {
             InterventionIn::Impulse { at, body, impulse, point } => {

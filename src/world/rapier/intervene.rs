@@ -72,7 +72,9 @@ impl World {
     }
 
     fn move_body(&mut self, prepared: &Prepared, i: usize, before: &State, after: &State) {
-        let Some(body) = self.bodies[i].and_then(|handle| self.physics.bodies.get_mut(handle)) else { return };
+        let Some(body) = self.bodies[i].and_then(|handle| self.physics.bodies.get_mut(handle)) else {
+            return;
+        };
         if after.moved_from(before) {
             body.set_position(Pose::new(vector(after.position), after.angle as f32), false);
             self.angles[i] = after.angle;
