@@ -3,8 +3,8 @@
 use std::sync::Mutex;
 
 use super::action::Action;
-use super::branch::{intervene, unblocked};
 use super::config::Kind;
+use super::intervened::{intervene, unblocked};
 use super::state::lock;
 use super::watch::{Film, What};
 use super::world::World;

@@ -23,6 +23,7 @@ mod catalogue;
 mod config;
 mod episode;
 mod film;
+mod intervened;
 mod limits;
 mod many;
 pub mod observation;

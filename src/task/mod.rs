@@ -11,13 +11,14 @@ mod custom;
 mod families;
 pub mod geometry;
 mod goal;
-pub mod intervention;
+mod intervention;
 mod limits;
 mod placement;
 pub mod scene;
 mod setting;
 pub mod shape;
 pub mod solid;
+pub mod timeline;
 mod validate;
 
 use serde::{Deserialize, Serialize};
@@ -29,7 +30,7 @@ pub use families::{
     DEFAULT_FAMILY, Draws, FAMILY_FORMAT, Family, Labels, Learning, Nearer, RealPhysics, Selection,
     certified_beside, families, family, parse_family, read_families, read_family, take_in,
 };
-pub use intervention::{Intervention, MOST_INTERVENTIONS};
+pub use intervention::Intervention;
 pub use placement::Placement;
 pub use scene::Scene;
 

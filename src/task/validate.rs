@@ -5,11 +5,11 @@ use std::collections::HashSet;
 use super::body::Body;
 use super::geometry::signed_area;
 use super::goal::Goal;
-use super::intervention;
 use super::limits::{FAR, TIME_STEPS, vector};
 use super::placement;
 use super::scene::{FORMAT, Scene};
 use super::solid::{Pieces, Solid};
+use super::timeline;
 use crate::error::{Error, Result, within};
 
 /// Overlap up to this share of the smaller body is put down to measurement, not refused.
@@ -59,7 +59,7 @@ impl Scene {
             placement::validate(space, self).map_err(|e| e.under("action"))?;
         }
         self.validate_apart()?;
-        intervention::in_order(self).map(drop)
+        timeline::in_order(self).map(drop)
     }
 
     fn validate_setting(&self, name: &str) -> Result<()> {

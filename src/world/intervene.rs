@@ -9,73 +9,29 @@
 //! - Tolerances (the gap that counts as touching, the overlap that is not pushed out) follow the smallest body so far: they
 //!   become finer when a smaller one comes in, and stay when one is taken away, so that nothing else is moved by it.
 
-use super::Rollout;
+use super::change::{Act, Change};
 use super::goal::Party;
 use super::latent::Latents;
-use super::prepare::{Prepared, PreparedBody, PreparedStatic};
-use super::record::State;
+use super::prepared::{Prepared, PreparedBody, PreparedStatic};
+use super::rollout::Rollout;
+use super::state::State;
 use crate::error::{Error, Result};
 use crate::task::Intervention;
-use crate::task::intervention::in_order;
+use crate::task::scene::{Body, Static};
+use crate::task::timeline::in_order;
 
 /// Largest change of speed by one impulse, m/s: that of the fastest body.
 const MOST_BLOW: f64 = 400.0;
 /// Overlap with what a body is put beside, as a share of its smallest extent, that is taken for that of a contact.
 const CONTACT_SHARE: f64 = 0.2;
 
-/// A change with everything decided.
-#[derive(Clone, Debug)]
-pub struct Change {
-    /// Happens after so many steps.
-    pub step: u32,
-    /// Number of the scene's intervention.
-    pub number: usize,
-    pub act: Act,
-}
-
-/// What is done; things by their numbers.
-#[derive(Clone, Debug)]
-pub enum Act {
-    /// N s, and where (the centre of mass if `None`), m.
-    Push {
-        body: usize,
-        impulse: [f64; 2],
-        point: Option<[f64; 2]>,
-    },
-    Put {
-        body: usize,
-        position: Option<[f64; 2]>,
-        angle: Option<f64>,
-        velocity: Option<[f64; 2]>,
-        omega: Option<f64>,
-    },
-    Add(Party),
-    Remove(Party),
-    /// What latents decide, of the scene's own bodies and statics in their order.
-    Matter {
-        bodies: Vec<Matter>,
-        statics: Vec<[f64; 2]>,
-    },
-}
-
-/// What latents decide of a body.
-#[derive(Clone, Copy, Debug)]
-pub struct Matter {
-    /// kg
-    pub mass: f64,
-    /// kg m^2
-    pub inertia: f64,
-    /// Friction, restitution.
-    pub surface: [f64; 2],
-}
-
 /// Decides on a rollout's interventions, and puts what comes in behind the things that `prepared` has. `body` and `fixed`
 /// prepare one that comes in, `anew` all of the scene's own with other latents.
 pub fn decide(
     rollout: &Rollout,
     prepared: &mut Prepared,
-    body: impl Fn(&crate::task::scene::Body) -> Result<PreparedBody>,
-    fixed: impl Fn(&crate::task::scene::Static) -> PreparedStatic,
+    body: impl Fn(&Body) -> Result<PreparedBody>,
+    fixed: impl Fn(&Static) -> PreparedStatic,
     anew: impl Fn(Latents) -> Result<Act>,
 ) -> Result<()> {
     let list = &rollout.scene.interventions;
@@ -167,7 +123,7 @@ pub fn carry_out(prepared: &mut Prepared, states: &mut [State], act: &Act) -> st
             let start = prepared.bodies[*i].start();
             in_the_way(prepared, states, *i, &start, 0.0).map_or(Ok(()), Err)?;
             prepared.bodies[*i].there = true;
-            prepared.touch = prepared.touch.min(touch(&prepared.bodies[*i]));
+            prepared.touch = prepared.touch.min(prepared.bodies[*i].touch());
             states[*i] = start;
         }
         Act::Add(Party::Static(s)) => {
@@ -195,11 +151,6 @@ pub fn carry_out(prepared: &mut Prepared, states: &mut [State], act: &Act) -> st
         }
     }
     Ok(())
-}
-
-/// Gap up to which two surfaces count as touching if this is the smallest body, m.
-pub fn touch(body: &PreparedBody) -> f64 {
-    0.005 * body.shape.smallest_extent().min(1.0)
 }
 
 /// The state after an impulse.

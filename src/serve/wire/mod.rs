@@ -15,6 +15,7 @@ mod diagnosis;
 mod episode;
 mod form;
 mod health;
+mod intervention;
 mod job;
 mod log;
 pub mod pack;

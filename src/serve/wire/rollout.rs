@@ -7,8 +7,8 @@ use utoipa::ToSchema;
 
 use super::action::ActionIn;
 use super::array::{Array, Data};
-use super::branch::{InterventionIn, interventions};
 use super::bulk::Bulk;
+use super::intervention::{InterventionIn, interventions};
 use super::strict::Object;
 use crate::error::Result;
 use crate::session::{Action, Batch, Rolled, Tried};

@@ -11,8 +11,9 @@ use super::rest::{LOOK_EVERY, Snapshot};
 use super::state::State;
 use super::touching::Met;
 use crate::trajectory::{End, Trajectory};
+use crate::world::change::Change;
 use crate::world::effect::LANES;
-use crate::world::intervene::Change;
+
 use crate::world::observe::Schedule;
 use crate::world::prepare::{Prepared, PreparedBody};
 use crate::world::record::{self, APART_STEPS, Recorder};

@@ -10,8 +10,9 @@ use super::piece::pieces;
 use super::state::{NOTHING, State};
 use super::touching::{Met, NEVER_TOUCHED};
 use crate::trajectory::End;
+use crate::world::change::{Act, Change};
 use crate::world::goal::Party;
-use crate::world::intervene::{Act, Change, carry_out};
+use crate::world::intervene::carry_out;
 use crate::world::prepare::Prepared;
 use crate::world::record;
 

@@ -7,8 +7,9 @@ use rapier2d::prelude::*;
 use super::{World, mass_properties, vector};
 use crate::error::Result;
 use crate::trajectory::End;
+use crate::world::change::Act;
 use crate::world::goal::Party;
-use crate::world::intervene::{Act, carry_out};
+use crate::world::intervene::carry_out;
 use crate::world::prepare::Prepared;
 use crate::world::record::State;
 
