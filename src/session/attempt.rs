@@ -81,7 +81,7 @@ impl World {
             .enumerate()
             .map(|(i, a)| a.resolve(task.actions(), &format!("actions[{i}]")))
             .collect::<Result<_>>()?;
-        let largest = self.intervened(&task.scene, &batch.interventions, actions.len())?;
+        let largest = self.intervened(&task.scene, &batch.interventions, actions.len(), latents)?;
         // A real world keeps all samples while it measures.
         self.limits.affordable(
             &largest,

@@ -15,7 +15,7 @@ use crate::budget::Budget;
 use crate::error::{Error, Result};
 use crate::task::timeline::moment;
 use crate::task::{Intervention, Placement, Task, ValidAction};
-use crate::trajectory::Trajectory;
+use crate::trajectory::{End, Trajectory};
 use crate::world::{Latents, Rollout, simulate_within};
 
 /// The value of a snapshot's `format` field.
@@ -82,7 +82,7 @@ impl World {
             }
         }
         let lists = std::slice::from_ref(&asked.interventions);
-        let largest = self.intervened(&task.scene, lists, 1).map_err(|e| renumbered(e, 0))?;
+        let largest = self.intervened(&task.scene, lists, 1, latents).map_err(|e| renumbered(e, 0))?;
         self.limits.affordable(&largest, 1, true)?;
         let snapshot = Snapshot {
             format: SNAPSHOT_FORMAT.into(),
@@ -129,7 +129,8 @@ impl World {
         }
         let all = [snapshot.interventions.clone(), changes].concat();
         let lists = std::slice::from_ref(&all);
-        let largest = self.intervened(&task.scene, lists, 1).map_err(|e| renumbered(e, before))?;
+        let largest =
+            self.intervened(&task.scene, lists, 1, snapshot.latents).map_err(|e| renumbered(e, before))?;
         self.limits.affordable(&largest, 1, true)?;
         let actions = [action];
         let trial = Trial {
@@ -183,7 +184,7 @@ impl World {
         let done = simulate_within(budget, &[rollout], self.engine, |_, t| t)?.pop().ok_or_else(lost)?;
         let mut done = unblocked(&scene, done).map_err(|reason| in_the_way(&reason))?;
         let ended = done.outcome.steps;
-        if ended < scene.steps {
+        if ended < scene.steps || done.outcome.end == End::Goal {
             let last = f64::from(ended) * scene.time_step;
             let allowed = format!("a moment before {last} s, when this rollout ends by itself");
             return Err(Error::input("at", snapshot.at, allowed));

@@ -2,13 +2,12 @@
 //! their way.
 
 use super::config::Kind;
-use super::state::lock;
 use super::world::World;
 use crate::error::{Error, Result};
 use crate::task::timeline::things;
 use crate::task::{Intervention, Placement, Scene};
 use crate::trajectory::{End, Trajectory};
-use crate::world::{Rollout, chosen};
+use crate::world::{Latents, Rollout, chosen};
 
 impl World {
     /// Errors unless rollouts of this world can be gone on from.
@@ -30,6 +29,7 @@ impl World {
         scene: &Scene,
         lists: &[Vec<Intervention>],
         actions: usize,
+        latents: Latents,
     ) -> Result<Scene> {
         let mut largest = scene.clone();
         if lists.iter().all(Vec::is_empty) && lists.len() <= 1 {
@@ -45,7 +45,6 @@ impl World {
             // An action decides; any place will do to ask.
             body.position.get_or_insert([0.0, 0.0]);
         }
-        let latents = lock(&self.state).latents;
         for (i, list) in lists.iter().enumerate() {
             placed.interventions.clone_from(list);
             let rollout = Rollout { scene: &placed, latents, effects: &self.effects, stop: true };

@@ -114,7 +114,7 @@ fn what_is_done_in_a_branch_is_what_a_batch_of_counterfactuals_has() {
     assert!(batch[3]["bodies"]["extra"]["x"][1].is_null() && batch[3]["bodies"]["extra"]["x"][2].is_f64());
     assert_ne!(batch[1]["bodies"]["green"]["x"][2], plain["bodies"]["green"]["x"][2]);
     // One after the other: a snapshot of what was branched, and its state.
-    let later = json!({"task": "bowling:002", "action": action, "at": at + 1.0 / 60.0, "stop": false,
+    let later = json!({"task": "bowling:002", "action": action, "at": at + 1.0 / 240.0, "stop": false,
         "interventions": lists[1]});
     let pushed = server.post(&format!("{WORLD}/snapshot"), &later, 200);
     assert_eq!(pushed["bodies"]["green"]["velocity"][0], 2.0);
@@ -137,7 +137,7 @@ fn the_last_step_can_be_branched() {
     server.post(&format!("{path}/reset"), &json!({}), 200);
     let step = server.post(&format!("{path}/step"), &json!({"action": action}), 200);
     let taken = server.post(&format!("{path}/snapshot"), &json!({"at": 0.1}), 200);
-    assert_eq!((taken["step"].as_u64(), taken["snapshot"]["task"].as_str()), (Some(6), Some("bowling:002")));
+    assert_eq!((taken["step"].as_u64(), taken["snapshot"]["task"].as_str()), (Some(24), Some("bowling:002")));
     let on = server.post(&format!("{path}/branch"), &json!({"snapshot": taken["snapshot"]}), 200);
     assert_eq!((&on["steps"], &on["solved"]), (&step["info"]["steps"], &step["info"]["solved"]));
 }

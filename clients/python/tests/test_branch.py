@@ -16,11 +16,11 @@ SCENE = {
     "format": "iplw.scene/1",
     "name": "plank",
     "bodies": [
-        {"name": "green", "shape": {"type": "disc", "radius": 0.5}, "position": [0, 12], "mass": 2.0, "restitution": 0},
+        {"name": "green", "shape": {"type": "disc", "radius": 0.5}, "position": [0, 7], "mass": 2.0, "restitution": 0},
         {"name": "red", "shape": {"type": "disc", "radius": 0.25}},
     ],
     "statics": [
-        {"name": "plank", "shape": {"type": "box", "half_width": 2, "half_height": 0.25}, "position": [0, 10]},
+        {"name": "plank", "shape": {"type": "box", "half_width": 2, "half_height": 0.25}, "position": [0, 5]},
         {"name": "ground", "shape": {"type": "halfspace", "normal": [0, 1], "offset": 0}},
     ],
     "steps": 480,
@@ -138,7 +138,7 @@ def test_awaited(client: iplw.Client) -> None:
         async with iplw.AsyncClient(client.url) as awaited:
             async with await awaited.create_world(scene=SCENE) as world:
                 await world.reset()
-                async with await world.branch([0.5, 0.5], at=1.2) as branch:
+                async with await world.branch([0.5, 0.5], at=0.7) as branch:
                     branch.remove("plank")
                     assert (await branch.rollout()).solved
 
