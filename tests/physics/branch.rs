@@ -107,7 +107,7 @@ fn an_impulse_changes_the_velocity_by_impulse_over_mass() {
         json!({"type": "disc", "radius": 0.5}),
         json!({"type": "box", "half_width": 0.4, "half_height": 0.2}),
         json!({"type": "compound", "pieces": [
-            {"shape": {"type": "disc", "radius": 0.2}}, {"shape": {"type": "disc", "radius": 0.3}, "position": [0.6, 0]}]}),
+            {"type": "disc", "radius": 0.2}, {"type": "disc", "radius": 0.3, "position": [0.6, 0]}]}),
     ] {
         let text = json!({"format": "iplw.scene/1", "steps": 240, "observe_every": 1, "gravity": [0, -G],
             "bodies": [{"name": "ball", "shape": shape, "mass": 2.5, "position": [0, 50]}]});
@@ -117,7 +117,7 @@ fn an_impulse_changes_the_velocity_by_impulse_over_mass() {
                 {"type": "impulse", "at": 0.5, "body": "ball", "impulse": [1.0, 0.5], "point": point}]))
             .unwrap()
         };
-        for (engine, exact) in [(Engine::Lanes, 1e-12), (Engine::Rapier, 2e-5)] {
+        for (engine, exact) in [(Engine::Lanes, 1e-12), (Engine::Rapier, 2e-4)] {
             let plain = roll(&scene, engine);
             let hit = roll(&with(&scene, blow(Value::Null)), engine);
             let (a, b) = (&plain.bodies[0], &hit.bodies[0]);

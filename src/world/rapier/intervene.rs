@@ -95,8 +95,9 @@ impl World {
             for (n, handle) in body.colliders().iter().enumerate() {
                 let Some(collider) = self.physics.colliders.get_mut(*handle) else { continue };
                 renew_surface(collider, [own.friction, own.restitution]);
-                if n == 0 && collider.mass() != own.mass as f32 {
-                    collider.set_mass_properties(mass_properties(own));
+                let mass = mass_properties(own);
+                if n == 0 && collider.mass_properties().inv_mass != mass.inv_mass {
+                    collider.set_mass_properties(mass);
                 }
             }
         }
