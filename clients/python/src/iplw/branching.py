@@ -42,8 +42,8 @@ def states(answer: Mapping[str, Any]) -> dict[str, BodyState]:
 class Changes:
     """What is done in the middle of a rollout, in the order in which it is asked for.
 
-    Each change happens at `at`, s since the start of the rollout (the nearest time step), or at the branch's own moment. The
-    observation of that moment still shows the state before.
+    Each change happens at `at`, s since the start of the rollout (the nearest time step), or at the branch's own moment.
+    The observation of that moment still shows the state before.
     """
 
     def __init__(self) -> None:
