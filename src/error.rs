@@ -96,6 +96,19 @@ impl Error {
         Error::Input(Input { place: String::new(), field, value, allowed })
     }
 
+    /// The same error with `parent` taken off its field again.
+    pub(crate) fn without(self, parent: &str) -> Self {
+        match self {
+            Error::Input(mut input) => {
+                if let Some(field) = input.field.strip_prefix(&format!("{parent}.")) {
+                    input.field = field.to_string();
+                }
+                Error::Input(input)
+            }
+            other => other,
+        }
+    }
+
     /// The same error with the file (and line) it was found in put in front.
     pub fn at(self, file: impl fmt::Display) -> Self {
         match self {

@@ -81,6 +81,13 @@ pub enum End {
     Goal,
     /// A state stopped being finite; samples end before it.
     Diverged,
+    /// What an intervention puts into the scene has no place there; samples end before it.
+    Blocked {
+        /// Number of the intervention.
+        intervention: usize,
+        /// What is in the way: bodies, then statics, what came in behind each.
+        by: usize,
+    },
 }
 
 /// Missing values: NaN in memory, `null` outside.

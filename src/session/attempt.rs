@@ -4,13 +4,14 @@ use std::sync::Mutex;
 
 use super::action::Action;
 use super::config::Kind;
+use super::intervened::{intervene, unblocked};
 use super::state::lock;
 use super::watch::{Film, What};
 use super::world::World;
 use crate::budget::Budget;
 use crate::error::{Error, Result};
 use crate::reality::{HiddenWorld, Reality};
-use crate::task::{Placement, Task, ValidAction};
+use crate::task::{Intervention, Placement, Task, ValidAction};
 use crate::trajectory::Trajectory;
 use crate::world::{Latents, Rollout, chosen, simulate_within};
 
@@ -24,6 +25,9 @@ pub struct Batch {
     pub trajectories: bool,
     /// Whether a rollout ends when the goal is reached; real worlds always do.
     pub stop: bool,
+    /// What is done in the middle of rollouts: nothing if empty, else a list for each action, or one for all of them. Not in a
+    /// real world.
+    pub interventions: Vec<Vec<Intervention>>,
 }
 
 /// What a batch brought.
@@ -56,6 +60,8 @@ pub(super) struct Trial<'a> {
     pub latents: Latents,
     /// Whether a rollout ends when the goal is reached.
     pub stop: bool,
+    /// As [`Batch`] has them.
+    pub interventions: &'a [Vec<Intervention>],
 }
 
 /// Keeps results together with the world's counter after them.
@@ -75,9 +81,10 @@ impl World {
             .enumerate()
             .map(|(i, a)| a.resolve(task.actions(), &format!("actions[{i}]")))
             .collect::<Result<_>>()?;
+        let largest = self.intervened(&task.scene, &batch.interventions, actions.len(), latents)?;
         // A real world keeps all samples while it measures.
         self.limits.affordable(
-            &task.scene,
+            &largest,
             actions.len() as u64,
             batch.trajectories || self.kind == Kind::Real,
         )?;
@@ -87,7 +94,8 @@ impl World {
             }
             t
         };
-        let trial = Trial { task, actions: &actions, latents, stop: batch.stop };
+        let interventions = &batch.interventions;
+        let trial = Trial { task, actions: &actions, latents, stop: batch.stop, interventions };
         let (results, interactions) = self.attempt(&trial, keep, None, budget)?;
         self.tell_attempts(&trial, &results, interactions);
         Ok(Rolled {
@@ -109,7 +117,7 @@ impl World {
         budget: &dyn Budget,
     ) -> Result<Vec<Tried>> {
         let latents = lock(&self.state).latents;
-        let trial = Trial { task, actions, latents, stop: true };
+        let trial = Trial { task, actions, latents, stop: true, interventions: &[] };
         let (results, interactions) = self.attempt(&trial, |t| t, store, budget)?;
         self.lookout.tell(interactions, || attempts(task, &results, None));
         Ok(results)
@@ -119,7 +127,8 @@ impl World {
     pub(super) fn tell_attempts(&self, trial: &Trial, results: &[Tried], interactions: u64) {
         self.lookout.tell(interactions, || {
             let mut done = trial.actions.iter().zip(results).filter_map(|(a, r)| Some((a, r.as_ref().ok()?)));
-            let last = done.rfind(|(_, t)| !t.times.is_empty());
+            // A film has the task's own bodies, all of the time.
+            let last = done.rfind(|(_, t)| !t.times.is_empty() && trial.interventions.is_empty());
             attempts(trial.task, results, last.map(|(a, t)| (a.values().to_vec(), Film::of(t))))
         });
     }
@@ -132,12 +141,13 @@ impl World {
         store: Option<Keep>,
         budget: &dyn Budget,
     ) -> Result<(Vec<Tried>, u64)> {
-        let Trial { task, actions, latents, stop } = *trial;
+        let Trial { task, actions, latents, stop, interventions } = *trial;
         if let Some(hidden) = &self.hidden {
             return self.measured(hidden, trial, keep, store, budget);
         }
         let place = |a| budget.look().map(|()| task.place(a));
-        let placements: Vec<Placement> = actions.iter().map(place).collect::<Result<_>>()?;
+        let mut placements: Vec<Placement> = actions.iter().map(place).collect::<Result<_>>()?;
+        intervene(&mut placements, interventions);
         let rollouts: Vec<Rollout> = placements
             .iter()
             .filter_map(|p| match p {
@@ -151,7 +161,10 @@ impl World {
             .iter()
             .map(|p| match p {
                 Placement::Invalid(reason) => Err(reason.clone()),
-                Placement::Valid(_) => simulated.next().ok_or_else(|| "nothing was simulated".into()),
+                Placement::Valid(scene) => simulated
+                    .next()
+                    .ok_or_else(|| "nothing was simulated".into())
+                    .and_then(|t| unblocked(scene, t)),
             })
             .collect();
         let interactions = {

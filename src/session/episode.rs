@@ -144,7 +144,8 @@ impl World {
         let (posed, latents) = self.ready()?;
         let task = posed.task;
         let action = action.resolve(task.actions(), "action")?;
-        let trial = Trial { task, actions: std::slice::from_ref(&action), latents, stop: true };
+        let trial =
+            Trial { task, actions: std::slice::from_ref(&action), latents, stop: true, interventions: &[] };
         let (mut results, interactions) = self.attempt(&trial, |t| t, None, budget)?;
         let result = results.pop().ok_or_else(|| Error::Failed("an attempt without a result".into()))?;
         let watched = self.lookout.is_on();

@@ -36,7 +36,7 @@ impl World {
         let (task, latents) = self.task_or_current(task)?;
         let scene = self.scene(Some(&task.id), Some(action))?;
         let resolved = action.resolve(task.actions(), "action")?;
-        let trial = Trial { task, actions: &[resolved], latents, stop: true };
+        let trial = Trial { task, actions: &[resolved], latents, stop: true, interventions: &[] };
         let (mut results, interactions) = self.attempt(&trial, |t| t, None, budget)?;
         self.tell_attempts(&trial, &results, interactions);
         match results.pop() {
@@ -105,8 +105,13 @@ mod tests {
             let actions = placeable(&world, 3);
             assert!(matches!(world.last_step(&Endless), Err(Error::Refused { .. })));
             let batch = |action: &Action| {
-                let batch =
-                    Batch { actions: vec![action.clone()], task: None, trajectories: true, stop: true };
+                let batch = Batch {
+                    actions: vec![action.clone()],
+                    task: None,
+                    trajectories: true,
+                    stop: true,
+                    interventions: Vec::new(),
+                };
                 world.rollout(&batch, &Endless).unwrap().results.remove(0).unwrap()
             };
             // Noise is another for each attempt: so that the step is not the first.

@@ -18,10 +18,12 @@
 
 mod action;
 mod attempt;
+mod branch;
 mod catalogue;
 mod config;
 mod episode;
 mod film;
+mod intervened;
 mod limits;
 mod many;
 pub mod observation;
@@ -35,6 +37,7 @@ mod world;
 
 pub use action::Action;
 pub use attempt::{Batch, Keep, Rolled, Tried};
+pub use branch::{Asked, Branched, SNAPSHOT_FORMAT, Snapshot};
 pub use catalogue::{Catalogue, TaskSet};
 pub use config::{Kind, WorldConfig};
 pub use episode::{Reset, Start, Step};

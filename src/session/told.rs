@@ -116,6 +116,7 @@ mod tests {
             task: None,
             trajectories: true,
             stop: false,
+            interventions: Vec::new(),
         };
         actions.iter().for_each(|a| drop(world.rollout(&one(a), &Endless).unwrap()));
         let states = world.lookout.kept().1;

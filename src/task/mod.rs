@@ -11,12 +11,14 @@ mod custom;
 mod families;
 pub mod geometry;
 mod goal;
+mod intervention;
 mod limits;
 mod placement;
 pub mod scene;
 mod setting;
 pub mod shape;
 pub mod solid;
+pub mod timeline;
 mod validate;
 
 use serde::{Deserialize, Serialize};
@@ -29,6 +31,7 @@ pub use families::{
     Selection, certified_beside, collection, families, family, parse_family, read_families, read_family,
     take_in,
 };
+pub use intervention::Intervention;
 pub use placement::Placement;
 pub use scene::Scene;
 

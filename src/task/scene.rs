@@ -12,6 +12,7 @@ pub use super::body::{Body, Static};
 pub use super::contact_rules::{ContactRules, FrictionRule, MOST_THRESHOLD, RestitutionRule};
 use super::geometry::{Bounds, join};
 pub use super::goal::Goal;
+use super::intervention::Intervention;
 pub use super::setting::{BodyOverride, Setting, StaticOverride};
 pub use super::shape::Shape;
 use crate::error::{Error, Result};
@@ -75,6 +76,9 @@ pub struct Scene {
     /// Body fields overridden by setting name.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub settings: BTreeMap<String, Setting>,
+    /// What is done in the middle of a rollout. No part of the document: whoever asks for a rollout says it.
+    #[serde(skip)]
+    pub interventions: Vec<Intervention>,
 }
 
 /// An effect by name, with its parameters.
@@ -117,6 +121,7 @@ impl Scene {
             calibrate: Vec::new(),
             per_setting: Vec::new(),
             settings: BTreeMap::new(),
+            interventions: Vec::new(),
         }
     }
 

@@ -9,6 +9,7 @@ use super::limits::{FAR, TIME_STEPS, vector};
 use super::placement;
 use super::scene::{FORMAT, Scene};
 use super::solid::{Pieces, Solid};
+use super::timeline;
 use crate::error::{Error, Result, within};
 
 /// Overlap up to this share of the smaller body is put down to measurement, not refused.
@@ -57,7 +58,8 @@ impl Scene {
         if let Some(space) = &self.action {
             placement::validate(space, self).map_err(|e| e.under("action"))?;
         }
-        self.validate_apart()
+        self.validate_apart()?;
+        timeline::in_order(self).map(drop)
     }
 
     fn validate_setting(&self, name: &str) -> Result<()> {

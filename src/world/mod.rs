@@ -9,16 +9,20 @@
 //!   truth's (see [`observe`]).
 //! - A latent factor sets the coefficient of every carrier and the density of every carrying body.
 
+mod change;
 pub mod coordinates;
 pub mod effect;
 pub mod goal;
+mod intervene;
 mod lanes;
 pub mod latent;
 mod observe;
 pub mod prepare;
+mod prepared;
 mod rapier;
 mod record;
 mod rollout;
+mod state;
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};

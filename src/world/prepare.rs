@@ -1,76 +1,16 @@
 //! A rollout with everything decided: what both engines integrate, so that a scene means the same in each.
 
 use super::Rollout;
+use super::change::{Act as Deed, Matter};
 use super::effect::{self, Act, Active, Constants, Motion, Placing, Sensor, Surroundings, Touch};
 use super::goal::GoalSpec;
+use super::intervene;
 use super::observe::{Schedule, View};
+pub use super::prepared::{Prepared, PreparedBody, PreparedStatic};
 use crate::error::{Error, Result};
 use crate::task::Scene;
 use crate::task::action::Quantity;
-use crate::task::scene::{Body, ContactRules, EffectTerm, Static};
-use crate::task::solid::{Pieces, Solid};
-
-/// Numbers only; no names to look up, no options left open.
-#[derive(Clone)]
-pub struct Prepared {
-    /// m/s^2
-    pub gravity: [f64; 2],
-    /// s
-    pub time_step: f64,
-    pub steps: u32,
-    pub schedule: Schedule,
-    pub bodies: Vec<PreparedBody>,
-    pub statics: Vec<PreparedStatic>,
-    /// Names of the effects that engines know of, in the order in which they act.
-    pub effects: Vec<&'static str>,
-    /// How two surfaces' coefficients make a contact's.
-    pub rules: ContactRules,
-    /// Laws of motion at work, in the order in which they act.
-    pub motions: Vec<(&'static dyn Motion, Constants)>,
-    /// Laws of contact at work, in the order in which they act.
-    pub touches: Vec<(&'static dyn Touch, Constants)>,
-    /// What sensors make of what the engine observes; `None` if they show the truth.
-    pub view: Option<View>,
-    pub goal: Option<GoalSpec>,
-    /// Whether the rollout ends when the goal is reached.
-    pub stop: bool,
-    /// Gap up to which two surfaces count as touching in events and counts, m.
-    pub touch: f64,
-}
-
-/// A movable body.
-#[derive(Clone, Debug)]
-pub struct PreparedBody {
-    pub name: String,
-    /// Body frame.
-    pub shape: Pieces,
-    /// kg
-    pub mass: f64,
-    /// kg m^2, about the centre of mass
-    pub inertia: f64,
-    /// Centre of mass, body frame, m.
-    pub centre: [f64; 2],
-    pub friction: f64,
-    pub restitution: f64,
-    /// Of the frame's origin, m.
-    pub position: [f64; 2],
-    /// rad
-    pub angle: f64,
-    /// Of the frame's origin, m/s.
-    pub velocity: [f64; 2],
-    /// rad/s
-    pub omega: f64,
-}
-
-/// A thing that never moves.
-#[derive(Clone, Debug)]
-pub struct PreparedStatic {
-    pub name: String,
-    /// World frame.
-    pub shape: Solid,
-    pub friction: f64,
-    pub restitution: f64,
-}
+use crate::task::scene::{Body, EffectTerm, Static};
 
 /// Decides everything about a rollout; errors name the field that stands in the way.
 pub fn prepare(rollout: &Rollout) -> Result<Prepared> {
@@ -87,9 +27,9 @@ pub fn prepare(rollout: &Rollout) -> Result<Prepared> {
         body.map_err(|e| e.under(&format!("bodies[{i}]")))
     });
     let bodies = bodies.collect::<Result<Vec<PreparedBody>>>()?;
-    let statics = scene.statics.iter().map(|s| prepare_static(rollout, s, &laws.placings)).collect();
-    let smallest = bodies.iter().map(|b| b.shape.smallest_extent()).fold(f64::INFINITY, f64::min);
-    Ok(Prepared {
+    let statics: Vec<PreparedStatic> =
+        scene.statics.iter().map(|s| prepare_static(rollout, s, &laws.placings)).collect();
+    let mut prepared = Prepared {
         gravity: scene.gravity,
         time_step: scene.time_step,
         steps: scene.steps,
@@ -101,9 +41,36 @@ pub fn prepare(rollout: &Rollout) -> Result<Prepared> {
         touches: laws.touches,
         goal: scene.goal.as_ref().map(|goal| GoalSpec::new(goal, scene)),
         stop: scene.stops_at_goal() && rollout.stop,
-        touch: 0.005 * smallest.min(1.0),
+        touch: bodies.iter().map(PreparedBody::touch).fold(f64::INFINITY, f64::min),
+        own: [bodies.len(), statics.len()],
+        changes: Vec::new(),
         bodies,
         statics,
+    };
+    let placings = &laws.placings;
+    intervene::decide(
+        rollout,
+        &mut prepared,
+        |body| prepare_body(rollout, body, placings),
+        |fixed| prepare_static(rollout, fixed, placings),
+        |latents| matter(&Rollout { latents, ..*rollout }, placings),
+    )?;
+    Ok(prepared)
+}
+
+/// What latents decide of the scene's own things.
+fn matter(rollout: &Rollout, placings: &[(&'static dyn Placing, Constants)]) -> Result<Deed> {
+    let body = |body: &Body| {
+        let own = prepare_body(rollout, body, placings)?;
+        Ok(Matter { mass: own.mass, inertia: own.inertia, surface: [own.friction, own.restitution] })
+    };
+    let fixed = |fixed: &Static| {
+        let own = prepare_static(rollout, fixed, placings);
+        [own.friction, own.restitution]
+    };
+    Ok(Deed::Matter {
+        bodies: rollout.scene.bodies.iter().map(body).collect::<Result<_>>()?,
+        statics: rollout.scene.statics.iter().map(fixed).collect(),
     })
 }
 
@@ -189,6 +156,7 @@ fn prepare_body(
         angle: body.angle,
         velocity: body.velocity,
         omega: body.angular_velocity,
+        there: true,
     })
 }
 
@@ -205,6 +173,7 @@ fn prepare_static(
         shape: fixed.shape.solid().placed(position, fixed.angle),
         friction: latents.friction.filter(|_| carries).unwrap_or(fixed.friction),
         restitution: latents.restitution.filter(|_| carries).unwrap_or(fixed.restitution),
+        there: true,
     }
 }
 

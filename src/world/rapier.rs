@@ -17,10 +17,14 @@
 //! `length_unit` follows the smallest body so that centimetre-sized balls are not met with metre-sized
 //! tolerances, and the speed cap is kept at 400 m/s whatever the unit.
 
+mod intervene;
+
+use std::borrow::Cow;
+
 use rapier2d::prelude::*;
 
 use super::effect::{Answer, Meeting, Moving, rolled_off};
-use super::goal::{self, Watch};
+use super::goal::{self, Party, Watch};
 use super::prepare::{Prepared, PreparedBody};
 use super::record::{Recorder, State};
 use crate::budget::Budget;
@@ -39,27 +43,33 @@ pub fn run(prepared: &Prepared, budget: &dyn Budget) -> Result<Trajectory> {
     let mut recorder = Recorder::new(prepared);
     let mut watch = Watch::default();
     let needed = prepared.goal.as_ref().map_or(0, |g| g.hold_steps(prepared.time_step));
-    recorder.observe(0, &world.states());
+    // What is known of things; a copy as soon as an intervention changes it.
+    let mut prepared = Cow::Borrowed(prepared);
+    let states = world.states();
+    recorder.observe(0, &states);
+    if let Some(blocked) = world.intervene(&mut prepared, 0, &states)? {
+        return Ok(recorder.finish(0, blocked));
+    }
     let mut due = prepared.schedule.after(0);
     let steps_a_look = (WORK_A_LOOK / prepared.bodies.len().max(1)).max(1) as u32;
     for step in 1..=prepared.steps {
         if step % steps_a_look == 0 {
             budget.look()?;
         }
-        world.kick(prepared, step - 1);
+        world.kick(&prepared, step - 1);
         let before = world.velocities();
         if prepared.touches.is_empty() {
             world.physics.step();
         } else {
-            world.physics.step_with_events(&Laws { prepared }, &());
-            world.slow_what_rolls(prepared);
+            world.physics.step_with_events(&Laws { prepared: &prepared }, &());
+            world.slow_what_rolls(&prepared);
         }
         let states = world.states();
-        if states.iter().any(|s| !s.is_finite()) {
+        if states.iter().zip(&prepared.bodies).any(|(s, own)| own.there && !s.is_finite()) {
             return Ok(recorder.finish(step - 1, End::Diverged));
         }
-        world.record_contacts(prepared, &before, step, &mut recorder);
-        if let Some(spec) = &prepared.goal {
+        world.record_contacts(&prepared, &before, step, &mut recorder);
+        if let Some(spec) = prepared.goal.as_ref().filter(|goal| prepared.has(goal)) {
             let holds = goal::holds(
                 &spec.condition,
                 |i| (states[i].position, states[i].angle),
@@ -78,14 +88,21 @@ pub fn run(prepared: &Prepared, budget: &dyn Budget) -> Result<Trajectory> {
             recorder.observe(step, &states);
             due = prepared.schedule.after(step);
         }
+        if let Some(blocked) = world.intervene(&mut prepared, step, &states)? {
+            return Ok(recorder.finish(step, blocked));
+        }
     }
     Ok(recorder.finish(prepared.steps, End::Horizon))
 }
 
 struct World {
     physics: PhysicsWorld,
-    /// In the order of the prepared bodies.
-    bodies: Vec<RigidBodyHandle>,
+    /// In the order of the prepared bodies; none for what is not there.
+    bodies: Vec<Option<RigidBodyHandle>>,
+    /// Colliders of the prepared statics, in their order; none for what is not there.
+    statics: Vec<Vec<ColliderHandle>>,
+    /// What colliders of bodies call upon.
+    hooks: ActiveHooks,
     /// Centre of mass of each body, its own frame.
     centres: Vec<Vector>,
     /// Body angle, unwrapped by following small turns.
@@ -111,41 +128,62 @@ impl World {
         } else {
             ActiveHooks::MODIFY_SOLVER_CONTACTS
         };
-        let rules = &prepared.rules;
-        let mut bodies = Vec::new();
-        for (i, body) in prepared.bodies.iter().enumerate() {
-            let rigid = RigidBodyBuilder::dynamic()
-                .translation(vector(body.position))
-                .rotation(body.angle as f32)
-                .linvel(vector(velocity_of_centre(body)))
-                .angvel(body.omega as f32)
-                .can_sleep(false)
-                .build();
-            let handle = physics.bodies.insert(rigid);
-            for (n, piece) in body.shape.0.iter().enumerate() {
-                let builder = collider(piece, &format!("bodies[{i}]"))?;
-                // The first piece carries the whole body's mass.
-                let mass = if n == 0 { mass_properties(body) } else { MassProperties::default() };
-                let collider =
-                    surface(builder, rules, body.friction, body.restitution, i).mass_properties(mass);
-                physics.colliders.insert_with_parent(
-                    collider.active_hooks(hooks),
-                    handle,
-                    &mut physics.bodies,
-                );
-            }
-            bodies.push(handle);
-        }
-        for (i, fixed) in prepared.statics.iter().enumerate() {
-            let index = prepared.bodies.len() + i;
-            for builder in standing(&fixed.shape, &format!("statics[{i}]"))? {
-                physics.colliders.insert(surface(builder, rules, fixed.friction, fixed.restitution, index));
-            }
-        }
         let angles = prepared.bodies.iter().map(|b| b.angle).collect();
         let loaded = vec![false; prepared.bodies.len() * prepared.statics.len()];
         let centres = prepared.bodies.iter().map(|b| vector(b.centre)).collect();
-        Ok(World { physics, bodies, centres, angles, time_step: prepared.time_step, loaded })
+        let bodies = vec![None; prepared.bodies.len()];
+        let statics = vec![Vec::new(); prepared.statics.len()];
+        let time_step = prepared.time_step;
+        let mut world = World { physics, bodies, statics, hooks, centres, angles, time_step, loaded };
+        for (i, body) in prepared.bodies.iter().enumerate() {
+            let path = prepared.path_of(Party::Body(i));
+            match body.there {
+                true => world.insert_body(prepared, i, &path)?,
+                // Better now than in the middle.
+                false => body.shape.0.iter().try_for_each(|piece| collider(piece, &path).map(drop))?,
+            }
+        }
+        for (i, fixed) in prepared.statics.iter().enumerate() {
+            let path = prepared.path_of(Party::Static(i));
+            match fixed.there {
+                true => world.insert_static(prepared, i, &path)?,
+                false => standing(&fixed.shape, &path).map(drop)?,
+            }
+        }
+        Ok(world)
+    }
+
+    /// Lets a body in where it starts; `path` is its own, for errors.
+    fn insert_body(&mut self, prepared: &Prepared, i: usize, path: &str) -> Result<()> {
+        let body = &prepared.bodies[i];
+        let rigid = RigidBodyBuilder::dynamic()
+            .translation(vector(body.position))
+            .rotation(body.angle as f32)
+            .linvel(vector(velocity_of_centre(body)))
+            .angvel(body.omega as f32)
+            .can_sleep(false)
+            .build();
+        let handle = self.physics.bodies.insert(rigid);
+        for (n, piece) in body.shape.0.iter().enumerate() {
+            // The first piece carries the whole body's mass.
+            let mass = if n == 0 { mass_properties(body) } else { MassProperties::default() };
+            let builder =
+                surface(collider(piece, path)?, &prepared.rules, body.friction, body.restitution, i);
+            let collider = builder.mass_properties(mass).active_hooks(self.hooks);
+            self.physics.colliders.insert_with_parent(collider, handle, &mut self.physics.bodies);
+        }
+        self.bodies[i] = Some(handle);
+        Ok(())
+    }
+
+    /// Lets a static in; `path` is its own, for errors.
+    fn insert_static(&mut self, prepared: &Prepared, i: usize, path: &str) -> Result<()> {
+        let (fixed, index) = (&prepared.statics[i], prepared.bodies.len() + i);
+        for builder in standing(&fixed.shape, path)? {
+            let builder = surface(builder, &prepared.rules, fixed.friction, fixed.restitution, index);
+            self.statics[i].push(self.physics.colliders.insert(builder));
+        }
+        Ok(())
     }
 
     /// Lets the motion effects act on every body, at its centre of mass.
@@ -155,6 +193,7 @@ impl World {
         }
         let time = f64::from(step) * self.time_step;
         for (handle, centre) in self.bodies.iter().zip(&self.centres) {
+            let Some(handle) = handle else { continue };
             let body = &mut self.physics.bodies[*handle];
             let (at, v) = (body.translation() + arm(body, *centre), body.linvel());
             let mut moving = Moving {
@@ -199,7 +238,8 @@ impl World {
                     // From the static to the disc.
                     let normal = if first == body { -manifold.data.normal } else { manifold.data.normal };
                     let tangent = Vector::new(-normal.y, normal.x);
-                    let rigid = &mut self.physics.bodies[self.bodies[body]];
+                    let Some(handle) = self.bodies[body] else { continue };
+                    let rigid = &mut self.physics.bodies[handle];
                     let (v, spin) = (rigid.linvel(), rigid.angvel());
                     let [lost, turn] = rolled_off(v.dot(tangent).into(), spin.into(), radius, off);
                     rigid.set_linvel(v - tangent * lost as f32, false);
@@ -211,15 +251,17 @@ impl World {
     }
 
     fn velocities(&self) -> Vec<(Vector, f32)> {
-        self.bodies
-            .iter()
-            .map(|h| (self.physics.bodies[*h].linvel(), self.physics.bodies[*h].angvel()))
-            .collect()
+        let of = |h: &RigidBodyHandle| (self.physics.bodies[*h].linvel(), self.physics.bodies[*h].angvel());
+        self.bodies.iter().map(|h| h.as_ref().map_or((Vector::ZERO, 0.0), of)).collect()
     }
 
     fn states(&mut self) -> Vec<State> {
         let mut states = Vec::with_capacity(self.bodies.len());
         for ((handle, centre), angle) in self.bodies.iter().zip(&self.centres).zip(&mut self.angles) {
+            let Some(handle) = handle else {
+                states.push(State::NOWHERE);
+                continue;
+            };
             let body = &self.physics.bodies[*handle];
             let wrapped = f64::from(body.rotation().angle());
             let turn = (wrapped - *angle + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU);
@@ -261,7 +303,8 @@ impl World {
                     if i >= count {
                         return Vector::ZERO;
                     }
-                    let body = &self.physics.bodies[self.bodies[i]];
+                    let Some(handle) = self.bodies[i] else { return Vector::ZERO };
+                    let body = &self.physics.bodies[handle];
                     let centre = body.translation() + arm(body, self.centres[i]);
                     let (v, spin) = before[i];
                     v + Vector::new(-(at.y - centre.y), at.x - centre.x) * spin

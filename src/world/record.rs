@@ -3,7 +3,8 @@
 //! Two things begin to touch when they touch after not having touched for [`APART_STEPS`] steps, so that the
 //! chatter of a ball coming to rest is one contact, not many.
 
-use super::prepare::Prepared;
+use super::prepared::Prepared;
+pub use super::state::State;
 use crate::trajectory::{Contact, End, Outcome, Track, Trajectory};
 
 /// Steps without touch after which a touch counts as a new contact. Shorter counts chatter; longer merges
@@ -11,27 +12,6 @@ use crate::trajectory::{Contact, End, Outcome, Track, Trajectory};
 pub const APART_STEPS: u32 = 3;
 /// Upward component of a contact normal from which the contact carries the body: cos 60 degrees.
 pub const CARRIES: f64 = 0.5;
-
-/// The state of one body.
-#[derive(Clone, Copy, Debug)]
-pub struct State {
-    /// m
-    pub position: [f64; 2],
-    /// rad, not wrapped
-    pub angle: f64,
-    /// m/s
-    pub velocity: [f64; 2],
-    /// rad/s
-    pub omega: f64,
-}
-
-impl State {
-    /// Whether the state is within all reason; a rollout with one that is not has diverged.
-    pub fn is_finite(&self) -> bool {
-        let all = [self.position[0], self.position[1], self.velocity[0], self.velocity[1], self.omega];
-        all.iter().all(|v| v.is_finite() && v.abs() < 1e7)
-    }
-}
 
 /// Collects one rollout's record.
 pub struct Recorder {

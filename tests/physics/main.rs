@@ -6,6 +6,7 @@ mod fuzz_one;
 mod json;
 
 mod analytic;
+mod branch;
 mod contact_rules;
 mod effects;
 mod fuzz_scene;

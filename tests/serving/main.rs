@@ -5,6 +5,7 @@
 mod worlds;
 
 mod access;
+mod branch;
 mod fair;
 mod http;
 mod kept;

@@ -426,6 +426,7 @@ impl Ask for Rust {
                     task: args["task"].as_str().map(String::from),
                     trajectories: false,
                     stop: true,
+                    interventions: Vec::new(),
                 };
                 let rolled = self.world.as_ref().unwrap().rollout(&batch, &Endless).unwrap();
                 let result = |r: &Result<iplw::trajectory::Trajectory, String>| match r {

@@ -4,6 +4,7 @@
 pub mod asked;
 mod attempts;
 mod batch;
+mod branch;
 mod closed;
 mod course;
 mod diagnosis;
@@ -37,9 +38,10 @@ use crate::error::Error;
 use crate::job::{Recipe, Recipes};
 
 /// A row a file.
-const FILES: [fn() -> Vec<Operation>; 20] = [
+const FILES: [fn() -> Vec<Operation>; 21] = [
     asked::operations,
     batch::operations,
+    branch::operations,
     course::operations,
     diagnosis::operations,
     effect::operations,

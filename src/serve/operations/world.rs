@@ -17,7 +17,7 @@ use crate::serve::wire::{
     BatchOut, CreateWorld, HappenedOut, LatentsIn, ResetIn, ResetOut, RolloutIn, StepIn, StepOut, WatchOut,
     WorldOut, Worlds, drawn,
 };
-use crate::session::{Batch, World, WorldList, WorldWatcher};
+use crate::session::{World, WorldList, WorldWatcher};
 
 /// What can be asked of one world.
 pub fn operations() -> Vec<Operation> {
@@ -70,6 +70,7 @@ pub fn operations() -> Vec<Operation> {
         post("rollout_world", "/v1/worlds/{id}/rollout", "worlds", ACT)
             .about("Attempts many actions at once, leaving the episode as it is.")
             .refuses(&[
+                (403, "Interventions in a real or sealed world"),
                 (404, ""),
                 (409, "No current task"),
                 (413, "Too many actions"),
@@ -207,7 +208,7 @@ fn set_latents(app: &App, (Id(id), Body(body)): (Id, Body<LatentsIn>)) -> Result
 /// Trajectories come as arrays where those are wanted apart.
 fn rollout(app: &App, (Id(id), Body(body), Raw(raw)): (Id, Body<RolloutIn>, Raw)) -> Result<BatchOut> {
     let world = app.worlds().get(&id)?;
-    let batch = Batch::from(body);
+    let batch = body.batch()?;
     let rolled = world.rollout(&batch, app.budget()).map_err(or_as_a_job)?;
     app.metrics.attempted(world.kind(), rolled.valid, rolled.steps());
     Ok(BatchOut::new(rolled, batch.trajectories, raw))

@@ -155,6 +155,7 @@ pub fn end_name(end: End) -> &'static str {
         End::Horizon => "horizon",
         End::Goal => "goal",
         End::Diverged => "diverged",
+        End::Blocked { .. } => "blocked",
     }
 }
 

@@ -8,6 +8,9 @@ use utoipa::ToSchema;
 use super::action::ActionIn;
 use super::array::{Array, Data};
 use super::bulk::Bulk;
+use super::intervention::{InterventionIn, interventions};
+use super::strict::Object;
+use crate::error::Result;
 use crate::session::{Action, Batch, Rolled, Tried};
 use crate::trajectory::Trajectory;
 
@@ -23,6 +26,9 @@ pub struct RolloutIn {
     pub trajectories: Option<bool>,
     /// Whether a rollout ends with the goal; default true, and always true in a real world.
     pub stop: Option<bool>,
+    /// What is done in the middle of rollouts: a list for each action, or one for all of them. Not in a real or sealed world.
+    #[schema(value_type = Option<Vec<Vec<InterventionIn>>>)]
+    pub interventions: Option<Vec<Vec<Object<InterventionIn>>>>,
 }
 
 /// What a batch brought.
@@ -36,7 +42,7 @@ pub struct BatchOut {
     /// In the order of the actions.
     pub results: Vec<ResultOut>,
     /// Trajectories, if they were asked for with raw arrays, which are more: `t` (action, time), s, and `states`
-    /// (action, body, time, 3), m, m and rad, both NaN after the end; and `length` (action), their samples.
+    /// (action, body, time, 3), m, m and rad, both NaN after the end and while a body is not in the scene; and `length` (action), their samples.
     #[serde(skip)]
     pub arrays: Vec<(&'static str, Array)>,
     /// With raw arrays: names of the bodies, in their order.
@@ -58,7 +64,7 @@ pub struct ResultOut {
     /// Observation times, s.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub t: Option<Vec<f64>>,
-    /// By body name, a state for each time.
+    /// By body name, a state for each time; `null` while an intervention has the body out of the scene.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bodies: Option<BTreeMap<String, BodyTrack>>,
 }
@@ -83,14 +89,19 @@ pub struct BodyTrack {
     pub angle: Vec<f64>,
 }
 
-impl From<RolloutIn> for Batch {
-    fn from(batch: RolloutIn) -> Batch {
-        Batch {
+impl RolloutIn {
+    /// What is asked for.
+    pub fn batch(self) -> Result<Batch> {
+        let batch = self;
+        let lists = batch.interventions.unwrap_or_default().into_iter().enumerate();
+        let lists = lists.map(|(i, own)| interventions(own, None, &format!("interventions[{i}]")));
+        Ok(Batch {
+            interventions: lists.collect::<Result<_>>()?,
             actions: batch.actions.into_iter().map(Action::from).collect(),
             task: batch.task,
             trajectories: batch.trajectories.unwrap_or(false),
             stop: batch.stop.unwrap_or(true),
-        }
+        })
     }
 }
 
@@ -134,17 +145,21 @@ impl Bulk for BatchOut {
 /// Names of the bodies, and the trajectories as `t`, `states` and `length`.
 fn stacked(results: &[Tried]) -> (Vec<String>, Vec<(&'static str, Array)>) {
     let trajectories = || results.iter().map(|r| r.as_ref().ok());
-    let names: Vec<String> = match trajectories().flatten().next() {
-        Some(first) => first.bodies.iter().map(|b| b.name.clone()).collect(),
-        None => Vec::new(),
-    };
+    // Of all that is ever in any of them: interventions let bodies in.
+    let mut names: Vec<String> = Vec::new();
+    for track in trajectories().flatten().flat_map(|t| &t.bodies) {
+        if !names.contains(&track.name) {
+            names.push(track.name.clone());
+        }
+    }
     let (n, most) = (results.len(), trajectories().flatten().map(|t| t.times.len()).max().unwrap_or(0));
     let mut t = vec![f64::NAN; n * most];
     let mut states = vec![f64::NAN; n * names.len() * most * 3];
     for (i, trajectory) in trajectories().enumerate() {
         let Some(trajectory) = trajectory else { continue };
         t[i * most..][..trajectory.times.len()].copy_from_slice(&trajectory.times);
-        for (b, track) in trajectory.bodies.iter().enumerate() {
+        for track in &trajectory.bodies {
+            let Some(b) = names.iter().position(|name| *name == track.name) else { continue };
             let at = (i * names.len() + b) * most * 3;
             for (k, state) in states[at..][..track.len() * 3].chunks_exact_mut(3).enumerate() {
                 state.copy_from_slice(&[track.x[k], track.y[k], track.angle[k]]);

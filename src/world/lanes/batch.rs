@@ -6,11 +6,14 @@
 
 use super::feed::Feed;
 use super::goal::GoalLanes;
+use super::intervene::intervene;
 use super::rest::{LOOK_EVERY, Snapshot};
 use super::state::State;
 use super::touching::Met;
 use crate::trajectory::{End, Trajectory};
+use crate::world::change::Change;
 use crate::world::effect::LANES;
+
 use crate::world::observe::Schedule;
 use crate::world::prepare::{Prepared, PreparedBody};
 use crate::world::record::{self, APART_STEPS, Recorder};
@@ -29,11 +32,11 @@ pub trait Instructions {
 
 /// Integrates everything that `feed` holds, unless it is told to stop.
 pub fn run(feed: &mut dyn Feed, end_at_rest: bool, instructions: &dyn Instructions) {
-    let Some((index, first)) = feed.next() else { return };
-    let mut batch = Batch::new(&first);
-    batch.fill(0, index, &first);
-    for lane in 1..LANES {
-        batch.refill(lane, feed);
+    let Some(first) = feed.next() else { return };
+    let mut batch = Batch::new(&first.1);
+    let mut first = Some(first);
+    for lane in 0..LANES {
+        batch.refill(lane, feed, first.take());
     }
     let steps_a_look = (PAIRS_A_LOOK / (batch.state.pairs.len() + batch.state.near.len()).max(1)).max(1);
     let mut unlooked = 0;
@@ -89,19 +92,30 @@ struct Lane {
     schedule: Schedule,
     stop: bool,
     solved: bool,
-    /// Ticks of the next observation and of the end.
+    /// Step of the next observation; beyond the end, the end.
+    look: u32,
+    /// Tick at which it is observed, changed or ends next.
     due: f64,
+    /// What is known of its things, where there are interventions; and how many of them have happened.
+    prepared: Option<Box<Prepared>>,
+    changed: usize,
+}
+
+impl Lane {
+    /// The next step at which there is something to do.
+    fn next(&self) -> u32 {
+        self.change().map_or(self.look, |change| change.step.min(self.look))
+    }
+
+    /// The next intervention.
+    fn change(&self) -> Option<&Change> {
+        self.prepared.as_ref()?.changes.get(self.changed)
+    }
 }
 
 /// Where bodies start, as they were given.
 fn starts(prepared: &Prepared) -> Vec<record::State> {
-    let start = |b: &PreparedBody| record::State {
-        // Adding 0 turns -0 into 0, as for all that follows.
-        position: b.position.map(|x| x + 0.0),
-        angle: b.angle + 0.0,
-        velocity: b.velocity.map(|v| v + 0.0),
-        omega: b.omega + 0.0,
-    };
+    let start = |b: &PreparedBody| if b.there { b.start() } else { record::State::NOWHERE };
     prepared.bodies.iter().map(start).collect()
 }
 
@@ -117,30 +131,61 @@ impl Batch {
     }
 
     /// Puts the next rollout, if there is one, into a lane.
-    fn refill(&mut self, lane: usize, feed: &mut dyn Feed) {
-        match feed.next() {
-            Some((index, prepared)) => self.fill(lane, index, &prepared),
-            None => self.clear(lane),
+    fn refill(&mut self, lane: usize, feed: &mut dyn Feed, first: Option<(usize, Prepared)>) {
+        let mut next = first.or_else(|| feed.next());
+        loop {
+            match next {
+                Some((index, prepared)) => self.fill(lane, index, prepared),
+                None => self.clear(lane),
+            }
+            let Some(end) = self.intervene(lane, 0) else { break };
+            self.hand_over(lane, 0, end, feed);
+            next = feed.next();
         }
         self.due = self.lanes.iter().flatten().map(|l| l.due).fold(f64::INFINITY, f64::min);
     }
 
-    fn fill(&mut self, lane: usize, index: usize, prepared: &Prepared) {
-        self.state.fill(lane, prepared);
+    fn fill(&mut self, lane: usize, index: usize, prepared: Prepared) {
+        self.state.fill(lane, &prepared);
         if let Some(goal) = &mut self.goal {
-            goal.fill(lane, prepared);
+            goal.fill(lane, &prepared);
         }
+        let look = prepared.schedule.after(0).min(prepared.steps);
         let mut new = Lane {
             index,
-            recorder: Recorder::new(prepared),
+            recorder: Recorder::new(&prepared),
             steps: prepared.steps,
             schedule: prepared.schedule.clone(),
             stop: prepared.stop,
             solved: false,
-            due: self.state.tick + f64::from(prepared.schedule.after(0).min(prepared.steps)),
+            look,
+            due: self.state.tick + f64::from(look),
+            prepared: None,
+            changed: 0,
         };
-        new.recorder.observe(0, &starts(prepared));
+        new.recorder.observe(0, &starts(&prepared));
+        if !prepared.changes.is_empty() {
+            new.prepared = Some(Box::new(prepared));
+            new.due = self.state.tick + f64::from(new.next());
+        }
         self.lanes[lane] = Some(new);
+    }
+
+    /// Does what is to be done in a lane after so many steps; how its rollout ends, if it does.
+    fn intervene(&mut self, lane: usize, step: u32) -> Option<End> {
+        let own = self.lanes[lane].as_mut()?;
+        let prepared = own.prepared.as_mut()?;
+        while let Some(change) = prepared.changes.get(own.changed).filter(|c| c.step == step).cloned() {
+            own.changed += 1;
+            // What was the same in the step before may be another from here on.
+            self.snapshot = None;
+            let end = intervene(&mut self.state, self.goal.as_mut(), lane, prepared, &change);
+            if end.is_some() {
+                return end;
+            }
+        }
+        own.due = self.state.born[lane] + f64::from(own.next());
+        None
     }
 
     /// Leaves a lane empty.
@@ -211,11 +256,16 @@ impl Batch {
             if own.due > self.state.tick {
                 continue;
             }
-            let (steps, next) = (own.steps, own.schedule.after(step));
-            own.due = self.state.born[lane] + f64::from(next.min(steps));
-            self.observe(lane, step);
+            let (steps, look) = (own.steps, own.look);
+            if step >= look {
+                own.look = own.schedule.after(step).min(steps);
+                own.due = self.state.born[lane] + f64::from(own.next());
+                self.observe(lane, step);
+            }
             if step >= steps {
                 self.retire(lane, steps, End::Horizon, feed);
+            } else if let Some(end) = self.intervene(lane, step) {
+                self.retire(lane, step, end, feed);
             }
         }
         self.due = self.lanes.iter().flatten().map(|l| l.due).fold(f64::INFINITY, f64::min);
@@ -230,17 +280,24 @@ impl Batch {
 
     fn retire_diverged(&mut self, feed: &mut dyn Feed) {
         for lane in 0..LANES {
-            if self.lanes[lane].is_some() && !self.state.bodies_in(lane).iter().all(record::State::is_finite)
-            {
+            if self.lanes[lane].is_some() && self.state.diverged(lane) {
                 // Nothing of the step that diverged is kept.
                 let step = self.state.step_of(lane) - 1;
                 self.retire(lane, step, End::Diverged, feed);
             }
+            // What is out of the scene falls on and on.
+            self.state.park(lane);
         }
     }
 
     /// Hands a finished rollout over and fills its lane again.
     fn retire(&mut self, lane: usize, step: u32, end: End, feed: &mut dyn Feed) {
+        self.hand_over(lane, step, end, feed);
+        self.refill(lane, feed, None);
+    }
+
+    /// Hands a finished rollout over.
+    fn hand_over(&mut self, lane: usize, step: u32, end: End, feed: &mut dyn Feed) {
         if let Some(mut own) = self.lanes[lane].take() {
             let rolling: f64 = self.state.bodies.iter().map(|b| b.rolling[lane]).sum();
             own.recorder.rolled(rolling as u32);
@@ -250,7 +307,6 @@ impl Batch {
             let trajectory: Trajectory = own.recorder.finish(step, end);
             feed.done(own.index, trajectory);
         }
-        self.refill(lane, feed);
     }
 
     /// The state now, if some lane may be at rest.
@@ -267,7 +323,8 @@ impl Batch {
             let step = self.state.step_of(lane);
             let (states, reached) =
                 (self.state.bodies_in(lane), self.goal.as_ref().and_then(|g| g.steps_to_go(lane)));
-            let Some(own) = &mut self.lanes[lane] else { continue };
+            // What an intervention is still to come to is at rest for now only.
+            let Some(own) = self.lanes[lane].as_mut().filter(|own| own.change().is_none()) else { continue };
             let mut last = own.steps;
             let mut end = End::Horizon;
             if let Some(more) = reached.filter(|more| *more <= own.steps - step) {

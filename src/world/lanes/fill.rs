@@ -3,9 +3,9 @@
 use super::outline::{self, disc_within};
 use super::piece::{Piece, pieces};
 use super::state::{Core, NOTHING, Pair, State, StaticLanes, TermLanes};
-use super::touching::NEVER_TOUCHED;
 use crate::world::effect::{Constants, MOST_PARAMETERS};
 use crate::world::prepare::{Prepared, PreparedBody};
+use crate::world::record;
 
 /// Chipmunk's share of overlap left after a second: 0.9 a 60th of a second.
 const LEFT_A_FRAME: f64 = 0.9;
@@ -26,31 +26,19 @@ impl State {
         self.bias_rate[lane] = (1.0 - libm::pow(LEFT_A_FRAME, 60.0 * dt)) / dt;
         self.born[lane] = self.tick;
         outline::fill(&mut self.frames, &mut self.outlines, lane, prepared);
-        for (i, (body, own)) in self.bodies.iter_mut().zip(&prepared.bodies).enumerate() {
-            let arm = self.frames.get(i).map_or([0.0; 2], |f| f.arm(lane, own.angle));
-            // Adding 0 turns -0 into 0: see `kernel::push`.
-            body.moving.x[lane] = own.position[0] + arm[0] + 0.0;
-            body.moving.y[lane] = own.position[1] + arm[1] + 0.0;
-            body.moving.vx[lane] = own.velocity[0] - own.omega * arm[1] + 0.0;
-            body.moving.vy[lane] = own.velocity[1] + own.omega * arm[0] + 0.0;
-            body.moving.omega[lane] = own.omega + 0.0;
-            body.angle[lane] = own.angle + 0.0;
-            body.bias_x[lane] = 0.0;
-            body.bias_y[lane] = 0.0;
-            body.radius[lane] = inner_radius(own);
-            body.inv_mass[lane] = 1.0 / own.mass;
-            body.spin_per_impulse[lane] = inner_radius(own) / own.inertia;
-            body.travel[lane] = 0.0;
-            body.carried[lane] = 0.0;
-            body.rolling[lane] = 0.0;
+        for (i, own) in prepared.bodies.iter().enumerate() {
+            self.fill_body(lane, i, own);
         }
         for (fixed, (_, own)) in self.statics.iter_mut().zip(pieces(prepared)) {
             fill_static(fixed, lane, own);
         }
-        for pair in &mut self.pairs {
-            fill_pair(pair, lane, prepared);
+        for i in 0..prepared.bodies.len() + prepared.statics.len() {
+            if !prepared.has_number(i) {
+                self.hide(lane, i);
+            }
         }
-        self.fill_near(lane, prepared);
+        self.fill_pairs(lane, prepared);
+        self.begin_pairs(lane, |_| true);
         for (term, (_, constants)) in self.motions.iter_mut().zip(&prepared.motions) {
             fill_term(term, lane, constants);
         }
@@ -59,22 +47,51 @@ impl State {
         }
     }
 
-    /// Pairs of outlines begin anew, without contacts.
-    fn fill_near(&mut self, lane: usize, prepared: &Prepared) {
-        let surface = |i: usize| match prepared.bodies.get(i) {
-            Some(body) => [body.friction, body.restitution],
-            None => {
-                let fixed = &prepared.statics[i - prepared.bodies.len()];
-                [fixed.friction, fixed.restitution]
-            }
-        };
-        for near in &mut self.near {
-            let [friction, restitution] =
-                prepared.rules.of_contact(surface(near.met.first), surface(near.met.other));
-            near.fill(lane, NEVER_TOUCHED, friction, restitution);
+    /// Puts a body into a lane, where it starts.
+    pub fn fill_body(&mut self, lane: usize, i: usize, own: &PreparedBody) {
+        self.set_body(lane, i, own, &own.start());
+        let body = &mut self.bodies[i];
+        body.radius[lane] = inner_radius(own);
+        body.travel[lane] = 0.0;
+        body.carried[lane] = 0.0;
+        body.rolling[lane] = 0.0;
+        self.fill_matter(lane, i, own);
+    }
+
+    /// Sets where a body is and how it moves; nothing is left of what pushed it out of others.
+    pub fn set_body(&mut self, lane: usize, i: usize, own: &PreparedBody, to: &record::State) {
+        let (arm, body) = (own.arm(to.angle), &mut self.bodies[i]);
+        // Adding 0 turns -0 into 0: see `kernel::push`.
+        body.moving.x[lane] = to.position[0] + arm[0] + 0.0;
+        body.moving.y[lane] = to.position[1] + arm[1] + 0.0;
+        body.moving.vx[lane] = to.velocity[0] - to.omega * arm[1] + 0.0;
+        body.moving.vy[lane] = to.velocity[1] + to.omega * arm[0] + 0.0;
+        body.moving.omega[lane] = to.omega + 0.0;
+        body.angle[lane] = to.angle + 0.0;
+        body.bias_x[lane] = 0.0;
+        body.bias_y[lane] = 0.0;
+        if let Some(frame) = self.frames.get_mut(i) {
+            frame.bias_omega[lane] = 0.0;
         }
-        for manifold in &mut self.manifolds {
-            manifold.clear(lane);
+    }
+
+    /// What follows from a body's mass.
+    pub fn fill_matter(&mut self, lane: usize, i: usize, own: &PreparedBody) {
+        self.bodies[i].inv_mass[lane] = 1.0 / own.mass;
+        self.bodies[i].spin_per_impulse[lane] = inner_radius(own) / own.inertia;
+        if let Some(frame) = self.frames.get_mut(i) {
+            frame.inv_inertia[lane] = 1.0 / own.inertia;
+        }
+    }
+
+    /// What follows from masses and surfaces of two things that may touch, for all of them.
+    pub fn fill_pairs(&mut self, lane: usize, prepared: &Prepared) {
+        for pair in &mut self.pairs {
+            fill_pair(pair, lane, prepared);
+        }
+        for near in &mut self.near {
+            let (first, other) = (prepared.surface(near.met.first), prepared.surface(near.met.other));
+            [near.friction[lane], near.restitution[lane]] = prepared.rules.of_contact(first, other);
         }
     }
 
@@ -106,7 +123,8 @@ impl State {
             pair.limit[lane] = f64::INFINITY;
         }
         for near in &mut self.near {
-            near.fill(lane, f64::INFINITY, 0.0, 0.0);
+            near.fill(lane, f64::INFINITY);
+            (near.friction[lane], near.restitution[lane]) = (0.0, 0.0);
         }
         for manifold in &mut self.manifolds {
             manifold.clear(lane);
@@ -127,32 +145,25 @@ fn inner_radius(body: &PreparedBody) -> f64 {
 }
 
 fn fill_pair(pair: &mut Pair, lane: usize, prepared: &Prepared) {
-    let count = prepared.bodies.len();
-    let a = &prepared.bodies[pair.first];
     let looseness = |i: usize| {
         let b = &prepared.bodies[i];
         let radius = inner_radius(b);
         (1.0 / b.mass, radius * radius / b.inertia)
     };
     let (mut inv_mass, mut turn) = looseness(pair.first);
-    let theirs = if pair.second < count {
+    if pair.second < prepared.bodies.len() {
         let (m, t) = looseness(pair.second);
         (inv_mass, turn) = (inv_mass + m, turn + t);
-        [prepared.bodies[pair.second].friction, prepared.bodies[pair.second].restitution]
-    } else {
-        let fixed = &prepared.statics[pair.met.other - count];
-        [fixed.friction, fixed.restitution]
-    };
-    pair.limit[lane] = NEVER_TOUCHED;
-    (pair.jn[lane], pair.jt[lane]) = (0.0, 0.0);
+    }
     pair.full_normal_mass[lane] = 1.0 / inv_mass;
     pair.full_tangent_mass[lane] = 1.0 / (inv_mass + turn);
-    [pair.friction[lane], pair.restitution[lane]] =
-        prepared.rules.of_contact([a.friction, a.restitution], theirs);
-    pair.met.last_touch[lane] = NEVER_TOUCHED;
+    let (first, other) = (prepared.surface(pair.first), prepared.surface(pair.met.other));
+    [pair.friction[lane], pair.restitution[lane]] = prepared.rules.of_contact(first, other);
 }
 
-fn fill_static(fixed: &mut StaticLanes, lane: usize, piece: Piece) {
+/// Puts a piece of a static into a lane.
+pub fn fill_static(fixed: &mut StaticLanes, lane: usize, piece: Piece) {
+    fixed.radius[lane] = 0.0;
     match (&mut fixed.core, piece) {
         (Core::Plane { nx, ny, offset }, Piece::HalfPlane { normal, offset: own }) => {
             (nx[lane], ny[lane], offset[lane]) = (normal[0], normal[1], own);
@@ -186,7 +197,12 @@ fn fill_term<L: ?Sized + 'static>(term: &mut TermLanes<L>, lane: usize, constant
 /// Chipmunk's slop of 0.1 m is made for bodies of ordinary size. Smaller bodies get less, falling with the
 /// square of the size, so that a ball of 4 cm sinks in by half a millimetre and not by its whole radius.
 fn slop(prepared: &Prepared) -> f64 {
-    let smallest = prepared.bodies.iter().map(|b| 2.0 * inner_radius(b)).fold(f64::INFINITY, f64::min);
+    prepared.bodies[..prepared.own[0]].iter().map(slop_with).fold(f64::INFINITY, f64::min)
+}
+
+/// The slop, m, if this is the smallest body.
+pub fn slop_with(body: &PreparedBody) -> f64 {
+    let smallest = 2.0 * inner_radius(body);
     let share = (smallest / ORDINARY).min(1.0);
     SLOP * share * share
 }

@@ -96,6 +96,13 @@ impl GoalLanes {
         self.needed[lane] = f64::INFINITY;
     }
 
+    /// Forgets how far a lane's parties were apart: one of them was put elsewhere.
+    pub fn look_again(&mut self, lane: usize) {
+        if let ConditionLanes::Outlines { limit, .. } = &mut self.condition {
+            limit[lane] = NEVER_TOUCHED;
+        }
+    }
+
     /// Follows the goals; whether a lane has just reached its own.
     #[inline(always)]
     pub fn judge<R: Register, const N: usize>(&mut self, state: &mut State) -> bool {

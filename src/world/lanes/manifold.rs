@@ -69,10 +69,9 @@ impl Near {
     }
 
     /// Readies a lane for a new rollout, or for none.
-    pub fn fill(&mut self, lane: usize, limit: f64, friction: f64, restitution: f64) {
+    pub fn fill(&mut self, lane: usize, limit: f64) {
         self.limit[lane] = limit;
         self.met.last_touch[lane] = NEVER_TOUCHED;
-        (self.friction[lane], self.restitution[lane]) = (friction, restitution);
     }
 }
 
@@ -122,7 +121,15 @@ impl Manifold {
 ///
 /// Source: the rounds of a tournament in which all meet all (circle method); what stands still meets a body in the round in which that
 /// has no other.
-pub fn pairs(outlines: &[Outline], bodies: usize, disc: impl Fn(usize) -> bool) -> Vec<Near> {
+///
+/// What comes in later, beyond the scene's `own` bodies and statics, is behind all of these, so that it is as if it were not there
+/// as long as it is not.
+pub fn pairs(
+    outlines: &[Outline],
+    bodies: usize,
+    own: [usize; 2],
+    disc: impl Fn(usize) -> bool,
+) -> Vec<Near> {
     let mut all = Vec::new();
     for (a, first) in outlines.iter().enumerate().filter(|(_, o)| o.owner < bodies) {
         for (b, second) in outlines.iter().enumerate().skip(a + 1) {
@@ -133,8 +140,9 @@ pub fn pairs(outlines: &[Outline], bodies: usize, disc: impl Fn(usize) -> bool) 
             }
         }
     }
-    let rounds = bodies | 1;
+    let rounds = own[0] | 1;
     let round = |a: usize, b: usize| if b < bodies { (a + b) % rounds } else { (2 * a) % rounds };
-    all.sort_by_key(|near| round(near.met.first, near.met.other));
+    let late = |i: usize| if i < bodies { i >= own[0] } else { i - bodies >= own[1] };
+    all.sort_by_key(|Near { met, .. }| (late(met.first) || late(met.other), round(met.first, met.other)));
     all
 }

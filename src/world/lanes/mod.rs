@@ -29,6 +29,7 @@ mod count;
 mod feed;
 mod fill;
 mod goal;
+mod intervene;
 mod kernel;
 mod level;
 mod manifold;

@@ -82,15 +82,26 @@ pub fn of(prepared: &Prepared) -> (Vec<Frame>, Vec<Outline>) {
 /// Puts a rollout's shapes into a lane.
 pub fn fill(frames: &mut [Frame], outlines: &mut [Outline], lane: usize, prepared: &Prepared) {
     for (frame, body) in frames.iter_mut().zip(&prepared.bodies) {
-        frame.fill(lane, body);
-        let [from, to] = frame.outlines;
-        for (outline, piece) in outlines[from..to].iter_mut().zip(&body.shape.0) {
-            let about_centre = piece.points.iter().map(|p| [p[0] - body.centre[0], p[1] - body.centre[1]]);
-            outline.fill(lane, &Convex { points: about_centre.collect(), radius: piece.radius });
-        }
+        fill_body(frame, outlines, lane, body);
     }
+    fill_statics(frames, outlines, lane, prepared);
+}
+
+/// Puts a body's shape into a lane.
+pub fn fill_body(frame: &mut Frame, outlines: &mut [Outline], lane: usize, body: &PreparedBody) {
+    frame.fill(lane, body);
+    let [from, to] = frame.outlines;
+    for (outline, piece) in outlines[from..to].iter_mut().zip(&body.shape.0) {
+        let about_centre = piece.points.iter().map(|p| [p[0] - body.centre[0], p[1] - body.centre[1]]);
+        outline.fill(lane, &Convex { points: about_centre.collect(), radius: piece.radius });
+    }
+}
+
+/// Puts the shapes of all statics into a lane.
+fn fill_statics(frames: &[Frame], outlines: &mut [Outline], lane: usize, prepared: &Prepared) {
     let fixed = frames.last().map_or(0, |f| f.outlines[1]);
     for (outline, (_, piece)) in outlines[fixed..].iter_mut().zip(pieces(prepared)) {
+        outline.radius[lane] = 0.0;
         match (piece, &mut outline.core) {
             (Piece::HalfPlane { normal, offset: own }, OutlineCore::Plane { nx, ny, offset }) => {
                 (nx[lane], ny[lane], offset[lane]) = (normal[0], normal[1], own);

@@ -12,6 +12,14 @@ pub enum Piece<'a> {
 }
 
 impl Piece<'_> {
+    /// By which it is rounded, m.
+    pub fn radius(&self) -> f64 {
+        match self {
+            Piece::Convex(c) => c.radius,
+            Piece::HalfPlane { .. } => 0.0,
+        }
+    }
+
     /// Number of corners; 0 for a half plane.
     pub fn corners(&self) -> usize {
         match self {

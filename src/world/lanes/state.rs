@@ -178,7 +178,7 @@ impl State {
             bodies: (0..count).map(|i| BodyLanes { shaped: !disc(i), ..BodyLanes::empty() }).collect(),
             statics,
             pairs,
-            near: near_pairs(&outlines, count, disc),
+            near: near_pairs(&outlines, count, prepared.own, disc),
             frames,
             outlines,
             manifolds: Vec::new(),
@@ -207,6 +207,9 @@ impl State {
     /// The bodies' states in one lane: those of their frames' origins.
     pub fn bodies_in(&self, lane: usize) -> Vec<record::State> {
         let state = |(i, b): (usize, &BodyLanes)| {
+            if b.radius[lane] == NOTHING {
+                return record::State::NOWHERE;
+            }
             let (angle, omega) = (b.angle[lane], b.moving.omega[lane]);
             let arm = self.frames.get(i).map_or([0.0; 2], |f| f.arm(lane, angle));
             record::State {
@@ -217,6 +220,12 @@ impl State {
             }
         };
         self.bodies.iter().enumerate().map(state).collect()
+    }
+
+    /// Whether a body of the lane has left all reason.
+    pub fn diverged(&self, lane: usize) -> bool {
+        let states = self.bodies_in(lane);
+        self.bodies.iter().zip(&states).any(|(b, state)| b.radius[lane] != NOTHING && !state.is_finite())
     }
 
     /// Who touched, of what `fresh` holds: numbers of pairs, then of pairs of outlines.

@@ -12,6 +12,8 @@ pub struct Topology {
     bodies: Vec<Vec<usize>>,
     /// Corners of each piece of each static, with the static's number; 0 for a half plane.
     statics: Vec<(usize, usize)>,
+    /// How many of them are there from the start.
+    own: [usize; 2],
     effects: Vec<&'static str>,
     /// Bits of the time step.
     time_step: u64,
@@ -25,6 +27,7 @@ impl Topology {
         Topology {
             bodies: prepared.bodies.iter().map(|b| corners(&b.shape)).collect(),
             statics: pieces(prepared).map(|(s, piece)| (s, piece.corners())).collect(),
+            own: prepared.own,
             effects: prepared.effects.clone(),
             time_step: prepared.time_step.to_bits(),
             goal: prepared.goal.as_ref().map(|g| match &g.condition {

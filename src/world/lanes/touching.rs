@@ -28,6 +28,11 @@ impl Met {
         let none = V::all(0.0);
         Met { first, other, last_touch: V::all(NEVER_TOUCHED), begins: none, speed: none }
     }
+
+    /// Whether a thing (a body, or a static after all bodies) is one of the two.
+    pub fn is_of(&self, thing: usize) -> bool {
+        self.first == thing || self.other == thing
+    }
 }
 
 /// Marks the lanes that begin to touch; whether any does.

@@ -707,6 +707,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/worlds/{id}/branch": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Goes on from a snapshot with something else done: the counterfactual. Without a change it is the uninterrupted
+         *     rollout to the bit. An attempt like any other; many at once are `rollout` with `interventions`.
+         */
+        post: operations["branch_world"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/v1/worlds/{id}/events": {
         parameters: {
             query?: never;
@@ -790,6 +810,26 @@ export interface paths {
         put?: never;
         /** Sets those latent factors that are given. */
         post: operations["set_latents"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/worlds/{id}/snapshot": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * A moment in a rollout: where bodies are then, and a document from which to go on. It says how the moment is reached,
+         *     so it is exact and lasts as long as its world. It is no attempt.
+         */
+        post: operations["snapshot_world"];
         delete?: never;
         options?: never;
         head?: never;
@@ -901,6 +941,40 @@ export interface components {
             x: number[];
             /** @description m, up */
             y: number[];
+        };
+        /** @description Another course from a snapshot on. */
+        BranchIn: {
+            /** @description What is done from then on, in this order where moments are the same; nothing makes the uninterrupted rollout. */
+            interventions?: components["schemas"]["InterventionIn"][] | null;
+            /** @description As it was answered; of this world. */
+            snapshot: Record<string, never>;
+        };
+        /** @description A rollout with something else done in it, from its start. */
+        BranchOut: {
+            /**
+             * Format: double
+             * @description Moment of the snapshot, s since the start.
+             */
+            at: number;
+            /** @description By body name, a state for each time; `null` while the body is not in the scene. */
+            bodies: {
+                [key: string]: components["schemas"]["TrackOut"];
+            };
+            contacts: components["schemas"]["ContactsOut"];
+            /** @description `goal`, `horizon` or `diverged`. */
+            end: string;
+            /** @description Engine that ran. */
+            engine: string;
+            /** @description Valid attempts in this world so far. */
+            interactions: number;
+            solved?: boolean | null;
+            /**
+             * Format: int32
+             * @description Simulated time steps.
+             */
+            steps: number;
+            /** @description Observation times, s. */
+            t: number[];
         };
         /** @description Evidence that a task can be solved. */
         Certificate: {
@@ -1284,6 +1358,96 @@ export interface components {
             status: string;
             /** @description Version of the program. */
             version: string;
+        };
+        /**
+         * @description Something done in the middle of a rollout: at a moment `at`, s since the start (the nearest time step), of which the
+         *     observation still shows the state before.
+         */
+        InterventionIn: {
+            /**
+             * Format: double
+             * @description s; a branch's own moment if absent.
+             */
+            at?: number | null;
+            /** @description Name of a body. */
+            body: string;
+            /** @description N s; at most 400 m/s times the body's mass. */
+            impulse: number[];
+            /** @description Where it acts, m, which also turns the body; at the centre of mass if absent. */
+            point?: number[] | null;
+            /** @enum {string} */
+            type: "impulse";
+        } | {
+            /**
+             * Format: double
+             * @description rad
+             */
+            angle?: number | null;
+            /**
+             * Format: double
+             * @description rad/s
+             */
+            angular_velocity?: number | null;
+            /**
+             * Format: double
+             * @description s; a branch's own moment if absent.
+             */
+            at?: number | null;
+            /** @description Name of a body. */
+            body: string;
+            /** @description m */
+            position?: number[] | null;
+            /** @enum {string} */
+            type: "set";
+            /** @description m/s */
+            velocity?: number[] | null;
+        } | {
+            /**
+             * Format: double
+             * @description s; a branch's own moment if absent.
+             */
+            at?: number | null;
+            /** @description As `bodies` of an `iplw.scene/1` document has them. */
+            body: Record<string, never>;
+            /** @enum {string} */
+            type: "add";
+        } | {
+            /**
+             * Format: double
+             * @description s; a branch's own moment if absent.
+             */
+            at?: number | null;
+            /** @description As `statics` of an `iplw.scene/1` document has them. */
+            static: Record<string, never>;
+            /** @enum {string} */
+            type: "add_static";
+        } | {
+            /**
+             * Format: double
+             * @description s; a branch's own moment if absent.
+             */
+            at?: number | null;
+            /** @description Name of a body or a static. */
+            body: string;
+            /** @enum {string} */
+            type: "remove";
+        } | {
+            /**
+             * Format: double
+             * @description s; a branch's own moment if absent.
+             */
+            at?: number | null;
+            /**
+             * Format: double
+             * @description kg/m^2
+             */
+            density?: number | null;
+            /** Format: double */
+            friction?: number | null;
+            /** Format: double */
+            restitution?: number | null;
+            /** @enum {string} */
+            type: "latents";
         };
         /** @description Long work. */
         JobOut: {
@@ -1677,7 +1841,7 @@ export interface components {
         };
         /** @description What one action brought. */
         ResultOut: {
-            /** @description By body name, a state for each time. */
+            /** @description By body name, a state for each time; `null` while an intervention has the body out of the scene. */
             bodies?: {
                 [key: string]: components["schemas"]["BodyTrack"];
             } | null;
@@ -1699,6 +1863,8 @@ export interface components {
         RolloutIn: {
             /** @description At most 4096. */
             actions: components["schemas"]["ActionIn"][];
+            /** @description What is done in the middle of rollouts: a list for each action, or one for all of them. Not in a real or sealed world. */
+            interventions?: components["schemas"]["InterventionIn"][][] | null;
             /** @description Whether a rollout ends with the goal; default true, and always true in a real world. */
             stop?: boolean | null;
             /** @description Id of the task; the current one if absent. */
@@ -1793,6 +1959,40 @@ export interface components {
             t: number[];
             /** @description Whether the action could be placed; if not, nothing was simulated. */
             valid: boolean;
+        };
+        /** @description The moment to make a snapshot of. */
+        SnapshotIn: {
+            action?: components["schemas"]["ActionIn"] | null;
+            /**
+             * Format: double
+             * @description s since the start; the nearest time step.
+             */
+            at: number;
+            /** @description What is done on the way, up to then. */
+            interventions?: components["schemas"]["InterventionIn"][] | null;
+            /** @description Whether the rollout ends with the goal; default true. */
+            stop?: boolean | null;
+            /** @description Id of the task; the current one if absent. */
+            task?: string | null;
+        };
+        /** @description A moment in a rollout. */
+        SnapshotOut: {
+            /**
+             * Format: double
+             * @description s since the start
+             */
+            at: number;
+            /** @description States then, by name of the body; of those that are in the scene. */
+            bodies: {
+                [key: string]: components["schemas"]["StateOut"];
+            };
+            /** @description An `iplw.snapshot/1` document: to be kept as long as one likes, and to be given to a branch. */
+            snapshot: Record<string, never>;
+            /**
+             * Format: int32
+             * @description The same in time steps.
+             */
+            step: number;
         };
         /** @description Numbers of tasks. */
         SplitCounts: {
@@ -6528,6 +6728,122 @@ export interface operations {
             };
         };
     };
+    branch_world: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["BranchIn"];
+            };
+        };
+        responses: {
+            /** @description OK */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["BranchOut"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description No token, or none that is good */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The world is real or sealed */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Unknown world or task */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body takes too long */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Payload Too Large */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A page sends a body of another type */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The server is not called so */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request's deadline has passed, or storage fails or is damaged */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
     watch_world: {
         parameters: {
             query?: never;
@@ -6892,7 +7208,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The token may not act, or not from this page */
+            /** @description Interventions in a real or sealed world */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -7046,6 +7362,131 @@ export interface operations {
             };
             /** @description The body takes too long */
             408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Payload Too Large */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A page sends a body of another type */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The server is not called so */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request's deadline has passed, or storage fails or is damaged */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    snapshot_world: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["SnapshotIn"];
+            };
+        };
+        responses: {
+            /** @description OK */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["SnapshotOut"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description No token, or none that is good */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The world is real or sealed */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Unknown world or task */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body takes too long */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description No step was made, or no current task */
+            409: {
                 headers: {
                     [name: string]: unknown;
                 };

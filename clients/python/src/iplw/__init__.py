@@ -19,7 +19,7 @@ The files, from the top down; each uses only those below it:
 | `runner` | the difference between the two: who does what blocks |
 | `plot`, `live` | figures by matplotlib; a job as it goes on, in a notebook |
 | `outcomes`, `results`, `trials`, `rows`, `scene`, `show` | what a notebook shows, and pandas takes, of what the server tells |
-| `calls`, `rollout`, `film`, `ranked`, `proposal`, `measured`, `bar` | what is asked, and what answers mean; nothing here waits |
+| `calls`, `rollout`, `branching`, `film`, `ranked`, `proposal`, `measured`, `bar` | what is asked, and what answers mean; nothing here waits |
 | `connect`, `http`, `zeromq`, `transport` | how a call goes to the server and back; `codec` and `frames` write it down |
 | `call`, `operations` | a call; the table of operations, which `generate.py` makes of the OpenAPI document |
 | `server`, `binary`, `errors` | a private server; where its program is; what all of them raise |
@@ -27,7 +27,8 @@ The files, from the top down; each uses only those below it:
 """
 
 from . import plot
-from .aio import AsyncAsking, AsyncClient, AsyncJob, AsyncPolicy, AsyncSurface, AsyncWorld
+from .aio import AsyncAsking, AsyncBranch, AsyncClient, AsyncJob, AsyncPolicy, AsyncSurface, AsyncWorld
+from .branching import BodyState
 from .errors import IplwError, JobCancelled, JobFailed, Problem, ServerUnavailable
 from .film import Film
 from .outcomes import Outcomes
@@ -38,7 +39,7 @@ from .results import Diagnosis, Estimate, Result, Score, Training
 from .rollout import Rollout, Rollouts
 from .rows import Rounds, Rows
 from .scene import Scene
-from .sync import Asking, Client, Job, Policy, Surface, World
+from .sync import Asking, Branch, Client, Job, Policy, Surface, World
 from .trials import Trials
 from .vector import PlacementVectorEnv, make_vec
 from .version import own_version
@@ -49,11 +50,14 @@ __version__ = own_version()
 __all__ = [
     "Asking",
     "AsyncAsking",
+    "AsyncBranch",
     "AsyncClient",
     "AsyncJob",
     "AsyncPolicy",
     "AsyncSurface",
     "AsyncWorld",
+    "BodyState",
+    "Branch",
     "Client",
     "Diagnosis",
     "Estimate",

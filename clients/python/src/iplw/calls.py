@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any, Protocol, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .branching import finite
 from .call import Call, given
 from .film import Film
 from .operations import OPERATIONS
 from .ranked import Ranked, ranked
-from .rollout import Action, Rollout, encode, encode_all, read_rollouts
+from .rollout import Action, Rollout, encode, encode_all, read_branch, read_rollouts
+from .scene import Scene
 
 #: Observation and info, as Gymnasium's reset gives them.
 Start: TypeAlias = "tuple[NDArray[np.float64], dict[str, Any]]"
@@ -48,23 +51,66 @@ def rollouts(
     trajectories: bool,
     stop: bool,
     batch: int,
+    interventions: Sequence[Sequence[Mapping[str, Any]]] | None = None,
 ) -> list[Call[list[Rollout]]]:
     """Rolls out many actions, `batch` at a time."""
     if not 1 <= batch <= MOST_ACTIONS:
         raise ValueError(f"batch is {batch}; allowed: 1 to {MOST_ACTIONS}")
     coded = encode_all(actions)
-    more = {"trajectories": trajectories, "stop": stop, **given(task=task)}
-    parts = [coded[start : start + batch] for start in range(0, len(coded), batch)]
-    return [
-        Call(
+    lists = None if interventions is None else [[dict(change) for change in own] for own in interventions]
+    if lists is not None and len(lists) not in (1, len(coded)):
+        raise ValueError(
+            f"interventions has {len(lists)} lists; allowed: {len(coded)}, one for each action, or one for all of them"
+        )
+
+    def part(start: int) -> Call[list[Rollout]]:
+        own = lists if lists is None or len(lists) == 1 else lists[start : start + batch]
+        actions = coded[start : start + batch]
+        more = {"trajectories": trajectories, "stop": stop, **given(task=task, interventions=own)}
+        return Call(
             "rollout_world",
-            {"id": id, "actions": part, **more},
+            {"id": id, "actions": actions, **more},
             read_rollouts,
-            slack=SLACK * len(part),
+            slack=SLACK * len(actions),
             raw=trajectories,
         )
-        for part in parts
-    ]
+
+    return [part(start) for start in range(0, len(coded), batch)]
+
+
+def snapshot(
+    id: str, of: Rollout | Action | None, at: float, task: str | None, stop: bool
+) -> Call[dict[str, Any]]:
+    """A moment of a rollout: of one that was seen, of an action's, or of the last step's."""
+    args = {"id": id, "at": finite("at", at), "stop": stop, **given(task=task)}
+    if isinstance(of, Rollout):
+        if of.action is None:
+            raise ValueError("this rollout does not know its action; ask for it with rollout(..., trajectories=True)")
+        args |= {"action": of.action, "stop": of.stop, **given(task=task or of.task)}
+        args |= given(interventions=list(of.interventions) or None)
+    elif of is not None:
+        args["action"] = encode(of)
+    return Call("snapshot_world", args, _same)
+
+
+def branch(id: str, snapshot: Mapping[str, Any], changes: Sequence[Mapping[str, Any]]) -> Call[Rollout]:
+    """Goes on from a snapshot."""
+    return Call("branch_world", {"id": id, "snapshot": snapshot, "interventions": changes}, read_branch)
+
+
+def placed(
+    rollout: Rollout, snapshot: Mapping[str, Any], changes: Sequence[Mapping[str, Any]], scene: Scene | None
+) -> Rollout:
+    """A branch's rollout with what it was made of, so that it can be branched again."""
+    own = [{**change, "at": change.get("at", snapshot["at"])} for change in changes]
+    return replace(
+        rollout,
+        action=list(snapshot["action"]),
+        scene=scene,
+        task=snapshot["task"],
+        stop=snapshot["stop"],
+        interventions=(*snapshot.get("interventions", ()), *own),
+    )
 
 
 def set_latents(id: str, latents: Mapping[str, float]) -> Call[dict[str, Any]]:

@@ -49,6 +49,14 @@ class Rollout:
     action: Any = field(default=None, repr=False)
     #: The scene that it was placed in, as it is before; None if that is not known.
     scene: Scene | None = field(default=None, repr=False)
+    #: name -> (n, 3) velocity in x and y, m/s, and spin, rad/s; of a branch only.
+    velocities: dict[str, NDArray[np.float64]] = field(default_factory=dict, repr=False)
+    #: Id of the task; None if that is not known.
+    task: str | None = field(default=None, repr=False)
+    #: Whether it ended when the goal was reached.
+    stop: bool = field(default=True, repr=False)
+    #: What was done in the middle of it, as `World.rollout` takes it.
+    interventions: tuple[Mapping[str, Any], ...] = field(default=(), repr=False)
 
     @property
     def placed(self) -> Scene | None:
@@ -200,17 +208,35 @@ def encode_all(actions: Sequence[Action] | NDArray[Any]) -> NDArray[Any] | list[
 
 def read_rollouts(answer: Mapping[str, Any]) -> list[Rollout]:
     """The results of a batch, whichever way they came."""
-    results = answer["results"]
+    results, task = answer["results"], answer.get("task")
     if "states" in answer:
-        return [_rollout(result, *_cut(answer, i)) for i, result in enumerate(results)]
-    return [_rollout(result, *_columns(result)) for result in results]
+        return [_rollout(result, *_cut(answer, i), task) for i, result in enumerate(results)]
+    return [_rollout(result, *_columns(result), task) for result in results]
+
+
+def read_branch(answer: Mapping[str, Any]) -> Rollout:
+    """The rollout of a branch."""
+    moved = {
+        name: np.column_stack([np.asarray(track[key], dtype=np.float64) for key in ("vx", "vy", "omega")])
+        for name, track in answer["bodies"].items()
+    }
+    return replace(_rollout({"valid": True, **answer}, *_columns(answer)), velocities=moved)
 
 
 def told(
-    results: Sequence[Rollout], actions: Sequence[Action] | NDArray[Any], scene: Scene | None
+    results: Sequence[Rollout],
+    actions: Sequence[Action] | NDArray[Any],
+    scene: Scene | None,
+    stop: bool = True,
+    interventions: Sequence[Sequence[Mapping[str, Any]]] | None = None,
 ) -> list[Rollout]:
-    """The rollouts with the action of each, and the scene it was placed in."""
-    return [replace(result, action=action, scene=scene) for result, action in zip(results, encode_all(actions))]
+    """The rollouts with the action of each, the scene it was placed in, and what was done in it."""
+    lists = [()] if interventions is None else [tuple(own) for own in interventions]
+    each = lists * len(results) if len(lists) == 1 else lists
+    return [
+        replace(result, action=action, scene=scene, stop=stop, interventions=own)
+        for result, action, own in zip(results, encode_all(actions), each)
+    ]
 
 
 _Track: TypeAlias = "tuple[NDArray[np.float64] | None, dict[str, NDArray[np.float64]]]"
@@ -235,7 +261,10 @@ def _columns(result: Mapping[str, Any]) -> _Track:
 
 
 def _rollout(
-    result: Mapping[str, Any], t: NDArray[np.float64] | None, bodies: dict[str, NDArray[np.float64]]
+    result: Mapping[str, Any],
+    t: NDArray[np.float64] | None,
+    bodies: dict[str, NDArray[np.float64]],
+    task: str | None = None,
 ) -> Rollout:
     contacts = result.get("contacts") or {}
     return Rollout(
@@ -247,4 +276,5 @@ def _rollout(
         rolling_steps=int(contacts.get("rolling_steps") or 0),
         t=t,
         bodies=bodies,
+        task=task,
     )

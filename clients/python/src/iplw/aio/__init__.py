@@ -1,10 +1,11 @@
 """The client and its handles."""
 
 from .asking import AsyncAsking
+from .branch import AsyncBranch
 from .client import AsyncClient
 from .job import AsyncJob
 from .policy import AsyncPolicy
 from .surface import AsyncSurface
 from .world import AsyncWorld
 
-__all__ = ["AsyncAsking", "AsyncClient", "AsyncJob", "AsyncPolicy", "AsyncSurface", "AsyncWorld"]
+__all__ = ["AsyncAsking", "AsyncBranch", "AsyncClient", "AsyncJob", "AsyncPolicy", "AsyncSurface", "AsyncWorld"]

@@ -2,10 +2,11 @@
 """The client and its handles."""
 
 from .asking import Asking
+from .branch import Branch
 from .client import Client
 from .job import Job
 from .policy import Policy
 from .surface import Surface
 from .world import World
 
-__all__ = ["Asking", "Client", "Job", "Policy", "Surface", "World"]
+__all__ = ["Asking", "Branch", "Client", "Job", "Policy", "Surface", "World"]

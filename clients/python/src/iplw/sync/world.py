@@ -14,6 +14,7 @@ from ..errors import Problem
 from ..film import Film
 from ..rollout import Action, Rollout, Rollouts, told
 from ..scene import Scene
+from .branch import Branch
 from .handle import Handle
 from .job import Job
 from .line import Line
@@ -86,19 +87,38 @@ class World(Handle):
         trajectories: bool = False,
         stop: bool = True,
         batch: int = 1024,
+        interventions: Sequence[Sequence[Mapping[str, Any]]] | None = None,
     ) -> Rollouts:
         """Rolls out many actions on one task (default: the episode's), each from the start, as one batch.
 
         actions: (n, dimension) in [0, 1], (n,) indices, or a list of both. On a real world each valid one is an interaction.
         More than `batch` actions go out in several requests; if one is refused, those before it have
-        happened. `stop=False` goes on after the goal is reached.
+        happened. `stop=False` goes on after the goal is reached. `interventions` are done in the middle of rollouts of a
+        simulated world: a list for each action, or one for all, of dicts such as `{"type": "remove", "at": 1.5, "body":
+        "plank"}` (`docs/formats.md`).
         """
         scene = self.scene(task) if trajectories else None
         results: list[Rollout] = []
-        for call in calls.rollouts(self.id, actions, task, trajectories, stop, batch):
+        for call in calls.rollouts(self.id, actions, task, trajectories, stop, batch, interventions):
             part = self._line.do(call)
             results.extend(part)
-        return Rollouts(told(results, actions, scene) if trajectories else results)
+        return Rollouts(told(results, actions, scene, stop, interventions) if trajectories else results)
+
+    def branch(
+        self,
+        rollout: Rollout | Action | None = None,
+        *,
+        at: float,
+        task: str | None = None,
+        stop: bool = True,
+    ) -> Branch:
+        """A moment `at` (s since the start; the nearest time step) in a rollout, from which to go on with something else done.
+
+        `rollout` is one that `rollout(..., trajectories=True)` or a branch gave, an action, or None for the step that was
+        made last. `Problem` on a real or sealed world (403), and beyond the rollout's end (422).
+        """
+        answer = self._line.do(calls.snapshot(self.id, rollout, at, task, stop))
+        return Branch(self._line, self.id, answer, self.scene(answer["snapshot"]["task"]))
 
     def scene(self, task: str | None = None) -> Scene | None:
         """The scene of a task (default: the episode's) before anything is placed; None where the server does not tell.

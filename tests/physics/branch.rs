@@ -1,0 +1,350 @@
+//! Interventions: nothing done changes no bit, what is done is what pen and paper say, in both engines.
+
+use iplw::error::Error;
+use iplw::task::{Intervention, Scene};
+use iplw::trajectory::{End, Track, Trajectory};
+use iplw::world::{Engine, Latents, Rollout, simulate};
+use serde_json::{Value, json};
+
+const G: f64 = 9.8;
+const ENGINES: [Engine; 2] = [Engine::Lanes, Engine::Rapier];
+
+/// Discs and boxes that fall on each other and on a floor; with effects of motion, contact and sensor.
+fn busy(polygons: bool, effects: bool) -> Scene {
+    let disc = |r: f64| json!({"type": "disc", "radius": r});
+    let second =
+        if polygons { json!({"type": "box", "half_width": 0.5, "half_height": 0.3}) } else { disc(0.5) };
+    let effects = if effects {
+        json!([
+            {"name": "quadratic_drag", "parameters": {"k": 0.02}},
+            {"name": "gust", "parameters": {"ax": 1.0, "period": 0.7}},
+            {"name": "rolling_resistance", "parameters": {"crr": 0.02}},
+            {"name": "lag", "parameters": {"dt": 0.013}}
+        ])
+    } else {
+        json!([])
+    };
+    scene(&json!({"format": "iplw.scene/1", "steps": 480, "observe_every": 7, "effects": effects,
+        "bodies": [
+            {"name": "ball", "shape": disc(0.4), "position": [0, 2], "velocity": [1, 0]},
+            {"name": "thing", "shape": second, "position": [0.3, 4], "angular_velocity": 1},
+            {"name": "third", "shape": disc(0.3), "position": [0.1, 5.5]}],
+        "statics": [
+            {"name": "floor", "shape": {"type": "halfspace", "normal": [0, 1], "offset": 0}},
+            {"name": "step", "shape": {"type": "box", "half_width": 1, "half_height": 0.2}, "position": [2, 0.2]}]}))
+}
+
+/// Changes that come to nothing: of nothing, to what is so already, of what is far away, after which everything is as it was.
+fn nothing(scene: &Scene, plain: &Trajectory) -> Vec<Intervention> {
+    let latents = scene.bodies[0].restitution;
+    let ball = &plain.bodies[0];
+    let at = |k: usize| plain.times[k];
+    let list = json!([
+        {"type": "impulse", "at": 0, "body": "thing", "impulse": [0, 0]},
+        {"type": "impulse", "at": at(10), "body": "ball", "impulse": [0, 0]},
+        {"type": "set", "at": at(20), "body": "ball", "position": [ball.x[20], ball.y[20]], "angle": ball.angle[20]},
+        {"type": "set", "at": at(20), "body": "ball", "velocity": [ball.vx[20], ball.vy[20]]},
+        {"type": "latents", "at": at(30), "restitution": latents},
+        {"type": "latents", "at": 1.001, "friction": 0.5, "density": 1.0}
+    ]);
+    serde_json::from_value(list).unwrap()
+}
+
+#[test]
+fn a_branch_without_a_change_is_the_rollout_to_the_bit() {
+    for (polygons, effects) in [(false, false), (true, false), (false, true), (true, true)] {
+        let scene = busy(polygons, effects);
+        for engine in ENGINES {
+            let plain = roll(&scene, engine);
+            let mut list = nothing(&scene, &plain);
+            if effects {
+                // What the sensors show is not where things are.
+                list.retain(|own| !matches!(own, Intervention::Set { .. }));
+            }
+            let branch = roll(&with(&scene, list), engine);
+            assert!(bits(&branch) == bits(&plain), "{engine:?}, polygons {polygons}, effects {effects}");
+        }
+    }
+}
+
+/// Lanes of one batch, each with changes of its own at other steps, are what they are alone; and those without do not notice.
+#[test]
+fn lanes_with_changes_at_different_steps_do_not_disturb_each_other() {
+    for polygons in [false, true] {
+        let scene = busy(polygons, false);
+        let changed = |k: usize| {
+            let list = match k % 5 {
+                0 => json!([]),
+                1 => json!([{"type": "impulse", "at": 0.05 * k as f64, "body": "ball", "impulse": [1, 1]}]),
+                2 => json!([{"type": "remove", "at": 0.03 * k as f64, "body": "floor"}]),
+                3 => json!([{"type": "remove", "at": 0, "body": "thing"},
+                    {"type": "latents", "at": 0.7, "friction": 0.1}]),
+                _ => json!([{"type": "set", "at": 0.02 * k as f64, "body": "third", "position": [-4, 3]}]),
+            };
+            with(&scene, serde_json::from_value(list).unwrap())
+        };
+        let scenes: Vec<Scene> = (0..40).map(changed).collect();
+        let rollout = |scene| Rollout { scene, latents: Latents::default(), effects: &[], stop: true };
+        let rollouts: Vec<Rollout> = scenes.iter().map(rollout).collect();
+        let together = simulate(&rollouts, Engine::Lanes).unwrap();
+        for (k, scene) in scenes.iter().enumerate() {
+            let alone = roll(scene, Engine::Lanes);
+            assert!(bits(&together[k]) == bits(&alone), "rollout {k}, polygons {polygons}");
+        }
+        let plain = roll(&scene, Engine::Lanes);
+        let floorless = &together[12];
+        let until = floorless.times.iter().filter(|t| **t <= 0.36).count();
+        assert!(until > 3 && until < plain.times.len() - 10);
+        assert_eq!(floorless.bodies[0].x[..until], plain.bodies[0].x[..until], "the same up to the change");
+        assert!(floorless.bodies[0].y.last().unwrap() < &-5.0, "and then it falls");
+    }
+}
+
+/// Impulse / mass in the next observation, beside what gravity does; off the centre of mass, (r x J) / I of spin.
+#[test]
+fn an_impulse_changes_the_velocity_by_impulse_over_mass() {
+    for shape in [
+        json!({"type": "disc", "radius": 0.5}),
+        json!({"type": "box", "half_width": 0.4, "half_height": 0.2}),
+        json!({"type": "compound", "pieces": [
+            {"type": "disc", "radius": 0.2}, {"type": "disc", "radius": 0.3, "position": [0.6, 0]}]}),
+    ] {
+        let text = json!({"format": "iplw.scene/1", "steps": 240, "observe_every": 1, "gravity": [0, -G],
+            "bodies": [{"name": "ball", "shape": shape, "mass": 2.5, "position": [0, 50]}]});
+        let Ok(scene) = Scene::from_json(&text.to_string()) else { panic!("{text}") };
+        let blow = |point: Value| {
+            serde_json::from_value(json!([
+                {"type": "impulse", "at": 0.5, "body": "ball", "impulse": [1.0, 0.5], "point": point}]))
+            .unwrap()
+        };
+        for (engine, exact) in [(Engine::Lanes, 1e-12), (Engine::Rapier, 2e-4)] {
+            let plain = roll(&scene, engine);
+            let hit = roll(&with(&scene, blow(Value::Null)), engine);
+            let (a, b) = (&plain.bodies[0], &hit.bodies[0]);
+            assert_eq!((a.vx[120], a.vy[120], a.x[120]), (b.vx[120], b.vy[120], b.x[120]), "before it");
+            for k in [121, 240] {
+                assert!((b.vx[k] - a.vx[k] - 1.0 / 2.5).abs() < exact, "{engine:?}: {}", b.vx[k]);
+                assert!((b.vy[k] - a.vy[k] - 0.5 / 2.5).abs() < exact, "{engine:?}: {}", b.vy[k]);
+                assert_eq!(b.omega[k], 0.0);
+            }
+            // Beside the centre of mass by 0.3 m: spin, and the same velocity of the centre of mass.
+            let (_, inertia) = scene.bodies[0].mass_properties(None);
+            let centre = scene.bodies[0].shape.moments().centre;
+            let point = json!([a.x[120] + centre[0] + 0.3, a.y[120] + centre[1]]);
+            let turned = &roll(&with(&scene, blow(point)), engine).bodies[0];
+            let spin = 0.3 * 0.5 / inertia;
+            assert!(
+                (turned.omega[121] - spin).abs() < 1e-4 * spin,
+                "{engine:?}: {} for {spin}",
+                turned.omega[121]
+            );
+            let dt = scene.time_step;
+            let went =
+                |t: &Track, k: usize| t.x[k] + centre[0] * t.angle[k].cos() - centre[1] * t.angle[k].sin();
+            let speed = (went(turned, 240) - went(turned, 130)) / (110.0 * dt);
+            assert!((speed - 1.0 / 2.5).abs() < 1e-3, "{engine:?}: the centre of mass goes at {speed}");
+        }
+    }
+}
+
+/// A ball on a plank, static or a body, falls freely once it is taken away.
+#[test]
+fn what_stood_on_what_is_taken_away_falls_freely() {
+    let text = |polygons: bool| {
+        let ball = if polygons {
+            json!({"type": "box", "half_width": 0.5, "half_height": 0.5})
+        } else {
+            json!({"type": "disc", "radius": 0.5})
+        };
+        json!({"format": "iplw.scene/1", "steps": 480, "observe_every": 1, "gravity": [0, -G],
+            "bodies": [{"name": "ball", "shape": ball, "position": [0, 10.7], "restitution": 0},
+                {"name": "post", "shape": {"type": "disc", "radius": 0.4}, "position": [20, 0.4]}],
+            "statics": [
+                {"name": "plank", "shape": {"type": "box", "half_width": 3, "half_height": 0.2}, "position": [0, 10]},
+                {"name": "ground", "shape": {"type": "halfspace", "normal": [0, 1], "offset": -100}}]})
+    };
+    for polygons in [false, true] {
+        let scene = scene(&text(polygons));
+        let list: Vec<Intervention> =
+            serde_json::from_value(json!([{"type": "remove", "at": 1.0, "body": "plank"},
+            {"type": "remove", "at": 1.5, "body": "post"}]))
+            .unwrap();
+        for engine in ENGINES {
+            let t = roll(&with(&scene, list.clone()), engine);
+            let ball = &t.bodies[0];
+            assert!((ball.y[240] - 10.7).abs() < 0.11, "{engine:?}: it lies on the plank at {}", ball.y[240]);
+            for k in [250, 300, 480] {
+                let s = f64::from(k - 240) * scene.time_step;
+                let fallen = ball.y[240] - ball.y[k as usize];
+                // Of first order in the time step, and what pushed it out of the plank.
+                let wanted = 0.5 * G * s * s;
+                assert!(
+                    (fallen - wanted).abs() < 0.03 + G * s * scene.time_step,
+                    "{engine:?}: {fallen} for {wanted}"
+                );
+                assert!((ball.vy[k as usize] + G * s).abs() < 0.05, "{engine:?}: {}", ball.vy[k as usize]);
+            }
+            let post = &t.bodies[1];
+            assert!(post.x[360].is_finite() && post.x[361].is_nan() && post.omega[480].is_nan());
+            assert_eq!(t.outcome.end, End::Horizon);
+        }
+    }
+}
+
+/// What comes in falls as what was there falls; before it comes in nothing knows of it, also where it is of another kind.
+#[test]
+fn what_comes_in_is_as_if_it_had_been_there_and_before_as_if_not() {
+    for (polygons, shape) in [
+        (false, json!({"type": "disc", "radius": 0.2})),
+        (true, json!({"type": "disc", "radius": 0.2})),
+        (false, json!({"type": "box", "half_width": 0.2, "half_height": 0.2})),
+        (true, json!({"type": "box", "half_width": 0.2, "half_height": 0.2})),
+    ] {
+        let scene = busy(polygons, false);
+        let list: Vec<Intervention> = serde_json::from_value(json!([
+            {"type": "add", "at": 0.7, "body": {"name": "new", "shape": shape, "position": [-5, 8], "restitution": 0}},
+            {"type": "add_static", "at": 0.7, "static": {"name": "shelf",
+                "shape": {"type": "box", "half_width": 1, "half_height": 0.2}, "position": [-5, 5]}},
+            {"type": "remove", "at": 1.5, "body": "shelf"}]))
+        .unwrap();
+        for engine in ENGINES {
+            let (plain, t) = (roll(&scene, engine), roll(&with(&scene, list.clone()), engine));
+            let (own, new) = (&plain.bodies, &t.bodies[3]);
+            let before = t.times.iter().filter(|t| **t <= 0.7).count();
+            for (a, b) in own.iter().zip(&t.bodies) {
+                assert_eq!(
+                    (&a.x[..before], &a.angle[..before]),
+                    (&b.x[..before], &b.angle[..before]),
+                    "{engine:?}"
+                );
+            }
+            assert_eq!((new.name.as_str(), new.x.len()), ("new", t.times.len()));
+            assert!(new.x[before - 1].is_nan() && new.y[before].is_finite());
+            let at = |time: f64| t.times.iter().position(|t| *t >= time).unwrap();
+            let s = t.times[at(1.0)] - 0.7;
+            assert!((8.0 - new.y[at(1.0)] - 0.5 * G * s * s).abs() < 0.03, "{engine:?}: free fall");
+            assert!((new.y[at(1.5)] - 5.4).abs() < 0.1, "{engine:?}: on the shelf, at {}", new.y[at(1.5)]);
+            assert!(new.y.last().unwrap() < &4.9, "{engine:?}: and off it: {}", new.y.last().unwrap());
+        }
+        // Elsewhere nobody notices: discs, of which none is finer than what came in.
+        let far = serde_json::from_value(json!([{"type": "add", "at": 0.7,
+            "body": {"name": "new", "shape": {"type": "disc", "radius": 2}, "position": [-50, 8]}}]))
+        .unwrap();
+        let (plain, t) = (roll(&scene, Engine::Lanes), roll(&with(&scene, far), Engine::Lanes));
+        assert_eq!(plain.bodies[..], t.bodies[..3]);
+    }
+}
+
+#[test]
+fn what_has_no_place_ends_the_rollout_and_says_what_is_in_the_way() {
+    let scene = busy(true, false);
+    let new = |x: f64| {
+        json!([{"type": "impulse", "at": 0.3, "body": "ball", "impulse": [0, 0]},
+            {"type": "add", "at": 1.99, "body": {"name": "new", "shape": {"type": "disc", "radius": 0.3}, "position": [x, 0.1]}}])
+    };
+    for engine in ENGINES {
+        let t = roll(&with(&scene, serde_json::from_value(new(-30.0)).unwrap()), engine);
+        // Bodies, what comes in, then the floor.
+        assert_eq!(t.outcome.end, End::Blocked { intervention: 1, by: 4 }, "{engine:?}");
+        assert_eq!(t.outcome.steps, 478);
+        let put = json!([{"type": "set", "at": 0.5, "body": "third", "position": [2, 0.2]}]);
+        let t = roll(&with(&scene, serde_json::from_value(put).unwrap()), engine);
+        assert_eq!(t.outcome.end, End::Blocked { intervention: 0, by: 4 }, "{engine:?}: in the step");
+        let within_steps = json!([{"type": "set", "at": 0, "body": "third", "position": [0, 2]}]);
+        let t = roll(&with(&scene, serde_json::from_value(within_steps).unwrap()), engine);
+        assert_eq!(
+            (t.outcome.end, t.times.len()),
+            (End::Blocked { intervention: 0, by: 0 }, 1),
+            "{engine:?}"
+        );
+    }
+}
+
+#[test]
+fn latents_and_velocities_become_others_at_once() {
+    let text = json!({"format": "iplw.scene/1", "steps": 480, "observe_every": 1, "gravity": [0, -G],
+        "bodies": [{"name": "puck", "shape": {"type": "box", "half_width": 0.5, "half_height": 0.25},
+            "position": [0, 0.25], "friction": 0, "restitution": 0}],
+        "statics": [{"name": "ice", "shape": {"type": "halfspace", "normal": [0, 1], "offset": 0}}],
+        "carriers": ["puck"]});
+    let list: Vec<Intervention> = serde_json::from_value(json!([
+        {"type": "set", "at": 0.5, "body": "puck", "velocity": [3, 0]},
+        {"type": "latents", "at": 1.0, "friction": 0.5, "density": 3}]))
+    .unwrap();
+    for engine in ENGINES {
+        let t = roll(&with(&scene(&text), list.clone()), engine);
+        let puck = &t.bodies[0];
+        assert!(puck.x[120].abs() < 1e-6, "{engine:?}: it lies still");
+        assert!((puck.vx[240] - 3.0).abs() < 1e-3, "{engine:?}: no friction: {}", puck.vx[240]);
+        // v - mu g t after 0.4 s.
+        assert!((puck.vx[336] - (3.0 - 0.5 * G * 0.4)).abs() < 0.05, "{engine:?}: {}", puck.vx[336]);
+    }
+}
+
+#[test]
+fn bad_interventions_are_errors_that_say_what_is_allowed() {
+    let scene = busy(false, false);
+    for (list, field) in [
+        (json!([{"type": "impulse", "at": 2.0, "body": "ball", "impulse": [1, 0]}]), "interventions[0].at"),
+        (json!([{"type": "impulse", "at": -0.1, "body": "ball", "impulse": [1, 0]}]), "interventions[0].at"),
+        (json!([{"type": "impulse", "at": 1, "body": "floor", "impulse": [1, 0]}]), "interventions[0].body"),
+        (
+            json!([{"type": "impulse", "at": 1, "body": "ball", "impulse": [1e6, 0]}]),
+            "interventions[0].impulse",
+        ),
+        (json!([{"type": "remove", "at": 1, "body": "ghost"}]), "interventions[0].body"),
+        (
+            json!([{"type": "impulse", "at": 1, "body": "ball", "impulse": [1, 0]},
+            {"type": "remove", "at": 0.5, "body": "ball"}]),
+            "interventions[0].body",
+        ),
+        (json!([{"type": "set", "at": 1, "body": "ball"}]), "interventions[0].set"),
+        (
+            json!([{"type": "set", "at": 1, "body": "ball", "velocity": [1e9, 0]}]),
+            "interventions[0].velocity[0]",
+        ),
+        (json!([{"type": "latents", "at": 1, "friction": -1}]), "interventions[0].friction"),
+        (json!([{"type": "latents", "at": 1}]), "interventions[0].latents"),
+        (
+            json!([{"type": "add", "at": 1, "body": {"name": "ball", "shape": {"type": "disc", "radius": 1},
+            "position": [9, 9]}}]),
+            "interventions[0].body.name",
+        ),
+        (
+            json!([{"type": "add", "at": 1, "body": {"name": "new", "shape": {"type": "disc", "radius": 1}}}]),
+            "interventions[0].body.position",
+        ),
+        (json!(vec![json!({"type": "remove", "at": 1, "body": "ball"}); 65]), "interventions"),
+    ] {
+        let wrong = with(&scene, serde_json::from_value(list.clone()).unwrap());
+        let rollout = Rollout { scene: &wrong, latents: Latents::default(), effects: &[], stop: true };
+        match simulate(&[rollout], Engine::Auto) {
+            Err(Error::Input(input)) => assert_eq!(input.field, field, "{list}"),
+            other => panic!("{list}: {other:?}"),
+        }
+    }
+    let nan =
+        vec![Intervention::Impulse { at: 1.0, body: "ball".into(), impulse: [f64::NAN, 0.0], point: None }];
+    let wrong = with(&scene, nan);
+    let rollout = Rollout { scene: &wrong, latents: Latents::default(), effects: &[], stop: true };
+    assert!(simulate(&[rollout], Engine::Auto).is_err_and(|e| e.to_string().contains("impulse[0]")));
+}
+
+fn scene(text: &Value) -> Scene {
+    Scene::from_json(&text.to_string()).unwrap()
+}
+
+/// All of it, to the last digit and the sign of a zero.
+fn bits(t: &Trajectory) -> String {
+    format!("{t:?}")
+}
+
+fn with(scene: &Scene, interventions: Vec<Intervention>) -> Scene {
+    Scene { interventions, ..scene.clone() }
+}
+
+fn roll(scene: &Scene, engine: Engine) -> Trajectory {
+    scene.validate().unwrap();
+    let rollout = Rollout { scene, latents: Latents::default(), effects: &[], stop: true };
+    simulate(&[rollout], engine).unwrap().remove(0)
+}
