@@ -12,6 +12,7 @@ mod families;
 pub mod geometry;
 mod goal;
 mod limits;
+pub mod phyre;
 mod placement;
 pub mod scene;
 mod setting;

@@ -2,7 +2,7 @@
 //! [`families`].
 //!
 //! A family is one TOML file (scenes, goal, action space, what is hidden, priors, presets, which statements of the paper
-//! are checked for it), its certified tasks beside it, and one row here. Files of users are taken in by [`take_in`]. See
+//! are checked for it), its certified tasks beside it, and one row here. A file of scenes may stand for what is drawn. Files of users are taken in by [`take_in`]. See
 //! `docs/extending.md`.
 
 mod certified;
@@ -12,8 +12,10 @@ mod expression;
 mod family;
 mod file;
 mod folder;
+mod listed;
 mod presets;
 mod real;
+mod source;
 mod template;
 #[cfg(test)]
 mod tests;
