@@ -18,9 +18,9 @@ use serde::Deserialize;
 use serde::de::IgnoredAny;
 
 use super::action::{ActionSpace, Component, Discrete, Quantity};
-use super::scene::{Body, ContactRules, FrictionRule, RestitutionRule, Scene, Static};
+use super::scene::{Body, ContactRules, FrictionRule, Goal, RestitutionRule, Scene, Static};
 use super::shape::{Compound, Disc, Piece, Polygon, Shape};
-use super::{Goal, custom};
+use super::custom;
 use crate::error::{Error, Result, within};
 use crate::json;
 

@@ -26,7 +26,7 @@ pub use certified::{Bin, CANDIDATE_SEED, CERTIFIED_FORMAT, Certificate, Certifie
 pub use claims::{Ahead, Claims, Nearer};
 pub use draw::Draws;
 pub use family::Family;
-pub use file::{FAMILY_FORMAT, parse as parse_family};
+pub use file::{FAMILY_FORMAT, parse as parse_family, parse_beside as parse_family_beside};
 pub use folder::{certified_beside, read_families, read_family};
 pub use presets::{Labels, Learning};
 pub use real::RealPhysics;
