@@ -27,7 +27,8 @@ pub use custom::custom;
 pub use families::{
     Ahead, Bin, CANDIDATE_SEED, CERTIFIED_FORMAT, Certificate, Certified, CertifiedRow, Claims,
     DEFAULT_FAMILY, Draws, FAMILY_FORMAT, Family, Labels, Learning, Nearer, RealPhysics, Selection,
-    certified_beside, families, family, parse_family, parse_family_beside, read_families, read_family, take_in,
+    certified_beside, families, family, parse_family, parse_family_beside, read_families, read_family,
+    take_in,
 };
 pub use placement::Placement;
 pub use scene::Scene;

@@ -18,9 +18,9 @@ use serde::Deserialize;
 use serde::de::IgnoredAny;
 
 use super::action::{ActionSpace, Component, Discrete, Quantity};
+use super::custom;
 use super::scene::{Body, ContactRules, FrictionRule, Goal, RestitutionRule, Scene, Static};
 use super::shape::{Compound, Disc, Piece, Polygon, Shape};
-use super::custom;
 use crate::error::{Error, Result, within};
 use crate::json;
 
@@ -110,10 +110,15 @@ impl Tasks {
         for (id, task) in &all {
             let parts: Vec<&str> = id.split(':').collect();
             let plain = |part: &&str| {
-                (1..=20).contains(&part.len()) && part.bytes().all(|b| b.is_ascii_digit() || b.is_ascii_lowercase())
+                (1..=20).contains(&part.len())
+                    && part.bytes().all(|b| b.is_ascii_digit() || b.is_ascii_lowercase())
             };
             if parts.len() != 2 || !parts.iter().all(plain) {
-                return Err(Error::input("", format!("{id:?}"), "a task's id as TEMPLATE:TASK, 00000:003 say"));
+                return Err(Error::input(
+                    "",
+                    format!("{id:?}"),
+                    "a task's id as TEMPLATE:TASK, 00000:003 say",
+                ));
             }
             task.check().map_err(|e| e.under(&format!("[{id:?}]")))?;
         }

@@ -9,6 +9,7 @@ mod analytic;
 mod contact_rules;
 mod effects;
 mod fuzz_scene;
+mod goals;
 mod lanes;
 mod polygons;
 mod properties;

@@ -79,7 +79,8 @@ fn import_phyre(args: &Phyre) -> Result<()> {
         return Err(Error::input("--template", format!("{unknown:?}"), allowed));
     }
     args.options.prepare()?;
-    let wanted = known.into_iter().filter(|t| args.template.is_empty() || args.template.iter().any(|w| w == t));
+    let wanted =
+        known.into_iter().filter(|t| args.template.is_empty() || args.template.iter().any(|w| w == t));
     let mut all = Vec::new();
     output::print(&format!("{}\n", Taken::HEADER))?;
     for template in wanted {
@@ -94,7 +95,9 @@ fn template_plan(tasks: &Tasks, template: &str) -> Result<Plan> {
     let (mut lines, mut unsaid) = (String::new(), Vec::new());
     for (_, said) in tasks.said(template) {
         match said {
-            Ok(Said { scene, solutions }) => line(&mut lines, &json!({"scene": scene, "solutions": solutions})),
+            Ok(Said { scene, solutions }) => {
+                line(&mut lines, &json!({"scene": scene, "solutions": solutions}))
+            }
             Err(error) => unsaid.push(error.to_string()),
         }
     }
@@ -217,5 +220,6 @@ fn text(path: &Path) -> Result<String> {
         let allowed = format!("at most {MOST_BYTES} bytes, not compressed");
         return Err(Error::input("", "more", allowed).at(path.display()));
     }
-    String::from_utf8(bytes).map_err(|_| Error::input("", "no text", "JSON, plain or by gzip").at(path.display()))
+    String::from_utf8(bytes)
+        .map_err(|_| Error::input("", "no text", "JSON, plain or by gzip").at(path.display()))
 }

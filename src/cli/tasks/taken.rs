@@ -154,8 +154,7 @@ fn file(plan: &Plan, tasks: usize, sample: usize) -> String {
 
 impl Taken {
     /// The line above those of families.
-    pub const HEADER: &'static str =
-        "family                tasks said | solutions solve  not placed  tasks solved | imported  by their own | unsolved unstable";
+    pub const HEADER: &'static str = "family                tasks said | solutions solve  not placed  tasks solved | imported  by their own | unsolved unstable";
 
     fn of(plan: &Plan) -> Taken {
         Taken {
@@ -230,14 +229,7 @@ impl fmt::Display for Taken {
         write!(
             f,
             "{:<21} {:>5} {said:>4} | {:>9} {:>5}  {:>10}  {:>12} | {:>8}  {:>12} | {unsolvable:>8} {unstable:>8}",
-            self.name,
-            self.tasks,
-            self.solutions,
-            self.solve,
-            self.invalid,
-            self.solved,
-            self.kept,
-            self.own
+            self.name, self.tasks, self.solutions, self.solve, self.invalid, self.solved, self.kept, self.own
         )
     }
 }

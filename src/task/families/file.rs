@@ -30,7 +30,8 @@ const MOST_TASKS: usize = 1000;
 /// Most valid actions that a share is taken from.
 const MOST_SAMPLED: usize = 100_000;
 /// Names of families that would be taken for something else: custom tasks, policies of any family, a command, experiments.
-const TAKEN: [&str; 8] = ["custom", "any", "check", "import", "quickstart", "strategies", "latents", "harder"];
+const TAKEN: [&str; 8] =
+    ["custom", "any", "check", "import", "quickstart", "strategies", "latents", "harder"];
 
 /// Reads a family without its certified tasks, all of which stands in one file. Errors name the line or the field.
 pub fn parse(text: &str) -> Result<Family> {
@@ -259,7 +260,8 @@ fn source(file: &File, beside: &dyn Fn(&str) -> Result<String>) -> Result<(Sourc
         }
         (None, Some(scenes)) => {
             let drawn = &file.candidates;
-            let all = [drawn.parameters.len(), drawn.values.len(), drawn.require.len(), drawn.count.iter().len()];
+            let all =
+                [drawn.parameters.len(), drawn.values.len(), drawn.require.len(), drawn.count.iter().len()];
             if all != [0; 4] {
                 let value = "with something to draw beside it";
                 let allowed = "a list of scenes without parameters, values, require and count";

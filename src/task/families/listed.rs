@@ -84,11 +84,8 @@ fn given(line: &str) -> Result<Given> {
     let whole = value.get("scene").is_some();
     let Line { scene, solutions } =
         if whole { json::from_value(value)? } else { Line { scene: value, solutions: Vec::new() } };
-    let scene: Scene = if whole {
-        json::from_value(scene).map_err(|e| e.under("scene"))?
-    } else {
-        json::parse(line)?
-    };
+    let scene: Scene =
+        if whole { json::from_value(scene).map_err(|e| e.under("scene"))? } else { json::parse(line)? };
     let scene = custom(scene).map_err(|e| if whole { e.under("scene") } else { e })?.scene;
     if solutions.len() > MOST_SOLUTIONS {
         let allowed = format!("at most {MOST_SOLUTIONS} actions");
@@ -134,7 +131,10 @@ mod tests {
         check(scene.replace("0.5}", "-0.5}"), &["line 2", "bodies[0].shape.radius", "-0.5"]);
         check(scene.replace("\"goal\"", "\"gaol\""), &["line 2", "gaol"]);
         check(scene.replace("\"low\": 2", "\"low\": 3"), &["line 2", "`action`", "line 1"]);
-        check(format!("{{\"scene\": {scene}, \"solutions\": [[0.5], [1.5]]}}"), &["solutions[1].action[0]", "1.5"]);
+        check(
+            format!("{{\"scene\": {scene}, \"solutions\": [[0.5], [1.5]]}}"),
+            &["solutions[1].action[0]", "1.5"],
+        );
         check(format!("{{\"scene\": {scene}, \"solution\": []}}"), &["line 2", "solution"]);
         let error = Listed::parse("f.jsonl", "\n").unwrap_err().to_string();
         assert!(error.contains("no scene"), "{error}");

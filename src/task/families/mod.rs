@@ -2,8 +2,8 @@
 //! [`families`].
 //!
 //! A family is one TOML file (scenes, goal, action space, what is hidden, priors, presets, which statements of the paper
-//! are checked for it), its certified tasks beside it, and one row here. A file of scenes may stand for what is drawn. Files of users are taken in by [`take_in`]. See
-//! `docs/extending.md`.
+//! are checked for it), its certified tasks beside it, and one row here. A list of scenes in a file may stand for what is
+//! drawn. Files of users are taken in by [`take_in`]. See `docs/extending.md`.
 
 mod certified;
 mod claims;
