@@ -20,7 +20,8 @@ pub const TARGET: Target = Target {
 
 fn read(text: &str) -> Fate {
     let of_phyre = phyre::Tasks::from_json(text).map(|tasks| {
-        let said = |template: &&str| tasks.said(template).into_iter().all(|(_, said)| fate(said) == Fate::Taken);
+        let said =
+            |template: &&str| tasks.said(template).into_iter().all(|(_, said)| fate(said) == Fate::Taken);
         tasks.templates().iter().all(said)
     });
     match of_phyre {

@@ -208,7 +208,7 @@ fn text(path: &Path) -> Result<String> {
     let mut file = File::open(path).map_err(failed)?;
     let mut magic = [0; 2];
     let begins = file.read(&mut magic).map_err(failed)?;
-    let start = magic[..begins].chain(file);
+    let start = (&magic[..begins]).chain(file);
     let mut bytes = Vec::new();
     let read = if magic == [0x1f, 0x8b] {
         MultiGzDecoder::new(start).take(MOST_BYTES + 1).read_to_end(&mut bytes)

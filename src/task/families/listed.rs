@@ -11,9 +11,7 @@ use crate::task::{Scene, ValidAction, custom};
 /// A family's candidates, where they are not drawn.
 #[derive(Debug)]
 pub struct Listed {
-    /// The name of the file.
-    pub file: String,
-    /// At least one, all with the same action space.
+    /// At least one, in the order of the file, all with the same action space.
     scenes: Vec<Given>,
 }
 
@@ -60,7 +58,7 @@ impl Listed {
             let error = Error::input("action", value, "the same action space in all scenes of a family");
             return Err(error.at(format!("{file}, line {}", i + 1)));
         }
-        Ok(Listed { file: file.into(), scenes: found.into_iter().map(|(_, given)| given).collect() })
+        Ok(Listed { scenes: found.into_iter().map(|(_, given)| given).collect() })
     }
 
     /// All, in the order of the file.
