@@ -93,6 +93,12 @@ def _goal(goal: Mapping[str, Any]) -> str:
     if goal["type"] == "contact":
         first, second = map(_words, goal["bodies"])
         return f"{first} and {second} touch{held}."
+    if goal["type"] == "apart":
+        first, second = map(_words, goal["bodies"])
+        after = " after they have touched" if goal.get("after_touch") else ""
+        return f"{first} and {second} do not touch{held}{after}."
+    if goal["type"] == "above":
+        return f"{_words(goal['body'])} is above the line that the picture marks{held}."
     return f"{_words(goal['body'])} is inside the region that the picture marks{held}."
 
 

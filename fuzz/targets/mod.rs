@@ -10,6 +10,7 @@ pub mod json;
 
 mod families;
 mod files;
+mod imports;
 mod msgpack;
 mod requests;
 mod trials;
@@ -36,7 +37,7 @@ pub struct Target {
 }
 
 /// Every target but scenes, which `tests/physics/fuzz_scene.rs` has.
-pub const TARGETS: [Target; 10] = [
+pub const TARGETS: [Target; 11] = [
     zmtp::TARGET,
     msgpack::TARGET,
     requests::READ,
@@ -47,6 +48,7 @@ pub const TARGETS: [Target; 10] = [
     files::TOKENS,
     files::LIMITS,
     families::TARGET,
+    imports::TARGET,
 ];
 
 /// A mebibyte, bytes.

@@ -1,7 +1,9 @@
 //! `iplw tasks`: what there is to do.
 
 mod check;
+mod import;
 mod journal;
+mod taken;
 
 use iplw::error::{Error, Result};
 use iplw::reality::certify::certify;
@@ -47,11 +49,16 @@ enum Sub {
     /// A search that was stopped goes on where it was when it is run again: NAME.search.jsonl beside the file has what was found,
     /// until all is. It begins anew when the file was changed.
     Check(check::Args),
+    /// Make families of tasks that others wrote: PHYRE's, or any list of scenes.
+    #[command(subcommand)]
+    Import(import::Sub),
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    if let Some(Sub::Check(args)) = &args.command {
-        return check::run(args);
+    match &args.command {
+        Some(Sub::Check(args)) => return check::run(args),
+        Some(Sub::Import(sub)) => return import::run(sub),
+        None => {}
     }
     args.families.take()?;
     let families: Vec<&Family> = match &args.name {

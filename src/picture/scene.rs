@@ -155,6 +155,19 @@ pub(super) fn draw_statics(out: &mut String, scene: &Scene, view: &View) {
         draw_solid(out, &fixed.placed(), view, &paint, "#A9B0B8");
         out.push_str("</g>\n");
     }
+    if let Some((normal, offset)) = scene.goal.as_ref().and_then(Goal::line) {
+        // All that is above the line.
+        let above = Solid::HalfPlane { normal: normal.map(|v| -v), offset: -offset };
+        let dash = px(view.pen(5.0));
+        let paint = format!(
+            "fill=\"#2FA04A\" fill-opacity=\"0.12\" stroke=\"#1E7A35\" stroke-width=\"{}\" \
+             stroke-dasharray=\"{dash} {dash}\"",
+            px(view.pen(1.5))
+        );
+        out.push_str("<g><title>goal</title>");
+        draw_solid(out, &above, view, &paint, "#2FA04A");
+        out.push_str("</g>\n");
+    }
     if let Some(Goal::Inside { region, .. }) = &scene.goal {
         let corners: Vec<[f64; 2]> = region.iter().map(|p| view.at(*p)).collect();
         let dash = px(view.pen(5.0));
@@ -223,11 +236,7 @@ pub(super) fn body_colour(scene: &Scene, index: usize) -> &'static str {
 
 /// Names of the bodies and statics a goal is about.
 pub(super) fn goal_names(scene: &Scene) -> Vec<&str> {
-    match &scene.goal {
-        Some(Goal::Contact { bodies, .. }) => bodies.iter().map(String::as_str).collect(),
-        Some(Goal::Inside { body, .. }) => vec![body.as_str()],
-        None => Vec::new(),
-    }
+    scene.goal.as_ref().map_or(Vec::new(), Goal::names)
 }
 
 /// Length of the line that shows a disc's angle, m; none where it would be too small to see.
@@ -367,6 +376,15 @@ fn focus(scene: &Scene, film: Option<&Trajectory>) -> Bounds {
     }
     if let Some(Goal::Inside { region, .. }) = &scene.goal {
         region.iter().for_each(|p| add([p[0], p[1], p[0], p[1]]));
+    }
+    if let Some(goal) = &scene.goal
+        && let Some(([nx, ny], offset)) = goal.line()
+    {
+        // The line over where the body is.
+        let body = goal.names().first().and_then(|name| scene.body(name));
+        let x = body.and_then(|b| b.position).map_or(0.0, |p| p[0]);
+        let y = (offset - nx * x) / ny;
+        add([x, y, x, y]);
     }
     found.unwrap_or_else(|| scene.extent())
 }

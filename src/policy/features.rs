@@ -102,9 +102,12 @@ impl Features {
             let region = Solid::Bounded(Pieces::one(region.clone(), 0.0));
             named.insert(0, ("", Thing::new(region, [0.0; 2], [0.0; 2])));
         }
+        if let Some(line) = scene.goal.as_ref().and_then(|goal| goal.line()) {
+            named.insert(0, ("", Thing::new(level(line, frame), [0.0; 2], [0.0; 2])));
+        }
         named.truncate(MOST_OBJECTS);
         let mut pair = None;
-        if let Some(Goal::Contact { bodies: [a, b], .. }) = &scene.goal {
+        if let Some(Goal::Contact { bodies: [a, b], .. } | Goal::Apart { bodies: [a, b], .. }) = &scene.goal {
             let index = |name: &str| named.iter().position(|(n, _)| *n == name);
             if let (Some(i), Some(j)) = (index(a), index(b)) {
                 // The goal does not care which is which: the left one first.
@@ -302,6 +305,12 @@ impl Features {
     fn size(&self) -> [f64; 2] {
         [(self.frame[2] - self.frame[0]).max(1e-9), (self.frame[3] - self.frame[1]).max(1e-9)]
     }
+}
+
+/// A line that something is to be above, from one side of the frame to the other.
+fn level(([nx, ny], offset): ([f64; 2], f64), frame: Bounds) -> Solid {
+    let at = |x: f64| [x, (offset - nx * x) / ny];
+    Solid::Bounded(Pieces::one(vec![at(frame[0]), at(frame[2])], 0.0))
 }
 
 impl Thing {

@@ -199,7 +199,10 @@ impl<'a> Search<'a> {
         }
         let (in_real, undamped) = (judged, other);
         let mut stream = rng::stream(own, "perturb");
-        let Some(action) = stable(scene, &in_real.solutions, &mut stream, physics(true))? else {
+        // What whoever wrote the scene says solves it comes first.
+        let said = self.family.solutions(&self.draws.candidates[candidate]);
+        let solutions = said.iter().chain(&in_real.solutions);
+        let Some(action) = stable(scene, solutions, &mut stream, physics(true))? else {
             return Ok(self.saying(candidate, Outcome::Unstable, share));
         };
         let certificate = Certificate {
@@ -256,6 +259,21 @@ pub fn holds(family: &Family, scene: &Scene, certificate: &Certificate, engine: 
     survives(scene, &action, PERTURBATIONS, &mut rng::stream(certificate.seed, "recheck"), physics)
 }
 
+/// Which actions solve a scene in the family's real world; `None` for what cannot be placed.
+pub fn tried(family: &Family, scene: &Scene, actions: &[ValidAction]) -> Result<Vec<Option<bool>>> {
+    let real = standard(family);
+    let physics = Physics { latents: real.latents, effects: &real.effects, engine: real.engine };
+    let space = scene.action.as_ref().expect("a candidate has an action space");
+    let place = |action| match space.place(scene, action) {
+        Placement::Valid(placed) => Some(placed),
+        Placement::Invalid(_) => None,
+    };
+    let placed: Vec<Option<Box<Scene>>> = actions.iter().map(place).collect();
+    let scenes: Vec<&Scene> = placed.iter().flatten().map(Box::as_ref).collect();
+    let mut solved = solved(&scenes, physics)?.into_iter();
+    Ok(placed.iter().map(|p| p.as_ref().and_then(|_| solved.next())).collect())
+}
+
 #[derive(Clone, Copy)]
 struct Physics<'a> {
     latents: Latents,
@@ -297,13 +315,13 @@ fn sample(scene: &Scene, count: usize, stream: &mut Stream, physics: Physics) ->
 }
 
 /// The first solution that survives its perturbations.
-fn stable(
+fn stable<'a>(
     scene: &Scene,
-    solutions: &[ValidAction],
+    solutions: impl Iterator<Item = &'a ValidAction>,
     stream: &mut Stream,
     physics: Physics,
 ) -> Result<Option<ValidAction>> {
-    for action in solutions.iter().take(TRIED) {
+    for action in solutions.take(TRIED) {
         if !survives(scene, action, SEARCHED, stream, physics)? {
             continue;
         }

@@ -13,6 +13,7 @@ pub mod geometry;
 mod goal;
 mod intervention;
 mod limits;
+pub mod phyre;
 mod placement;
 pub mod scene;
 mod setting;
@@ -28,8 +29,8 @@ pub use custom::custom;
 pub use families::{
     Ahead, Bin, CANDIDATE_SEED, CERTIFIED_FORMAT, COLLECTIONS, Certificate, Certified, CertifiedRow, Claims,
     Collection, DEFAULT_FAMILY, Draws, FAMILY_FORMAT, Family, Labels, Learning, Nearer, RealPhysics,
-    Selection, certified_beside, collection, families, family, parse_family, read_families, read_family,
-    take_in,
+    Selection, certified_beside, collection, families, family, parse_family, parse_family_beside,
+    read_families, read_family, take_in,
 };
 pub use intervention::Intervention;
 pub use placement::Placement;

@@ -125,6 +125,49 @@ fn validate_component(component: &Component, scene: &Scene) -> Result<()> {
 mod tests {
     use super::*;
 
+    /// Two balls are placed by one action: neither may be in the other's way, whichever comes first.
+    #[test]
+    fn two_balls_that_are_placed_may_not_overlap() {
+        let component = |target: &str, set: &str, low: f64, high: f64| {
+            format!(r#"{{"target": "{target}", "set": "{set}", "low": {low}, "high": {high}}}"#)
+        };
+        let of = |name: &str| {
+            [("x", -5.0, 5.0), ("y", -5.0, 5.0), ("radius", 0.5, 1.5)]
+                .map(|(q, l, h)| component(name, q, l, h))
+        };
+        let components = [of("red"), of("blue")].concat().join(", ");
+        let text = format!(
+            r#"{{"format": "iplw.scene/1",
+            "bodies": [{{"name": "red", "shape": {{"type": "disc", "radius": 1}}}},
+                       {{"name": "blue", "shape": {{"type": "disc", "radius": 1}}}}],
+            "statics": [{{"name": "post", "shape": {{"type": "disc", "radius": 1}}, "position": [0, -3]}}],
+            "action": {{"bounds": [-5, -5, 5, 5], "components": [{components}]}}}}"#
+        );
+        let scene = Scene::from_json(&text).unwrap();
+        let space = scene.action.as_ref().unwrap();
+        let check = |red: [f64; 3], blue: [f64; 3], wanted: Option<&str>| {
+            let share = |[x, y, r]: [f64; 3]| [(x + 5.0) / 10.0, (y + 5.0) / 10.0, r - 0.5];
+            let action = [share(red), share(blue)].concat();
+            let said = match space.place(&scene, &space.validate(&action).unwrap()) {
+                Placement::Valid(placed) => {
+                    assert_eq!(
+                        placed.bodies[1].position.map(|p| p.map(|v| (v * 100.0).round())),
+                        Some([blue[0] * 100.0, blue[1] * 100.0])
+                    );
+                    None
+                }
+                Placement::Invalid(reason) => Some(reason),
+            };
+            assert_eq!(said.as_deref(), wanted, "{red:?}, {blue:?}");
+        };
+        check([-1.0, 1.0, 0.75], [1.0, 1.0, 1.0], None);
+        check([-1.0, 1.0, 0.75], [1.0, 1.0, 1.5], Some("blue overlaps red"));
+        check([1.0, 1.0, 1.0], [1.0, 1.0, 0.5], Some("blue overlaps red"));
+        check([-1.0, 1.0, 0.75], [0.0, -2.0, 0.5], Some("blue overlaps post"));
+        check([0.5, -2.0, 0.75], [3.0, 1.0, 0.5], Some("red overlaps post"));
+        check([-4.5, 1.0, 0.75], [3.0, 1.0, 0.5], Some("red leaves the scene"));
+    }
+
     /// The floor (a halfspace, first in order of name) is placed, and so is the post, on which the ball stands.
     #[test]
     fn overlaps_are_looked_for_beyond_a_halfspace_target() {

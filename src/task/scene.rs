@@ -11,7 +11,7 @@ use super::action::ActionSpace;
 pub use super::body::{Body, Static};
 pub use super::contact_rules::{ContactRules, FrictionRule, MOST_THRESHOLD, RestitutionRule};
 use super::geometry::{Bounds, join};
-pub use super::goal::Goal;
+pub use super::goal::{Goal, Point};
 use super::intervention::Intervention;
 pub use super::setting::{BodyOverride, Setting, StaticOverride};
 pub use super::shape::Shape;

@@ -88,7 +88,8 @@ impl Scene {
     fn validate_goal(&self, goal: &Goal) -> Result<()> {
         let longest = f64::from(self.steps) * self.time_step;
         match goal {
-            Goal::Contact { bodies, hold_s, tolerance, .. } => {
+            Goal::Contact { bodies, hold_s, tolerance, .. }
+            | Goal::Apart { bodies, hold_s, tolerance, .. } => {
                 self.named("bodies[0]", &bodies[0], true)?;
                 self.named("bodies[1]", &bodies[1], true)?;
                 if bodies[0] == bodies[1] {
@@ -112,6 +113,11 @@ impl Scene {
                 if signed_area(region).abs() < 1e-12 {
                     return Err(Error::input("region", "without area", "corners of a polygon with area"));
                 }
+                within("hold_s", *hold_s, 0.0, longest)?;
+            }
+            Goal::Above { body, height, line, hold_s, .. } => {
+                self.named("body", body, false)?;
+                validate_line(goal, *height, *line)?;
                 within("hold_s", *hold_s, 0.0, longest)?;
             }
         }
@@ -151,6 +157,24 @@ impl Scene {
         }
         Ok(())
     }
+}
+
+/// A body is to be above one line, which has an upper side.
+fn validate_line(goal: &Goal, height: Option<f64>, line: Option<[[f64; 2]; 2]>) -> Result<()> {
+    if height.is_some() == line.is_some() {
+        let value = if line.is_some() { "beside a line" } else { "missing" };
+        let allowed = "either a height, or a line given by two points";
+        return Err(Error::input("height", value, allowed));
+    }
+    height.map_or(Ok(0.0), |h| within("height", h, -FAR, FAR))?;
+    for (i, point) in line.iter().flatten().enumerate() {
+        vector(&format!("line[{i}]"), *point, FAR)?;
+    }
+    if goal.line().is_none() {
+        let allowed = "two points of which one is farther right: a line that has a side above it";
+        return Err(Error::input("line", format!("{:?}", line.unwrap_or_default()), allowed));
+    }
+    Ok(())
 }
 
 fn unique(names: &mut HashSet<String>, field: &str, name: &str) -> Result<()> {

@@ -1,8 +1,8 @@
 //! Watching a goal while a rollout runs: the same rule for every engine.
 
 use crate::task::geometry::polygon_contains;
-use crate::task::scene::{Goal, Scene};
-use crate::task::solid::Pieces;
+use crate::task::scene::{Goal, Point, Scene};
+use crate::task::solid::{Pieces, Solid};
 
 /// A goal with names resolved to indices.
 #[derive(Clone, Debug)]
@@ -18,8 +18,12 @@ pub struct GoalSpec {
 pub enum Condition {
     /// The gap between two things is at most `tolerance` (m).
     Contact { parties: [Party; 2], tolerance: f64 },
+    /// The gap between two things is more than `tolerance` (m), `after_touch` only once it has not been.
+    Apart { parties: [Party; 2], tolerance: f64, after_touch: bool },
     /// A body's position lies in a polygon.
     Inside { body: usize, region: Vec<[f64; 2]> },
+    /// A body, or its position if only that is asked for, is nowhere below the line `normal . p = offset`.
+    Above { body: usize, point: Point, normal: [f64; 2], offset: f64 },
 }
 
 /// One side of a contact goal: index into the prepared bodies or statics.
@@ -33,12 +37,15 @@ pub enum Party {
 #[derive(Clone, Debug, Default)]
 pub struct Watch {
     held: u32,
+    /// Whether it has once not held.
+    failed: bool,
 }
 
 impl GoalSpec {
     /// Resolves the names of a validated scene's goal.
     pub fn new(goal: &Goal, scene: &Scene) -> GoalSpec {
         let body = |name: &str| scene.bodies.iter().position(|b| b.name == name);
+        let known = |name: &str| body(name).expect("goal names are validated with the scene");
         let party = |name: &str| match body(name) {
             Some(i) => Party::Body(i),
             None => Party::Static(
@@ -49,22 +56,24 @@ impl GoalSpec {
                     .expect("goal names are validated with the scene"),
             ),
         };
-        match goal {
-            Goal::Contact { bodies, hold_s, tolerance, .. } => GoalSpec {
-                condition: Condition::Contact {
-                    parties: [party(&bodies[0]), party(&bodies[1])],
-                    tolerance: *tolerance,
-                },
-                hold_s: *hold_s,
-            },
-            Goal::Inside { body: name, region, hold_s, .. } => GoalSpec {
-                condition: Condition::Inside {
-                    body: body(name).expect("goal names are validated with the scene"),
-                    region: region.clone(),
-                },
-                hold_s: *hold_s,
-            },
-        }
+        let parties = |bodies: &[String; 2]| [party(&bodies[0]), party(&bodies[1])];
+        let (condition, hold_s) = match goal {
+            Goal::Contact { bodies, hold_s, tolerance, .. } => {
+                (Condition::Contact { parties: parties(bodies), tolerance: *tolerance }, hold_s)
+            }
+            Goal::Apart { bodies, after_touch, hold_s, tolerance, .. } => {
+                let (tolerance, after_touch) = (*tolerance, *after_touch);
+                (Condition::Apart { parties: parties(bodies), tolerance, after_touch }, hold_s)
+            }
+            Goal::Inside { body, region, hold_s, .. } => {
+                (Condition::Inside { body: known(body), region: region.clone() }, hold_s)
+            }
+            Goal::Above { body, point, hold_s, .. } => {
+                let (normal, offset) = goal.line().expect("a goal's line is validated with the scene");
+                (Condition::Above { body: known(body), point: *point, normal, offset }, hold_s)
+            }
+        };
+        GoalSpec { condition, hold_s: *hold_s }
     }
 
     /// Time steps on end for which the condition must hold (at least one).
@@ -75,8 +84,10 @@ impl GoalSpec {
 
 impl Watch {
     /// Takes in one time step; `true` once the condition has held for `needed` steps on end.
-    pub fn advance(&mut self, holds: bool, needed: u32) -> bool {
-        self.held = if holds { self.held + 1 } else { 0 };
+    pub fn advance(&mut self, condition: &Condition, holds: bool, needed: u32) -> bool {
+        let waits = matches!(condition, Condition::Apart { after_touch: true, .. }) && !self.failed;
+        self.failed |= !holds;
+        self.held = if holds && !waits { self.held + 1 } else { 0 };
         self.held >= needed
     }
 }
@@ -92,24 +103,33 @@ pub fn holds<'a>(
         let (position, angle) = pose(i);
         shape(i).placed(position, angle)
     };
+    let gap = |parties: &[Party; 2]| match *parties {
+        [Party::Body(a), Party::Body(b)] => {
+            if let (Some(one), Some(other)) = (shape(a).disc_radius(), shape(b).disc_radius()) {
+                // What `gap_to` says of two discs, without making the placed shapes: this runs every step.
+                let ([ax, ay], [bx, by]) = (pose(a).0, pose(b).0);
+                let (dx, dy) = (ax - bx, ay - by);
+                Some((dx * dx + dy * dy).sqrt() - (one + other))
+            } else {
+                Some(placed(a).gap_to(&placed(b)))
+            }
+        }
+        [Party::Body(a), Party::Static(s)] | [Party::Static(s), Party::Body(a)] => {
+            Some(gap_to_static(s, &placed(a)))
+        }
+        // Two statics never come closer, nor part; the scene is legal and the goal unreachable.
+        [Party::Static(_), Party::Static(_)] => None,
+    };
     match condition {
         Condition::Inside { body, region } => polygon_contains(region, pose(*body).0),
-        Condition::Contact { parties, tolerance } => match *parties {
-            [Party::Body(a), Party::Body(b)] => {
-                if let (Some(one), Some(other)) = (shape(a).disc_radius(), shape(b).disc_radius()) {
-                    // What `gap_to` says of two discs, without making the placed shapes: this runs every step.
-                    let ([ax, ay], [bx, by]) = (pose(a).0, pose(b).0);
-                    let (dx, dy) = (ax - bx, ay - by);
-                    (dx * dx + dy * dy).sqrt() - (one + other) <= *tolerance
-                } else {
-                    placed(a).gap_to(&placed(b)) <= *tolerance
-                }
-            }
-            [Party::Body(a), Party::Static(s)] | [Party::Static(s), Party::Body(a)] => {
-                gap_to_static(s, &placed(a)) <= *tolerance
-            }
-            // Two statics never come closer; the scene is legal and the goal unreachable.
-            [Party::Static(_), Party::Static(_)] => false,
-        },
+        Condition::Contact { parties, tolerance } => gap(parties).is_some_and(|g| g <= *tolerance),
+        Condition::Apart { parties, tolerance, .. } => gap(parties).is_some_and(|g| g > *tolerance),
+        Condition::Above { body, point: Point::Centre, normal, offset } => {
+            let [x, y] = pose(*body).0;
+            normal[0] * x + normal[1] * y >= *offset
+        }
+        Condition::Above { body, point: Point::Lowest, normal, offset } => {
+            Solid::HalfPlane { normal: *normal, offset: *offset }.gap_to(&placed(*body)) >= 0.0
+        }
     }
 }

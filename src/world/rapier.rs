@@ -76,7 +76,7 @@ pub fn run(prepared: &Prepared, budget: &dyn Budget) -> Result<Trajectory> {
                 |s, shape| prepared.statics[s].shape.gap_to(shape),
                 |i| &prepared.bodies[i].shape,
             );
-            if watch.advance(holds, needed) {
+            if watch.advance(&spec.condition, holds, needed) {
                 recorder.solved();
                 if prepared.stop {
                     recorder.observe(step, &states);

@@ -100,7 +100,7 @@ macro_rules! fuzz {
     };
 }
 
-fuzz!(zmtp msgpack bodies requests trials tracks weights tokens limits families);
+fuzz!(zmtp msgpack bodies requests trials tracks weights tokens limits families imports);
 
 /// Every operation has seeds; each that takes a body of JSON takes some of them.
 #[test]

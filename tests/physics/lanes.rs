@@ -1,7 +1,7 @@
 //! The batched engine's promises: one result whatever the threads, lanes and instructions; symmetry; no NaN; what
 //! it shares with the general engine; agreement with Pymunk.
 
-use iplw::task::scene::{Body, Goal, Shape, Static};
+use iplw::task::scene::{Body, Goal, Point, Shape, Static};
 use iplw::task::shape::{Compound, Disc, Halfspace, Piece, Polygon, Rectangle, Segment};
 use iplw::task::{Placement, Scene, families};
 use iplw::trajectory::{End, Trajectory};
@@ -331,9 +331,17 @@ fn tumbling(i: u32) -> Scene {
     let mut scene = box_scene(bodies.collect());
     scene.steps = 700 + 31 * (i % 4);
     scene.effects = if i.is_multiple_of(2) { vec![effect::damping(0.7)] } else { vec![] };
-    let parties = [["b0", "b1"], ["b3", "floor"], ["b2", "b4"]][i as usize % 3];
-    scene.goal =
-        Some(Goal::Contact { bodies: parties.map(String::from), hold_s: 0.1, tolerance: 0.05, stop: None });
+    let bodies = [["b0", "b1"], ["b3", "floor"], ["b2", "b4"]][i as usize % 3].map(String::from);
+    let (hold_s, tolerance, stop) = (0.1, 0.05, None);
+    scene.goal = Some(match i % 5 {
+        3 => Goal::Apart { bodies, after_touch: i.is_multiple_of(2), hold_s, tolerance, stop },
+        4 => {
+            let [body, _] = bodies;
+            let line = Some([[-4.0, 2.0 + 0.1 * f64::from(i % 7)], [4.0, 2.5]]);
+            Goal::Above { body, height: None, line, point: Point::Lowest, hold_s, stop }
+        }
+        _ => Goal::Contact { bodies, hold_s, tolerance, stop },
+    });
     scene
 }
 

@@ -10,6 +10,7 @@ mod branch;
 mod contact_rules;
 mod effects;
 mod fuzz_scene;
+mod goals;
 mod lanes;
 mod polygons;
 mod properties;

@@ -116,7 +116,7 @@ fn actions_outside_the_space_are_refused_by_name() {
 fn example_families_hold_what_they_promise() {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/families");
     let found = read_families(&folder).unwrap_or_else(|e| panic!("{e}"));
-    assert_eq!(found.iter().map(|f| f.name).collect::<Vec<_>>(), ["bank", "shelf", "topple"]);
+    assert_eq!(found.iter().map(|f| f.name).collect::<Vec<_>>(), ["bank", "shelf", "topple", "two_balls"]);
     for family in found {
         let tasks = family.tasks();
         let held =

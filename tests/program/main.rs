@@ -8,6 +8,7 @@ mod cli;
 mod discover_cli;
 mod families;
 mod families_cli;
+mod import_cli;
 mod rooms;
 mod sources;
 mod tracks_cli;

@@ -151,6 +151,13 @@ def test_every_shape_is_drawn(shape: dict[str, Any]) -> None:
     assert drawing(scene).count("<") > empty.count("<") + 6
 
 
+@pytest.mark.parametrize("line", [{"height": 1.0}, {"line": [[1, 1], [3, 1]]}, {"line": [[3, 1], [1, 1]]}], ids=str)
+def test_what_lies_above_a_goals_line_is_marked(line: dict[str, Any]) -> None:
+    scene = {"bodies": [{**BALL, "position": [0.0, 0.5]}], "goal": {"type": "above", "body": BALL["name"], **line}}
+    heights = {float(pair.split(",")[1]) for pair in drawing(scene).split('<polygon points="')[1].split('"')[0].split()}
+    assert min(heights) == 1.0 and max(heights) > extent(scene)[3]
+
+
 def test_a_drawing_holds_what_moves() -> None:
     track = {"ball": np.array([[0.0, 0.0, 0.0], [np.nan, np.nan, 0.0], [5.0, 1.0, 0.0], [6.0, 1.0, 0.0]])}
     left, bottom, right, top = extent(None, [track])

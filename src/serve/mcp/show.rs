@@ -9,7 +9,7 @@ use crate::error::Result;
 use crate::picture::{Style, filmstrip_svg, svg_to_png};
 use crate::serve::problem::{Answer, Problem};
 use crate::task::action::{Component, Quantity};
-use crate::task::scene::{Goal, Shape};
+use crate::task::scene::{Goal, Point, Shape};
 use crate::task::{Placement, Scene};
 use crate::trajectory::{Track, Trajectory};
 
@@ -141,6 +141,21 @@ pub fn goal_words(goal: &Goal) -> String {
     match goal {
         Goal::Contact { bodies: [one, other], hold_s, .. } => {
             format!("{one} and {other} touch{}", hold(*hold_s))
+        }
+        Goal::Apart { bodies: [one, other], after_touch, hold_s, .. } => {
+            let after = if *after_touch { " after they have touched" } else { "" };
+            format!("{one} and {other} do not touch{}{after}", hold(*hold_s))
+        }
+        Goal::Above { body, height, line, point, hold_s, .. } => {
+            let what = if *point == Point::Centre { "the centre of " } else { "all of " };
+            let place = match (height, line) {
+                (Some(height), _) => format!("y = {height:.2} m"),
+                (_, Some([[ax, ay], [bx, by]])) => {
+                    format!("the line through ({ax:.2}, {ay:.2}) and ({bx:.2}, {by:.2}) m")
+                }
+                (None, None) => "a line".into(),
+            };
+            format!("{what}{body} is above {place}{}", hold(*hold_s))
         }
         Goal::Inside { body, region, hold_s, .. } => {
             let corners: Vec<String> = region.iter().map(|[x, y]| format!("({x:.2}, {y:.2})")).collect();

@@ -2,13 +2,13 @@
 
 use super::certified::{CANDIDATE_SEED, Certified, CertifiedRow, Selection};
 use super::claims::Claims;
-use super::draw::{Draws, Recipe};
+use super::draw::Draws;
 use super::presets::Learning;
 use super::real::RealPhysics;
-use super::template::Template;
+use super::source::Source;
 use crate::error::{Error, Result};
 use crate::task::scene::Scene;
-use crate::task::{Split, Task, custom};
+use crate::task::{Split, Task, ValidAction};
 
 /// A family of tasks that share an action space, a kind of goal and what is hidden.
 pub struct Family {
@@ -34,10 +34,8 @@ pub struct Family {
     pub claims: Claims,
     /// Of what certified tasks depend on.
     pub digest: String,
-    /// How the numbers of candidates are drawn.
-    pub(super) recipe: Recipe,
-    /// The scene that they go into.
-    pub(super) template: Template,
+    /// Where candidates are from.
+    pub(super) source: Source,
     /// What was certified.
     pub(super) tasks: Vec<Task>,
 }
@@ -100,17 +98,17 @@ impl Family {
 
     /// Names of what is drawn, in order.
     pub fn parameters(&self) -> impl Iterator<Item = &str> {
-        self.recipe.parameters.iter().map(|p| p.name.as_str())
+        self.source.parameters().into_iter()
     }
 
     /// What must hold of a draw, in order.
     pub fn requirements(&self) -> impl Iterator<Item = &str> {
-        self.recipe.require.iter().map(|(text, _)| text.as_str())
+        self.source.requirements().into_iter()
     }
 
     /// The numbers of the candidates in the order in which the certifier tries them, for a seed.
     pub fn draws(&self, seed: u64) -> Result<Draws> {
-        self.recipe.draws(self.name, seed)
+        self.source.draws(self.name, seed)
     }
 
     /// The scenes of all draws that make one, in that order.
@@ -121,11 +119,12 @@ impl Family {
 
     /// The scene of a draw, with goal and action space. An error if it is none: if things overlap, for one.
     pub fn scene(&self, draw: &[f64]) -> Result<Scene> {
-        let values = self.recipe.complete(draw).ok_or_else(|| {
-            Error::input("candidates.values", "without a finite number", "expressions that have one")
-        })?;
-        let scene = self.template.fill(self.name, &values)?;
-        custom(scene).map(|task| task.scene).map_err(|e| e.under("scene"))
+        self.source.scene(self.name, draw)
+    }
+
+    /// Actions that are said to solve the scene of a draw, by whoever wrote it.
+    pub fn solutions(&self, draw: &[f64]) -> &[ValidAction] {
+        self.source.solutions(draw)
     }
 
     /// All tasks, dealt anew to the splits. Fold 0 is how [`Family::tasks`] deals them.

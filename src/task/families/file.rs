@@ -8,8 +8,10 @@ use super::claims::{Ahead, Claims, Nearer};
 use super::draw::{MOST_POINTS, Parameter, Range, Recipe};
 use super::expression::Expression;
 use super::family::Family;
+use super::listed::Listed;
 use super::presets::{Labels, Learning};
 use super::real::RealPhysics;
+use super::source::Source;
 use super::template::Template;
 use crate::error::{Error, Input, Result, shown, within};
 use crate::rng;
@@ -28,10 +30,19 @@ const MOST_TASKS: usize = 1000;
 /// Most valid actions that a share is taken from.
 const MOST_SAMPLED: usize = 100_000;
 /// Names of families that would be taken for something else: custom tasks, policies of any family, a command, experiments.
-const TAKEN: [&str; 7] = ["custom", "any", "check", "quickstart", "strategies", "latents", "harder"];
+const TAKEN: [&str; 8] =
+    ["custom", "any", "check", "import", "quickstart", "strategies", "latents", "harder"];
 
-/// Reads a family without its certified tasks. Errors name the line or the field.
+/// Reads a family without its certified tasks, all of which stands in one file. Errors name the line or the field.
 pub fn parse(text: &str) -> Result<Family> {
+    parse_beside(text, &|file| {
+        let allowed = "parameters and a `scene`: there are no files beside this one";
+        Err(Error::input("candidates.scenes", format!("{file:?}"), allowed))
+    })
+}
+
+/// The same, where a list of scenes may stand in a file beside it: `beside` gives the text of one, by name.
+pub fn parse_beside(text: &str, beside: &dyn Fn(&str) -> Result<String>) -> Result<Family> {
     if text.len() > MOST_BYTES {
         return Err(Error::input("", format!("{} bytes", text.len()), format!("at most {MOST_BYTES} bytes")));
     }
@@ -44,20 +55,19 @@ pub fn parse(text: &str) -> Result<Family> {
         return Err(Error::input("name", format!("{taken:?}"), "a name that means nothing else"));
     }
     line("about", &file.about)?;
-    let gymnasium = file.gymnasium.unwrap_or_default();
+    let gymnasium = file.gymnasium.clone().unwrap_or_default();
     if !gymnasium.is_empty() {
         line("gymnasium", &gymnasium)?;
     }
-    let digest = digest(&file.name, &file.candidates, &file.scene, &file.real);
-    let (recipe, names) = recipe(&file.candidates)?;
+    let (source, content) = source(&file, beside)?;
+    let digest = digest(&file.name, &file.candidates, &content, &file.real);
     file.real.validate().map_err(|e| e.under("real"))?;
     let split = [file.tasks.train, file.tasks.validation, file.tasks.test];
     let family = Family {
         name: kept(file.name),
         about: kept(file.about),
         gymnasium: kept(gymnasium),
-        template: Template::new(&file.scene, &names)?,
-        recipe,
+        source,
         split,
         selection: selection(file.tasks)?,
         real_physics: file.real,
@@ -80,7 +90,7 @@ struct File {
     about: String,
     gymnasium: Option<String>,
     candidates: Candidates,
-    scene: toml::Table,
+    scene: Option<toml::Table>,
     real: RealPhysics,
     #[serde(default)]
     prior: Prior,
@@ -103,6 +113,8 @@ struct Candidates {
     #[serde(default)]
     require: Vec<String>,
     count: Option<usize>,
+    /// In place of all these and of `scene`: the name of a file beside this one.
+    scenes: Option<String>,
 }
 
 #[derive(Deserialize)]
@@ -237,6 +249,43 @@ fn from_toml<T: DeserializeOwned>(text: &str) -> Result<T> {
     serde_path_to_error::deserialize(read).map_err(|e| refuse(e.path().to_string(), e.inner()))
 }
 
+/// Where candidates are from, and a text of what their scenes are.
+fn source(file: &File, beside: &dyn Fn(&str) -> Result<String>) -> Result<(Source, String)> {
+    match (&file.scene, &file.candidates.scenes) {
+        (Some(scene), None) => {
+            let (recipe, names) = recipe(&file.candidates)?;
+            let template = Template::new(scene, &names)?;
+            let content = serde_json::to_string(scene).unwrap_or_default();
+            Ok((Source::Drawn { recipe, template }, content))
+        }
+        (None, Some(scenes)) => {
+            let drawn = &file.candidates;
+            let all =
+                [drawn.parameters.len(), drawn.values.len(), drawn.require.len(), drawn.count.iter().len()];
+            if all != [0; 4] {
+                let value = "with something to draw beside it";
+                let allowed = "a list of scenes without parameters, values, require and count";
+                return Err(Error::input("candidates.scenes", value, allowed));
+            }
+            let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.');
+            if scenes.is_empty() || scenes.starts_with('.') || !scenes.chars().all(plain) {
+                let allowed = "the name of a file in the same folder: a to z, 0 to 9, _, - and .";
+                return Err(Error::input("candidates.scenes", format!("{scenes:?}"), allowed));
+            }
+            let content = beside(scenes)?;
+            Ok((Source::Listed(Listed::parse(scenes, &content)?), content))
+        }
+        (Some(_), Some(_)) => {
+            let allowed = "either `scene` or `candidates.scenes`, a file with a scene a line";
+            Err(Error::input("candidates.scenes", "beside a `scene`", allowed))
+        }
+        (None, None) => {
+            let allowed = "a table, or `candidates.scenes`, a file with a scene a line";
+            Err(Error::input("scene", "missing", allowed))
+        }
+    }
+}
+
 /// How numbers are drawn, and the names that they go by, in order.
 fn recipe(from: &Candidates) -> Result<(Recipe, Vec<String>)> {
     for (field, number, most) in [
@@ -349,11 +398,11 @@ fn selection(from: Tasks) -> Result<Selection> {
 }
 
 /// What certified tasks depend on, as 16 hexadecimal digits: other spaces, comments, bins and presets leave it as it is.
-fn digest(name: &str, candidates: &Candidates, scene: &toml::Table, real: &RealPhysics) -> String {
+fn digest(name: &str, candidates: &Candidates, scene: &str, real: &RealPhysics) -> String {
     let text = |table: &toml::Table| serde_json::to_string(table).unwrap_or_default();
     let drawn = format!("{:?} {:?}", candidates.require, candidates.count);
     let (parameters, values) = (text(&candidates.parameters), text(&candidates.values));
-    let all = [name, &parameters, &values, &drawn, &text(scene), &real.fingerprint()].join("\n");
+    let all = [name, &parameters, &values, &drawn, scene, &real.fingerprint()].join("\n");
     format!("{:016x}", rng::derive(0, &all, 0))
 }
 

@@ -4,11 +4,14 @@ use std::path::{Path, PathBuf};
 
 use super::certified::Certified;
 use super::family::Family;
-use super::file::{MOST_BYTES, parse};
+use super::file::{MOST_BYTES, parse_beside};
 use crate::error::{Error, Result};
 
 /// Most bytes of a file of certified tasks: a thousand tasks of sixteen components are a third of it.
 const MOST_CERTIFIED: usize = 1 << 20;
+
+/// Most bytes of a file of scenes.
+const MOST_SCENES: usize = 64 << 20;
 
 /// Every family of a folder, in order of file name.
 pub fn read_families(folder: &Path) -> Result<Vec<Family>> {
@@ -22,7 +25,8 @@ pub fn read_families(folder: &Path) -> Result<Vec<Family>> {
 
 /// A family without its certified tasks.
 pub fn read_family(path: &Path) -> Result<Family> {
-    parse(&text(path, MOST_BYTES)?).map_err(|e| e.at(path.display()))
+    let beside = |file: &str| text(&path.with_file_name(file), MOST_SCENES);
+    parse_beside(&text(path, MOST_BYTES)?, &beside).map_err(|e| e.at(path.display()))
 }
 
 /// Where the certified tasks of a family's file are: `NAME.certified.json` beside `NAME.toml`.

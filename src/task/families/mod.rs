@@ -2,8 +2,8 @@
 //! [`families`].
 //!
 //! A family is one TOML file (scenes, goal, action space, what is hidden, priors, presets, which statements of the paper
-//! are checked for it), its certified tasks beside it, and one row here. Files of users are taken in by [`take_in`]. See
-//! `docs/extending.md`.
+//! are checked for it), its certified tasks beside it, and one row here. A list of scenes in a file may stand for what is
+//! drawn. Files of users are taken in by [`take_in`]. See `docs/extending.md`.
 
 mod certified;
 mod claims;
@@ -13,8 +13,10 @@ mod expression;
 mod family;
 mod file;
 mod folder;
+mod listed;
 mod presets;
 mod real;
+mod source;
 mod template;
 #[cfg(test)]
 mod tests;
@@ -26,7 +28,7 @@ pub use claims::{Ahead, Claims, Nearer};
 pub use collections::{COLLECTIONS, Collection, collection};
 pub use draw::Draws;
 pub use family::Family;
-pub use file::{FAMILY_FORMAT, parse as parse_family};
+pub use file::{FAMILY_FORMAT, parse as parse_family, parse_beside as parse_family_beside};
 pub use folder::{certified_beside, read_families, read_family};
 pub use presets::{Labels, Learning};
 pub use real::RealPhysics;

@@ -243,7 +243,7 @@ fn over_edges<R: Register, const N: usize>(
 
 /// Least coordinate of corners along a direction.
 #[inline(always)]
-fn lowest<R: Register, const N: usize>(corners: &[Corner], nx: Wide<R, N>, ny: Wide<R, N>) -> Wide<R, N> {
+pub fn lowest<R: Register, const N: usize>(corners: &[Corner], nx: Wide<R, N>, ny: Wide<R, N>) -> Wide<R, N> {
     let mut low = nx * Wide::load(&corners[0].x) + ny * Wide::load(&corners[0].y);
     for c in &corners[1..] {
         low = (nx * Wide::load(&c.x) + ny * Wide::load(&c.y)).below(low);

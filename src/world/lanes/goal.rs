@@ -1,13 +1,14 @@
 //! The goal of a batch, in every lane.
 
-use super::closest::closest;
+use super::closest::{closest, lowest};
 use super::contact::{Gap, may_touch, with_static};
-use super::outline::place;
+use super::outline::{OutlineCore, place};
 use super::piece::pieces;
 use super::simd::{Mask, Register, V, Wide};
 use super::state::{BodyLanes, State};
 use super::touching::{HAIR, NEVER_TOUCHED};
 use crate::task::geometry::polygon_contains;
+use crate::task::scene::Point;
 use crate::world::effect::LANES;
 use crate::world::goal::{Condition, Party};
 use crate::world::prepare::Prepared;
@@ -15,6 +16,8 @@ use crate::world::prepare::Prepared;
 /// A goal in every lane; all lanes' goals are of one kind and between the same parties.
 pub struct GoalLanes {
     condition: ConditionLanes,
+    /// Where two things are not to touch: whether that counts, as it does once they have touched (0 or 1).
+    apart: Option<V>,
     /// Steps for which the condition has held, and must hold.
     pub held: V,
     /// The latter is infinite in lanes without a rollout or whose goal has been reached.
@@ -49,6 +52,14 @@ enum ConditionLanes {
         low: [V; 2],
         high: [V; 2],
     },
+    /// A body, or its frame's origin, and the line that it is not to be below. The radius is that of a disc, where all bodies are.
+    Above {
+        body: usize,
+        whole: bool,
+        normal: [V; 2],
+        offset: V,
+        radius: V,
+    },
     Never,
 }
 
@@ -57,14 +68,22 @@ impl GoalLanes {
     pub fn new(condition: &Condition, prepared: &Prepared) -> GoalLanes {
         let none = V::all(0.0);
         let disc = |i: usize| prepared.bodies[i].shape.disc_radius().is_some();
+        let apart = matches!(condition, Condition::Apart { .. }).then_some(none);
         let condition = match condition {
+            Condition::Above { body, point, .. } => ConditionLanes::Above {
+                body: *body,
+                whole: *point == Point::Lowest,
+                normal: [none; 2],
+                offset: none,
+                radius: none,
+            },
             Condition::Inside { body, .. } => ConditionLanes::Inside {
                 body: *body,
                 regions: Default::default(),
                 low: [none; 2],
                 high: [none; 2],
             },
-            Condition::Contact { parties, .. } => match *parties {
+            Condition::Contact { parties, .. } | Condition::Apart { parties, .. } => match *parties {
                 [Party::Body(first), Party::Body(second)] if disc(first) && disc(second) => {
                     ConditionLanes::Discs { first, second, reach2: none }
                 }
@@ -80,7 +99,7 @@ impl GoalLanes {
                 [Party::Static(_), Party::Static(_)] => ConditionLanes::Never,
             },
         };
-        GoalLanes { condition, held: none, needed: V::all(f64::INFINITY) }
+        GoalLanes { condition, apart, held: none, needed: V::all(f64::INFINITY) }
     }
 
     /// Puts a rollout's goal into a lane.
@@ -88,6 +107,9 @@ impl GoalLanes {
         let Some(own) = &prepared.goal else { return };
         self.held[lane] = 0.0;
         self.needed[lane] = f64::from(own.hold_steps(prepared.time_step));
+        if let (Some(counts), Condition::Apart { after_touch, .. }) = (&mut self.apart, &own.condition) {
+            counts[lane] = if *after_touch { 0.0 } else { 1.0 };
+        }
         self.condition.fill(lane, &own.condition, prepared);
     }
 
@@ -128,6 +150,16 @@ impl GoalLanes {
                     None => none.less(none),
                 }
             }
+            ConditionLanes::Above { body, whole, normal, offset, radius } => {
+                let normal = [Wide::load(&normal[0]), Wide::load(&normal[1])];
+                let height: Wide<R, N> = if *whole {
+                    least_along(state, *body, normal, radius)
+                } else {
+                    let [x, y]: [Wide<R, N>; 2] = origin(state, *body);
+                    normal[0] * x + normal[1] * y
+                };
+                Wide::load(offset).at_most(height)
+            }
             ConditionLanes::Inside { body, regions, low, high } => {
                 let [x, y]: [Wide<R, N>; 2] = origin(state, *body);
                 let across = Wide::load(&low[0]).at_most(x).and(x.at_most(Wide::load(&high[0])));
@@ -144,6 +176,10 @@ impl GoalLanes {
                     near
                 }
             }
+        };
+        let holds = match &mut self.apart {
+            None => holds,
+            Some(counts) => parted(holds, counts),
         };
         let held = holds.select(Wide::load(&self.held) + Wide::all(1.0), none);
         held.store(&mut self.held);
@@ -165,18 +201,24 @@ impl ConditionLanes {
 
     fn fill(&mut self, lane: usize, own: &Condition, prepared: &Prepared) {
         match (self, own) {
-            (ConditionLanes::Discs { first, second, reach2 }, Condition::Contact { tolerance, .. }) => {
+            (
+                ConditionLanes::Discs { first, second, reach2 },
+                Condition::Contact { tolerance, .. } | Condition::Apart { tolerance, .. },
+            ) => {
                 let radius = |i: usize| prepared.bodies[i].shape.disc_radius().expect("made for discs only");
                 let radii = radius(*first) + radius(*second);
                 reach2[lane] = (radii + tolerance) * (radii + tolerance);
             }
             (
                 ConditionLanes::Outlines { limit, tolerance, .. },
-                Condition::Contact { tolerance: own, .. },
+                Condition::Contact { tolerance: own, .. } | Condition::Apart { tolerance: own, .. },
             ) => {
                 (limit[lane], tolerance[lane]) = (NEVER_TOUCHED, *own);
             }
-            (ConditionLanes::DiscStatic { tolerance, .. }, Condition::Contact { tolerance: own, .. }) => {
+            (
+                ConditionLanes::DiscStatic { tolerance, .. },
+                Condition::Contact { tolerance: own, .. } | Condition::Apart { tolerance: own, .. },
+            ) => {
                 tolerance[lane] = *own;
             }
             (ConditionLanes::Inside { regions, low, high, .. }, Condition::Inside { region, .. }) => {
@@ -185,6 +227,13 @@ impl ConditionLanes {
                     high[k][lane] = region.iter().map(|p| p[k]).fold(f64::NEG_INFINITY, f64::max);
                 }
                 regions[lane].clone_from(region);
+            }
+            (
+                ConditionLanes::Above { normal: [nx, ny], offset, radius, .. },
+                Condition::Above { body, normal, offset: own, .. },
+            ) => {
+                (nx[lane], ny[lane], offset[lane]) = (normal[0], normal[1], *own);
+                radius[lane] = prepared.bodies[*body].shape.disc_radius().unwrap_or(0.0);
             }
             _ => {}
         }
@@ -222,6 +271,37 @@ fn within<R: Register, const N: usize>(
     let free = (least - tolerance - Wide::all(HAIR)).above(Wide::all(0.0));
     used.select(travel + free, Wide::all(f64::INFINITY)).store(limit);
     Some(least.at_most(tolerance))
+}
+
+/// Where things that touch where `touch` says have parted, once that counts.
+#[inline(always)]
+fn parted<R: Register, const N: usize>(touch: Mask<R, N>, counts: &mut V) -> Mask<R, N> {
+    let (none, one) = (Wide::all(0.0), Wide::all(1.0));
+    let counted = touch.select(one, Wide::load(counts));
+    counted.store(counts);
+    none.less(touch.select(none, counted))
+}
+
+/// Least coordinate of a body along a direction, m; `radius` is that of a disc where no body has an outline.
+#[inline(always)]
+fn least_along<R: Register, const N: usize>(
+    state: &mut State,
+    body: usize,
+    [nx, ny]: [Wide<R, N>; 2],
+    radius: &V,
+) -> Wide<R, N> {
+    let BodyLanes { moving, angle, .. } = &state.bodies[body];
+    let Some(frame) = state.frames.get_mut(body) else {
+        return nx * Wide::load(&moving.x) + ny * Wide::load(&moving.y) - Wide::load(radius);
+    };
+    place::<R, N>(frame, &mut state.outlines, moving, angle, state.tick);
+    let mut least = Wide::all(f64::INFINITY);
+    for outline in state.outlines.iter().filter(|o| o.owner == body) {
+        if let OutlineCore::Corners { here, .. } = &outline.core {
+            least = (lowest(here, nx, ny) - Wide::load(&outline.radius)).below(least);
+        }
+    }
+    least
 }
 
 /// Where a body's frame has its origin, m.

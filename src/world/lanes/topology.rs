@@ -1,6 +1,7 @@
 //! Which rollouts may share a batch.
 
 use super::piece::pieces;
+use crate::task::scene::Point;
 use crate::task::solid::Pieces;
 use crate::world::goal::{Condition, Party};
 use crate::world::prepare::Prepared;
@@ -17,6 +18,7 @@ pub struct Topology {
     effects: Vec<&'static str>,
     /// Bits of the time step.
     time_step: u64,
+    /// Kind, and what it is about.
     goal: Option<(usize, usize, usize)>,
 }
 
@@ -33,14 +35,24 @@ impl Topology {
             goal: prepared.goal.as_ref().map(|g| match &g.condition {
                 Condition::Inside { body, .. } => (0, *body, 0),
                 Condition::Contact { parties, .. } => {
-                    let [a, b] = parties.map(|p| match p {
-                        Party::Body(i) => i,
-                        Party::Static(i) => count + i,
-                    });
+                    let [a, b] = parties.map(|p| number(p, count));
                     (1, a, b)
                 }
+                Condition::Apart { parties, .. } => {
+                    let [a, b] = parties.map(|p| number(p, count));
+                    (2, a, b)
+                }
+                Condition::Above { body, point, .. } => (3, *body, usize::from(*point == Point::Centre)),
             }),
         }
+    }
+}
+
+/// Bodies, then statics.
+fn number(party: Party, bodies: usize) -> usize {
+    match party {
+        Party::Body(i) => i,
+        Party::Static(i) => bodies + i,
     }
 }
 

@@ -3,7 +3,7 @@
 import { type Attributes, put, s, set } from "../dom";
 import { colours } from "./colour";
 import type { Body, Box, Point, Pose, Scene, Shape } from "./types";
-import { halfPlane, seen } from "./view";
+import { halfPlane, level, seen } from "./view";
 
 /** How movable bodies are drawn. */
 export type Look = "solid" | "ghost" | "refused";
@@ -39,7 +39,7 @@ export function picture(scene: Scene, label: string, box: Box = seen(scene)): Pi
     set(svg, { viewBox: `${now[0]} ${-now[3]} ${now[2] - now[0]} ${now[3] - now[1]}` });
   };
   const redraw = (now: Scene): void => {
-    put(fixed, ...statics(now, made.box), goal(now));
+    put(fixed, ...statics(now, made.box), goal(now, made.box));
     for (const look of ["ghost", "solid", "refused"] as const) {
       const drawn = movables(now, look);
       bodies.set(look, drawn);
@@ -85,7 +85,14 @@ function statics(scene: Scene, box: Box): SVGElement[] {
   });
 }
 
-function goal(scene: Scene): SVGElement | null {
+function goal(scene: Scene, box: Box): SVGElement | null {
+  if (scene.goal?.type === "above") {
+    const [[ax, ay], [bx, by]] = level(scene.goal);
+    const sign = bx < ax ? -1 : 1;
+    const normal: Point = [sign * (by - ay), sign * (ax - bx)];
+    const above = halfPlane(normal, normal[0] * ax + normal[1] * ay, box);
+    return s("polygon", { class: "goal", points: points(above), "vector-effect": "non-scaling-stroke" });
+  }
   if (scene.goal?.type !== "inside") return null;
   return s("polygon", { class: "goal", points: points(scene.goal.region), "vector-effect": "non-scaling-stroke" });
 }
@@ -131,8 +138,8 @@ function forms(shape: Shape, paint: Attributes, box: Box | null): SVGElement[] {
 }
 
 function goalNames(scene: Scene): Set<string> {
-  if (scene.goal?.type === "contact") return new Set(scene.goal.bodies);
-  return new Set(scene.goal ? [scene.goal.body] : []);
+  if (!scene.goal) return new Set();
+  return new Set("bodies" in scene.goal ? scene.goal.bodies : [scene.goal.body]);
 }
 
 function transform(placed: { position?: Point | null; angle?: number }): string {

@@ -25,7 +25,9 @@ export interface Body {
 
 export type Goal =
   | { type: "contact"; bodies: [string, string]; hold_s?: number; tolerance?: number; stop?: boolean }
-  | { type: "inside"; body: string; region: Point[]; hold_s?: number; stop?: boolean };
+  | { type: "apart"; bodies: [string, string]; after_touch?: boolean; hold_s?: number; tolerance?: number; stop?: boolean }
+  | { type: "inside"; body: string; region: Point[]; hold_s?: number; stop?: boolean }
+  | { type: "above"; body: string; height?: number; line?: [Point, Point]; point?: "lowest" | "centre"; hold_s?: number; stop?: boolean };
 
 export interface Component {
   target: string;

@@ -1,6 +1,6 @@
 // What part of the world a picture shows.
 
-import type { Box, Point, Scene, Shape } from "./types";
+import type { Box, Goal, Point, Scene, Shape } from "./types";
 
 /** Statics widen a picture by at most this share of what else is seen; longer ones are cut off. */
 const WIDEST = 0.25;
@@ -11,6 +11,7 @@ export function seen(scene: Scene, also: readonly Point[] = []): Box {
   const points: Point[] = [...also];
   for (const body of scene.bodies) if (body.position) points.push(...corners(body.shape, body.position, body.angle ?? 0));
   if (scene.goal?.type === "inside") points.push(...scene.goal.region);
+  if (scene.goal?.type === "above") points.push(...overhead(scene, scene.goal));
   const bounds = scene.action?.bounds;
   if (bounds) points.push(...(Array.isArray(bounds) ? ends(bounds) : [bounds.min, bounds.max]));
   let box = around(points) ?? [-1, -1, 1, 1];
@@ -53,6 +54,18 @@ export function corners(shape: Shape, position: Point, angle: number): Point[] {
 export function moved(p: Point, position: Point, angle: number): Point {
   const [sin, cos] = [Math.sin(angle), Math.cos(angle)];
   return [position[0] + p[0] * cos - p[1] * sin, position[1] + p[0] * sin + p[1] * cos];
+}
+
+/** Where the line that a body is to be above passes it, if it stands somewhere. */
+function overhead(scene: Scene, goal: Extract<Goal, { type: "above" }>): Point[] {
+  const at = scene.bodies.find((b) => b.name === goal.body)?.position;
+  const [[ax, ay], [bx, by]] = level(goal);
+  return at && ax !== bx ? [[at[0], ay + ((at[0] - ax) / (bx - ax)) * (by - ay)]] : [];
+}
+
+/** Two points of the line that a body is to be above. */
+export function level(goal: Extract<Goal, { type: "above" }>): [Point, Point] {
+  return goal.line ?? [[0, goal.height ?? 0], [1, goal.height ?? 0]];
 }
 
 /** The part of a half plane `normal . p <= offset` that a box shows, as a polygon. */

@@ -1,8 +1,8 @@
-// The form of the goal: two things touch, or a body's centre is in a region.
+// The form of the goal: two things touch or do not, a body's centre is in a region, or a body is above a line.
 
 import { h } from "../../dom";
 import { everything, type Goal, type Scene } from "../../scene/types";
-import { choice, group, named, number } from "./form";
+import { choice, group, named, number, type Field } from "./form";
 import type { Desk, Panel } from "./panels";
 import { write } from "./path";
 import { corners } from "./thing";
@@ -10,7 +10,9 @@ import { corners } from "./thing";
 const KINDS: readonly [string, string][] = [
   ["", "none"],
   ["contact", "two things touch"],
+  ["apart", "two things do not touch"],
   ["inside", "a body's centre is in a region"],
+  ["above", "a body is above a height"],
 ];
 
 export function goalPanel(desk: Desk): Panel {
@@ -22,16 +24,21 @@ export function goalPanel(desk: Desk): Panel {
   const hold = number(desk, { label: "Held for", path: "goal.hold_s", unit: "s", empty: "0" });
   const note = h("p", { class: "soft" }, "The server makes worlds only of scenes with a goal and an action space.");
   if (!goal) return { element: h("div", { class: "stack" }, type.element, note), fields: [type] };
-  if (goal.type === "contact") {
+  if (goal.type === "contact" || goal.type === "apart") {
     const parts = [
       named(desk, { label: "One thing", path: "goal.bodies[0]" }, names),
       named(desk, { label: "The other", path: "goal.bodies[1]" }, names),
       number(desk, { label: "Tolerance", path: "goal.tolerance", unit: "m", empty: "0.0167" }),
       hold,
     ];
-    return { element: h("div", { class: "stack" }, type.element, group("Contact", ...parts)), fields: [type, ...parts] };
+    return { element: h("div", { class: "stack" }, type.element, group(goal.type === "contact" ? "Contact" : "Apart", ...parts)), fields: [type, ...parts] };
   }
   const body = named(desk, { label: "Body", path: "goal.body" }, bodies);
+  if (goal.type === "above") {
+    const line: Field[] = goal.line ? [] : [number(desk, { label: "Height", path: "goal.height", unit: "m" })];
+    const about = goal.line ? h("p", { class: "soft" }, "The line through two points is said in the scene's file.") : null;
+    return { element: h("div", { class: "stack" }, type.element, group("Above", body, ...line, hold), about), fields: [type, body, ...line, hold] };
+  }
   const region = corners(desk, "goal.region", "Region");
   return { element: h("div", { class: "stack" }, type.element, group("Inside", body, hold), ...region.parts), fields: [type, body, hold, ...region.fields] };
 }
@@ -41,7 +48,9 @@ function started(scene: Scene, type: string): Goal | undefined {
   const names = [...scene.bodies, ...(scene.statics ?? [])].map((b) => b.name);
   const hold = scene.goal?.hold_s === undefined ? {} : { hold_s: scene.goal.hold_s };
   if (type === "contact") return { type, bodies: [names[0] ?? "", names[1] ?? ""], ...hold };
-  if (type !== "inside") return undefined;
+  if (type === "apart") return { type, bodies: [names[0] ?? "", names[1] ?? ""], ...hold };
   const [x, y] = scene.bodies[0]?.position ?? [0, 0];
+  if (type === "above") return { type, body: names[0] ?? "", height: y + 1, ...hold };
+  if (type !== "inside") return undefined;
   return { type, body: names[0] ?? "", region: [[x - 1, y - 1], [x + 1, y - 1], [x + 1, y + 1], [x - 1, y + 1]], ...hold };
 }

@@ -57,8 +57,8 @@ export function renamed(scene: Scene, place: string, name: string): Scene | stri
   let next = write(scene, `${place}.name`, name);
   const shared = everything(scene).filter((b) => b.name === old).length > 1;
   if (shared) return next;
-  if (next.goal?.type === "contact") next = { ...next, goal: { ...next.goal, bodies: [now(next.goal.bodies[0]), now(next.goal.bodies[1])] } };
-  if (next.goal?.type === "inside") next = { ...next, goal: { ...next.goal, body: now(next.goal.body) } };
+  if (next.goal && "bodies" in next.goal) next = { ...next, goal: { ...next.goal, bodies: [now(next.goal.bodies[0]), now(next.goal.bodies[1])] } };
+  if (next.goal && "body" in next.goal) next = { ...next, goal: { ...next.goal, body: now(next.goal.body) } };
   if (next.action) next = components(next, next.action.components.map((c) => (c.target === old ? { ...c, target: name } : c)));
   if (next.carriers) next = { ...next, carriers: next.carriers.map(now) };
   return overrides(next, now);
@@ -120,7 +120,7 @@ export function own(one: Body, p: Point): Point {
 /** Names that a goal is about. */
 export function goalNames(scene: Scene): string[] {
   if (!scene.goal) return [];
-  return scene.goal.type === "contact" ? scene.goal.bodies : [scene.goal.body];
+  return "bodies" in scene.goal ? scene.goal.bodies : [scene.goal.body];
 }
 
 /** The scene with other components of the action, `null` for those that go; counts of a grid go along, and the action

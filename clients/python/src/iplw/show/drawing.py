@@ -35,7 +35,7 @@ def drawing(scene: Mapping[str, Any] | None, tracks: Sequence[Tracks] = (), *, w
     left, bottom, right, top = box
     thin = (right - left) / width
     parts = [_static(static, box) for static in (scene or {}).get("statics", [])]
-    parts += [_goal(scene)]
+    parts += [_goal(scene, box)]
     for body in bodies:
         if "position" in body and not (tracks and body["name"] in tracks[0]):
             parts.append(
@@ -88,11 +88,21 @@ def extent(scene: Mapping[str, Any] | None, tracks: Sequence[Tracks] = ()) -> Bo
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
 
-def _goal(scene: Mapping[str, Any] | None) -> str:
-    region = ((scene or {}).get("goal") or {}).get("region")
-    if region is None:
+def _goal(scene: Mapping[str, Any] | None, box: Box) -> str:
+    """The region that a goal names, or all above its line, as far as it is seen."""
+    goal = (scene or {}).get("goal") or {}
+    region = _above(goal, box) if goal.get("type") == "above" else goal.get("region")
+    if not region:
         return ""
     return f'<polygon points="{_points(region)}" fill="var(--c3)" fill-opacity=".25"><title>goal</title></polygon>'
+
+
+def _above(goal: Mapping[str, Any], box: Box) -> list[tuple[float, float]]:
+    """A piece of what lies above the goal's line that covers the box."""
+    (ax, ay), (bx, by) = goal.get("line") or ((0.0, goal["height"]), (1.0, goal["height"]))
+    sign = -1.0 if bx < ax else 1.0
+    normal = (sign * (by - ay), -sign * (bx - ax))
+    return _below({"normal": normal, "offset": normal[0] * ax + normal[1] * ay}, box)
 
 
 def _static(static: Mapping[str, Any], box: Box) -> str:

@@ -1,0 +1,366 @@
+//! PHYRE's tasks of one ball as scenes.
+//!
+//! Source: PHYRE (Bakhtin et al. 2019) and its program (facebookresearch/phyre, Apache-2.0: `action_mappers.py`, `geometry.h`,
+//! `task_utils.h`, `task_validation.cpp`, `thrift_box2d_conversion.cpp`), from which these are known:
+//! - 256 by 256 pixels of 1/6 m; density 0.25, friction 0.5, restitution 0.2, gravity -9.8 m/s^2; Box2D's rules of contact.
+//! - 1000 steps of 1/60 s; touching for 180 steps on end solves.
+//! - An action's ball has its middle at 255 px times the first two numbers and 2 to 32 px of radius. Its middle is cut to whole
+//!   pixels and its radius rounded; an eighth of the stable solutions solves only then. It must lie within the scene.
+//! - Two balls touch within 0.1 px; anything else where Box2D has a contact: within the skins of polygons, 0.01 m each.
+//!
+//! Differences from the source: solutions are put on the grid of pixels here, actions of our own are not. No angular damping (0.01
+//! per second there); polygons have no skin that pushes. Statics are listed from the last to the first: ours visits a body's contacts
+//! as they are listed, Box2D the newest first, and which of two is visited last decides what a disc in a notch does when it is hit.
+
+use std::collections::BTreeMap;
+
+use serde::Deserialize;
+use serde::de::IgnoredAny;
+
+use super::action::{ActionSpace, Component, Discrete, Quantity};
+use super::custom;
+use super::scene::{Body, ContactRules, FrictionRule, Goal, RestitutionRule, Scene, Static};
+use super::shape::{Compound, Disc, Piece, Polygon, Shape};
+use crate::error::{Error, Result, within};
+use crate::json;
+
+/// Density (kg/m^2), friction and restitution of everything, and the share of velocity kept per second.
+pub const PHYSICS: [f64; 4] = [0.25, FRICTION, RESTITUTION, 1.0];
+
+const FRICTION: f64 = 0.5;
+const RESTITUTION: f64 = 0.2;
+const PIXELS_PER_METRE: f64 = 6.0;
+const SIDE: f64 = 256.0;
+/// Radii of the ball that is placed, px.
+const RADII: [f64; 2] = [2.0, 32.0];
+/// Gap within which two balls touch, m.
+const BALLS_TOUCH: f64 = 0.1 / PIXELS_PER_METRE;
+/// Skin of a polygon in Box2D, m.
+const SKIN: f64 = 0.01;
+const STEPS: u32 = 1000;
+/// Actions of PHYRE's own cache.
+const ACTIONS: usize = 100_000;
+/// The ball that an action places.
+const BALL: &str = "red";
+/// Most tasks of a file.
+const MOST_TASKS: usize = 100_000;
+
+/// The tasks of a file, in order of their ids: `TEMPLATE:TASK`.
+pub struct Tasks(BTreeMap<String, Recorded>);
+
+/// A task, said in our words.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Said {
+    /// With goal and action space.
+    pub scene: Scene,
+    /// Actions that solve the task there even if they are moved a little, on the grid of pixels.
+    pub solutions: Vec<Vec<f64>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Recorded {
+    bodies: Vec<Thing>,
+    goal: Touching,
+    #[serde(default)]
+    solutions: Vec<[f64; 3]>,
+    /// Of no use here.
+    #[serde(default, rename = "phantom")]
+    _phantom: Option<IgnoredAny>,
+    #[serde(default)]
+    tier: Option<String>,
+    #[serde(default, rename = "random_actions")]
+    _random_actions: Option<IgnoredAny>,
+}
+
+/// Lengths in px, angle in rad.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Thing {
+    x: f64,
+    y: f64,
+    #[serde(default)]
+    angle: f64,
+    dynamic: bool,
+    #[serde(default)]
+    kind: Option<String>,
+    shapes: Vec<Outline>,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Outline {
+    Circle(f64),
+    Polygon(Vec<[f64; 2]>),
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Touching {
+    body1: usize,
+    body2: usize,
+    relation: Vec<String>,
+}
+
+impl Tasks {
+    /// Reads a file's text; errors name task and field.
+    pub fn from_json(text: &str) -> Result<Tasks> {
+        let all: BTreeMap<String, Recorded> = json::parse(text)?;
+        within("tasks", all.len() as f64, 1.0, MOST_TASKS as f64)?;
+        for (id, task) in &all {
+            let parts: Vec<&str> = id.split(':').collect();
+            let plain = |part: &&str| {
+                (1..=20).contains(&part.len())
+                    && part.bytes().all(|b| b.is_ascii_digit() || b.is_ascii_lowercase())
+            };
+            if parts.len() != 2 || !parts.iter().all(plain) {
+                return Err(Error::input(
+                    "",
+                    format!("{id:?}"),
+                    "a task's id as TEMPLATE:TASK, 00000:003 say",
+                ));
+            }
+            task.check().map_err(|e| e.under(&format!("[{id:?}]")))?;
+        }
+        Ok(Tasks(all))
+    }
+
+    /// Templates, in order.
+    pub fn templates(&self) -> Vec<&str> {
+        let mut all: Vec<&str> = self.0.keys().filter_map(|id| id.split(':').next()).collect();
+        all.dedup();
+        all
+    }
+
+    /// The tasks of a template, in order: each said as a scene, or why it cannot be.
+    pub fn said(&self, template: &str) -> Vec<(&str, Result<Said>)> {
+        let own = |id: &str| id.split(':').next() == Some(template);
+        let of = self.0.iter().filter(|(id, _)| own(id));
+        of.map(|(id, task)| (id.as_str(), task.said(id).map_err(|e| e.under(&format!("[{id:?}]"))))).collect()
+    }
+}
+
+impl Recorded {
+    fn check(&self) -> Result<()> {
+        for (field, index) in [("goal.body1", self.goal.body1), ("goal.body2", self.goal.body2)] {
+            if index >= self.bodies.len() {
+                let allowed = format!("the index of one of {} bodies", self.bodies.len());
+                return Err(Error::input(field, index, allowed));
+            }
+        }
+        if self.goal.relation.iter().any(|r| r != "touching") || self.goal.relation.len() != 1 {
+            let value = format!("{:?}", self.goal.relation);
+            return Err(Error::input("goal.relation", value, "[\"touching\"]"));
+        }
+        if let Some(tier) = self.tier.as_deref().filter(|t| !t.eq_ignore_ascii_case("ball")) {
+            let allowed = "\"BALL\": tasks in which one ball is placed";
+            return Err(Error::input("tier", format!("{tier:?}"), allowed));
+        }
+        for (i, body) in self.bodies.iter().enumerate() {
+            if body.shapes.is_empty() {
+                return Err(Error::input(format!("bodies[{i}].shapes"), "[]", "one shape or more"));
+            }
+        }
+        for (i, action) in self.solutions.iter().enumerate() {
+            for (k, v) in action.iter().enumerate() {
+                within(&format!("solutions[{i}][{k}]"), *v, 0.0, 1.0)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn said(&self, id: &str) -> Result<Said> {
+        let names: Vec<String> = self.bodies.iter().enumerate().map(|(i, b)| b.name(i)).collect();
+        let pair = [self.goal.body1, self.goal.body2];
+        let skinned = pair.iter().filter(|i| !self.bodies[**i].is_ball()).count();
+        let tolerance = if skinned == 0 { BALLS_TOUCH } else { SKIN * skinned as f64 };
+        let things = || self.bodies.iter().zip(&names);
+        let mut bodies: Vec<Body> =
+            things().filter(|(b, _)| b.dynamic).map(|(b, name)| b.body(name)).collect();
+        bodies.push(ball());
+        let scene = Scene {
+            name: id.into(),
+            bodies,
+            statics: things().rev().filter(|(b, _)| !b.dynamic).map(|(b, name)| b.fixed(name)).collect(),
+            contact_rules: Some(ContactRules {
+                friction: FrictionRule::GeometricMean,
+                restitution: RestitutionRule::Max,
+                restitution_threshold: 1.0,
+            }),
+            time_step: 1.0 / 60.0,
+            steps: STEPS,
+            observe_every: 20,
+            goal: Some(Goal::Contact {
+                bodies: pair.map(|i| names[i].clone()),
+                hold_s: 3.0,
+                tolerance,
+                stop: None,
+            }),
+            action: Some(space()),
+            ..Scene::empty()
+        };
+        let solutions = self.solutions.iter().map(|a| on_pixels(*a)).collect();
+        Ok(Said { scene: custom(scene)?.scene, solutions })
+    }
+}
+
+impl Thing {
+    /// Unique by its index.
+    fn name(&self, index: usize) -> String {
+        format!("{}{index}", self.kind.as_deref().filter(|k| !k.is_empty()).unwrap_or("wall"))
+    }
+
+    fn is_ball(&self) -> bool {
+        matches!(self.shapes.first(), Some(Outline::Circle(_)))
+    }
+
+    fn shape(&self) -> Shape {
+        let mut pieces: Vec<Shape> = self.shapes.iter().map(Outline::shape).collect();
+        if pieces.len() == 1 {
+            return pieces.remove(0);
+        }
+        let piece = |shape| Piece { shape, position: [0.0, 0.0], angle: 0.0 };
+        Compound { pieces: pieces.into_iter().map(piece).collect() }.into()
+    }
+
+    fn position(&self) -> [f64; 2] {
+        [self.x / PIXELS_PER_METRE, self.y / PIXELS_PER_METRE]
+    }
+
+    fn body(&self, name: &str) -> Body {
+        Body { angle: self.angle, position: Some(self.position()), ..moving(name, self.shape()) }
+    }
+
+    fn fixed(&self, name: &str) -> Static {
+        Static {
+            name: name.into(),
+            shape: self.shape(),
+            friction: FRICTION,
+            restitution: RESTITUTION,
+            position: self.position(),
+            angle: self.angle,
+        }
+    }
+}
+
+impl Outline {
+    fn shape(&self) -> Shape {
+        let metres = |[x, y]: &[f64; 2]| [x / PIXELS_PER_METRE, y / PIXELS_PER_METRE];
+        match self {
+            Outline::Circle(radius) => Disc { radius: radius / PIXELS_PER_METRE }.into(),
+            Outline::Polygon(corners) => Polygon { vertices: corners.iter().map(metres).collect() }.into(),
+        }
+    }
+}
+
+fn ball() -> Body {
+    moving(BALL, Disc { radius: RADII[0] / PIXELS_PER_METRE }.into())
+}
+
+fn moving(name: &str, shape: Shape) -> Body {
+    Body {
+        name: name.into(),
+        shape,
+        mass: None,
+        density: Some(PHYSICS[0]),
+        friction: FRICTION,
+        restitution: RESTITUTION,
+        position: None,
+        angle: 0.0,
+        velocity: [0.0, 0.0],
+        angular_velocity: 0.0,
+    }
+}
+
+/// Where the ball may be placed, and how large.
+fn space() -> ActionSpace {
+    let component = |set, [low, high]: [f64; 2]| {
+        let metres = |pixels: f64| pixels / PIXELS_PER_METRE;
+        Component { target: BALL.into(), set, low: metres(low), high: metres(high) }
+    };
+    let across = [0.0, SIDE - 1.0];
+    let side = SIDE / PIXELS_PER_METRE;
+    ActionSpace {
+        components: vec![
+            component(Quantity::X, across),
+            component(Quantity::Y, across),
+            component(Quantity::Radius, RADII),
+        ],
+        bounds: Some([0.0, 0.0, side, side]),
+        discrete: Discrete::Sequence { count: ACTIONS },
+    }
+}
+
+/// The action whose ball has whole pixels, as PHYRE makes of one.
+fn on_pixels([x, y, r]: [f64; 3]) -> Vec<f64> {
+    let cut = |v: f64| (v * (SIDE - 1.0)).floor() / (SIDE - 1.0);
+    let [low, high] = RADII;
+    vec![cut(x), cut(y), ((low + r * (high - low)).round() - low) / (high - low)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two balls over a floor.
+    const TEXT: &str = r#"{"00000:003": {"tier": "BALL", "phantom": false,
+        "bodies": [
+          {"x": 128, "y": -2.5, "angle": 0.0, "dynamic": false, "kind": null,
+           "shapes": [{"polygon": [[128, 2.5], [-128, 2.5], [-128, -2.5], [128, -2.5]]}]},
+          {"x": 60, "y": 12, "angle": 0.5, "dynamic": true, "kind": "ball", "shapes": [{"circle": 12}]},
+          {"x": 120, "y": 12, "angle": 0.0, "dynamic": true, "kind": "jar", "shapes": [
+            {"polygon": [[-12, -12], [12, -12], [12, -6], [-12, -6]]},
+            {"polygon": [[-12, -6], [-6, -6], [-6, 12], [-12, 12]]}]}],
+        "goal": {"relation": ["touching"], "body1": 1, "body2": 2},
+        "solutions": [[0.5, 0.25, 0.51]], "random_actions": {"-1": 1}}}"#;
+
+    #[test]
+    fn pixels_are_metres_and_box2d_s_rules_are_said() {
+        let tasks = Tasks::from_json(TEXT).unwrap();
+        assert_eq!(tasks.templates(), ["00000"]);
+        let said = tasks.said("00000");
+        let (id, Ok(said)) = &said[0] else { panic!("{:?}", said[0]) };
+        let scene = &said.scene;
+        assert_eq!((*id, scene.name.as_str()), ("00000:003", "00000:003"));
+        let names: Vec<&str> = scene.bodies.iter().map(|b| b.name.as_str()).collect();
+        assert_eq!(names, ["ball1", "jar2", "red"]);
+        assert_eq!(scene.bodies[0].position, Some([10.0, 2.0]));
+        assert_eq!((scene.bodies[0].angle, scene.bodies[0].shape.disc_radius()), (0.5, Some(2.0)));
+        assert!(matches!(&scene.bodies[1].shape, Shape::Compound(c) if c.pieces.len() == 2));
+        let rules = scene.contact_rules.unwrap();
+        assert_eq!((rules.restitution, rules.restitution_threshold), (RestitutionRule::Max, 1.0));
+        let Some(Goal::Contact { hold_s, tolerance, .. }) = &scene.goal else { panic!("{:?}", scene.goal) };
+        assert_eq!((*hold_s, *tolerance), (3.0, SKIN));
+        // 127.5 px and 63.75 px are cut, 17.3 px are rounded.
+        let space = scene.action.as_ref().unwrap();
+        let action = space.validate(&said.solutions[0]).unwrap();
+        let pixels: Vec<f64> =
+            space.components.iter().zip(action.values()).map(|(c, v)| 6.0 * c.value(*v)).collect();
+        let near = |found: f64, wanted: f64| (found - wanted).abs() < 1e-9;
+        assert!(near(pixels[0], 127.0) && near(pixels[1], 63.0) && near(pixels[2], 17.0), "{pixels:?}");
+    }
+
+    #[test]
+    fn errors_name_task_field_and_value() {
+        let check = |from: &str, to: &str, wanted: &[&str]| {
+            assert!(TEXT.contains(from), "{from}");
+            let read = Tasks::from_json(&TEXT.replace(from, to));
+            let error = match read {
+                Err(error) => error,
+                Ok(tasks) => tasks.said("00000").remove(0).1.unwrap_err(),
+            };
+            let error = error.to_string();
+            assert!(wanted.iter().all(|w| error.contains(w)), "{error}");
+        };
+        check("00000:003", "00000", &["\"00000\"", "TEMPLATE:TASK"]);
+        check("\"body2\": 2", "\"body2\": 3", &["00000:003", "goal.body2", "3", "one of 3 bodies"]);
+        check("touching", "not_touching", &["00000:003", "goal.relation", "not_touching"]);
+        check("BALL", "TWO_BALLS", &["00000:003", "tier", "TWO_BALLS"]);
+        check("0.51", "1.51", &["00000:003", "solutions[0][2]", "1.51"]);
+        check("[{\"circle\": 12}]", "[]", &["00000:003", "bodies[1].shapes"]);
+        check("\"circle\": 12", "\"circle\": \"a\"", &["00000:003", "bodies[1].shapes[0]"]);
+        check("\"circle\": 12", "\"circle\": -12", &["00000:003", "bodies[0].shape.radius", "-2"]);
+        check("\"dynamic\": true, ", "", &["00000:003", "dynamic"]);
+        check("\"y\": 12, \"angle\": 0.5", "\"y\": 1", &["00000:003", "overlaps"]);
+    }
+}
