@@ -7,6 +7,7 @@
 //! |---|---|
 //! | `features` | task and action -> numbers |
 //! | `shared` | the same for tasks of any family: numbers that mean the same everywhere |
+//! | `thing` | a thing's place and form, for those |
 //! | `view` | which of the two a policy sees |
 //! | `data` | labels actions by simulating them |
 //! | `outcomes` | what many actions do in every task, for learning without a simulator |
@@ -27,6 +28,7 @@ pub mod outcomes;
 pub mod random;
 pub mod shared;
 pub mod table;
+mod thing;
 pub mod validate;
 pub mod view;
 mod weights;

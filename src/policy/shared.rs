@@ -16,8 +16,9 @@
 //! Differences from the source: numbers instead of an image, a bounded number of objects. Range [-1, 1] as in `features`.
 
 use super::features::{soft, unit};
+use super::thing::{Thing, area, length};
 use crate::task::action::Quantity;
-use crate::task::geometry::{Bounds, Convex};
+use crate::task::geometry::Bounds;
 use crate::task::scene::Goal;
 use crate::task::shape::Disc;
 use crate::task::solid::{Pieces, Solid};
@@ -51,27 +52,6 @@ pub struct Shared {
     /// Names of what the action places, in the order of the action's components.
     targets: Vec<String>,
     scene: Scene,
-}
-
-/// Something with a place and a form.
-#[derive(Clone, Debug)]
-struct Thing {
-    /// Middle of the bounding box, m.
-    centre: [f64; 2],
-    /// Half extents of the bounding box, m.
-    half: [f64; 2],
-    /// m/s
-    velocity: [f64; 2],
-    /// (cosine, sine) of twice the angle of its longer axis, times how much longer that is, [0, 1].
-    turned: [f64; 2],
-    /// Where in its box its mass lies, [-1, 1] from left and bottom to right and top.
-    lean: [f64; 2],
-    /// Share of its box that it fills.
-    full: f64,
-    disc: bool,
-    several: bool,
-    movable: bool,
-    solid: Solid,
 }
 
 impl Shared {
@@ -360,108 +340,141 @@ fn standing(
     named
 }
 
-impl Thing {
-    /// `position`: where it stands, if it has no bounds. `area`, m^2.
-    fn new(solid: Solid, position: [f64; 2], velocity: [f64; 2], movable: bool, area: f64) -> Thing {
-        let [x, y] = position;
-        let b = solid.bounds().unwrap_or([x, y, x, y]);
-        let centre = [(b[0] + b[2]) / 2.0, (b[1] + b[3]) / 2.0];
-        let half = [(b[2] - b[0]) / 2.0, (b[3] - b[1]) / 2.0];
-        let pieces: &[Convex] = match &solid {
-            Solid::Bounded(pieces) => &pieces.0,
-            Solid::HalfPlane { .. } => &[],
-        };
-        let (middle, turned) = spread(pieces, centre);
-        let lean = [0, 1].map(|k| if half[k] > 0.0 { (middle[k] - centre[k]) / half[k] } else { 0.0 });
-        let full = area / (4.0 * half[0] * half[1]).max(1e-18);
-        let disc = matches!(pieces, [one] if one.points.len() == 1);
-        let several = pieces.len() > 1;
-        Thing { centre, half, velocity, turned, lean, full: full.min(1.0), disc, several, movable, solid }
-    }
-
-    /// A disc's radius; for others the mean of the half extents.
-    fn size(&self) -> f64 {
-        (self.half[0] + self.half[1]) / 2.0
-    }
-
-    fn bottom(&self) -> f64 {
-        self.centre[1] - self.half[1]
-    }
-
-    /// Height of its highest surface at `x` that is not above `from`, m.
-    fn top(&self, x: f64, from: f64) -> Option<f64> {
-        match &self.solid {
-            Solid::Bounded(pieces) => {
-                let tops = pieces.0.iter().filter_map(|piece| top(piece, x)).filter(|y| *y <= from);
-                tops.reduce(f64::max)
-            }
-            Solid::HalfPlane { normal: [nx, ny], offset } => (*ny > 1e-9).then(|| (offset - nx * x) / ny),
-        }
-    }
-}
-
-/// Height of a convex piece's upper surface at `x`, m.
-fn top(piece: &Convex, x: f64) -> Option<f64> {
-    let mut best: Option<f64> = None;
-    let mut reach = |y: f64| best = Some(best.map_or(y, |b| b.max(y)));
-    for (i, p) in piece.points.iter().enumerate() {
-        let across = x - p[0];
-        if across.abs() <= piece.radius {
-            reach(p[1] + (piece.radius * piece.radius - across * across).sqrt());
-        }
-        let q = piece.points[(i + 1) % piece.points.len()];
-        let [dx, dy] = [q[0] - p[0], q[1] - p[1]];
-        let long = length(dx, dy);
-        if dx != 0.0 {
-            // The edge, moved out by the radius on its upper side.
-            let up = piece.radius * dx.signum() / long;
-            let share = (x - p[0] + up * dy) / dx;
-            if (0.0..=1.0).contains(&share) {
-                reach(p[1] + up * dx + share * dy);
-            }
-        }
-    }
-    best
-}
-
-/// Middle of the outlines of pieces, weighted by length, and how they are spread: (cosine, sine) of twice the longer axis's
-/// angle, times the share by which it is longer.
-fn spread(pieces: &[Convex], centre: [f64; 2]) -> ([f64; 2], [f64; 2]) {
-    let mut sums = [0.0; 6];
-    for piece in pieces {
-        for (i, p) in piece.points.iter().enumerate() {
-            let q = piece.points[(i + 1) % piece.points.len()];
-            let weight = length(q[0] - p[0], q[1] - p[1]);
-            // An edge's moments are those of its ends and its middle (Simpson).
-            for (point, share) in [(*p, 1.0), ([(p[0] + q[0]) / 2.0, (p[1] + q[1]) / 2.0], 4.0), (q, 1.0)] {
-                let [x, y] = [point[0] - centre[0], point[1] - centre[1]];
-                for (sum, v) in sums.iter_mut().zip([1.0, x, y, x * x, y * y, x * y]) {
-                    *sum += weight * share / 6.0 * v;
-                }
-            }
-        }
-    }
-    let [n, x, y, xx, yy, xy] = sums;
-    if n <= 0.0 {
-        return (centre, [0.0; 2]);
-    }
-    let (x, y) = (x / n, y / n);
-    let (xx, yy, xy) = (xx / n - x * x, yy / n - y * y, xy / n - x * y);
-    let whole = (xx + yy).max(1e-18);
-    ([centre[0] + x, centre[1] + y], [(xx - yy) / whole, 2.0 * xy / whole])
-}
-
-/// Of a simple polygon, m^2.
-fn area(points: &[[f64; 2]]) -> f64 {
-    let next = points.iter().cycle().skip(1);
-    points.iter().zip(next).map(|(p, q)| p[0] * q[1] - q[0] * p[1]).sum::<f64>().abs() / 2.0
-}
-
-/// Of a vector; by a root alone, which is the same on every machine.
-fn length(x: f64, y: f64) -> f64 {
-    (x * x + y * y).sqrt()
-}
-
 fn sign(yes: bool) -> f32 {
     if yes { 1.0 } else { -1.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::policy::toy;
+    use crate::task::scene::{Shape, Static};
+    use crate::task::{custom, families};
+
+    fn check(task: &Task) -> [usize; 2] {
+        let (look, space) = (Shared::new(task), task.actions());
+        let in_range = |v: &[f32]| v.iter().all(|v| (-1.0..=1.0).contains(v));
+        let scene = look.scene();
+        assert_eq!(scene.len(), 4 + SLOTS * OBJECT + 3 * BELOW, "{}", task.id);
+        assert!(in_range(&scene), "{}: {scene:?}", task.id);
+        let corners = [0.0, 1.0].map(|v| space.validate(&vec![v; space.dimension()]).unwrap());
+        let others = (0..50).map(|i| space.at(i * 13 % space.count()).unwrap());
+        let rows: Vec<Vec<f32>> = corners.into_iter().chain(others).map(|a| look.action(&a)).collect();
+        assert!(rows.iter().all(|row| row.len() == rows[0].len() && in_range(row)), "{}", task.id);
+        [scene.len(), rows[0].len()]
+    }
+
+    fn thing(shape: &str, angle: f64, movable: bool) -> Task {
+        let mut task = toy::task(0.3);
+        let shape: Shape = crate::json::parse(shape).unwrap();
+        if movable {
+            let body = crate::task::scene::Body {
+                name: "thing".into(),
+                shape,
+                position: Some([5.0, 5.0]),
+                angle,
+                ..task.scene.bodies[0].clone()
+            };
+            task.scene.bodies.push(body);
+        } else {
+            let fixed = Static {
+                name: "thing".into(),
+                shape,
+                friction: 1.0,
+                restitution: 0.5,
+                position: [5.0, 5.0],
+                angle,
+            };
+            task.scene.statics.push(fixed);
+        }
+        task
+    }
+
+    const JAR: &str = r#"{"type": "compound", "pieces": [
+        {"type": "box", "half_width": 1, "half_height": 0.1, "position": [0, -1]},
+        {"type": "box", "half_width": 0.1, "half_height": 1, "position": [-1, 0]},
+        {"type": "box", "half_width": 0.1, "half_height": 1, "position": [1, 0]}]}"#;
+    const BAR: &str = r#"{"type": "box", "half_width": 1, "half_height": 0.1}"#;
+
+    #[test]
+    fn tasks_of_all_families_give_as_many_numbers_in_range() {
+        for family in families() {
+            let sizes: Vec<[usize; 2]> = family.tasks().iter().step_by(9).map(check).collect();
+            assert!(sizes.iter().all(|s| *s == sizes[0]), "{}", family.name);
+        }
+        let ball = check(&toy::task(0.3));
+        for (shape, movable) in [(JAR, true), (JAR, false), (BAR, true), (BAR, false)] {
+            assert_eq!(check(&thing(shape, 0.4, movable)), ball);
+        }
+        let thrown = r#"{"format": "iplw.scene/1", "bodies": [{"name": "ball", "shape": {"type": "disc",
+            "radius": 0.1}, "position": [0, 1]}], "statics": [{"name": "floor", "shape": {"type": "halfspace",
+            "normal": [0, 1], "offset": 0}}], "goal": {"type": "contact", "bodies": ["ball", "floor"]},
+            "action": {"components": [{"target": "ball", "set": "vx", "low": 0, "high": 9}, {"target": "ball",
+            "set": "omega", "low": 0, "high": 1}]}}"#;
+        check(&custom(Scene::from_json(thrown).unwrap()).unwrap());
+    }
+
+    /// A policy is not blind to what is turned, upside down, movable or of another kind.
+    #[test]
+    fn shapes_that_differ_look_different() {
+        let half_turn = std::f64::consts::PI;
+        let looks = [
+            thing(BAR, 0.0, false),
+            thing(BAR, 0.5, false),
+            thing(BAR, -0.5, false),
+            thing(BAR, 0.0, true),
+            thing(JAR, 0.0, false),
+            thing(JAR, half_turn, false),
+            thing(JAR, 0.0, true),
+            thing(r#"{"type": "disc", "radius": 1}"#, 0.0, false),
+            thing(r#"{"type": "box", "half_width": 1, "half_height": 1}"#, 0.0, false),
+            thing(r#"{"type": "polygon", "vertices": [[-1, -1], [1, -1], [-1, 1]]}"#, 0.0, false),
+            thing(r#"{"type": "polygon", "vertices": [[-1, -1], [1, -1], [1, 1]]}"#, 0.0, false),
+        ]
+        .map(|task| (Shared::new(&task).scene(), task));
+        for (i, (a, one)) in looks.iter().enumerate() {
+            for (b, other) in &looks[i + 1..] {
+                let far = a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+                assert!(far > 0.05, "{:?} {:?}", one.scene.statics, other.scene.statics);
+            }
+        }
+    }
+
+    /// Seen in a mirror nothing differs, as "b" lies ahead of "a" either way.
+    #[test]
+    fn mirrored_scenes_look_the_same() {
+        let task = thing(BAR, 0.5, false);
+        let mut mirrored = task.clone();
+        for body in &mut mirrored.scene.bodies {
+            body.position = body.position.map(|[x, y]| [10.0 - x, y]);
+        }
+        for fixed in &mut mirrored.scene.statics {
+            fixed.position[0] = 10.0 - fixed.position[0];
+            fixed.angle = -fixed.angle;
+        }
+        // Both balls move: the left one is "a" in either scene, so the mirror swaps them. Fixed, blue is "b" in both.
+        let fix = |task: &mut Task| {
+            let blue = task.scene.bodies.remove(1);
+            task.scene.statics.push(Static {
+                name: blue.name,
+                shape: blue.shape,
+                friction: 1.0,
+                restitution: 0.5,
+                position: blue.position.unwrap(),
+                angle: 0.0,
+            });
+        };
+        let [mut task, mut mirrored] = [task, mirrored];
+        fix(&mut task);
+        fix(&mut mirrored);
+        let close = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-5);
+        let (one, other) = (Shared::new(&task), Shared::new(&mirrored));
+        assert!(one.ahead != other.ahead && close(&one.scene(), &other.scene()));
+        for i in 0..100 {
+            let action = task.actions().at(i).unwrap();
+            let v = action.values();
+            let turned = task.actions().validate(&[1.0 - v[0], v[1], v[2]]).unwrap();
+            assert!(close(&one.action(&action), &other.action(&turned)), "{i}");
+        }
+    }
 }

@@ -7,7 +7,7 @@ use std::process::{Command, Output, Stdio};
 use serde_json::Value;
 
 /// A ball that is to come down on a plate: a fifth of all places solve it, each surely.
-const DROP: &str = r#"
+pub(super) const DROP: &str = r#"
 format = "iplw.family/1"
 name = "drop"
 about = "drop the ball onto the plate"
@@ -55,7 +55,7 @@ sample = 100
 bins = [{ from = 0.05, to = 0.5, tasks = 4 }]
 "#;
 
-fn iplw(args: &[&str], own: Option<&Path>) -> Output {
+pub(super) fn iplw(args: &[&str], own: Option<&Path>) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_iplw"));
     if let Some(folder) = own {
         command.env("IPLW_TASKS", folder);
@@ -64,7 +64,7 @@ fn iplw(args: &[&str], own: Option<&Path>) -> Output {
 }
 
 /// The exit code is `code`, and standard output or error, has all of `wanted`.
-fn told(out: &Output, code: i32, wanted: &[&str]) -> String {
+pub(super) fn told(out: &Output, code: i32, wanted: &[&str]) -> String {
     let said = [&out.stdout, &out.stderr].map(|s| String::from_utf8_lossy(s)).join("\n");
     assert_eq!(out.status.code(), Some(code), "{said}");
     for text in wanted {

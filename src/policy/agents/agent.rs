@@ -50,7 +50,7 @@ pub struct AgentsConfig {
 }
 
 impl AgentsConfig {
-    /// 2000 labelled actions a task, as many batches of 64 as PHYRE's smallest network needed to be near its best.
+    /// 2000 labelled actions a task, and batches of 64 for minutes on two cores; longer may rank better.
     pub fn standard() -> AgentsConfig {
         let train = TrainConfig { batches: 5000, batch_size: 64, learning_rate: 1e-3, hidden: 256, seed: 0 };
         AgentsConfig { per_task: 2000, enough_solving: 15, stretch: 5, train }

@@ -101,3 +101,114 @@ fn order(scores: &[f32], row: &[i8], seed: u64) -> Vec<usize> {
     order.sort_by(|a, b| key(*b).total_cmp(&key(*a)));
     order
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::policy::table::Table;
+    use crate::policy::{TrainConfig, toy};
+    use crate::progress::Silent;
+
+    fn config() -> AgentsConfig {
+        let train = TrainConfig { batches: 250, batch_size: 16, learning_rate: 3e-3, hidden: 32, seed: 0 };
+        AgentsConfig { per_task: 300, train, ..AgentsConfig::standard() }
+    }
+
+    /// Five families of the toy rule.
+    fn tables() -> Vec<Table> {
+        (0..5).map(|f| toy::ruled(&format!("f{f}"), &toy::tasks(5), 400)).collect()
+    }
+
+    fn tried(name: &str, tables: &[Table], beliefs: &[Table], setting: Setting) -> Tried {
+        let fold = fold(tables, setting, 0, 1).unwrap();
+        let lessons = Lessons { tables, beliefs, fold: &fold, config: &config() };
+        try_agent(&agent(name).unwrap(), &lessons, &Silent).unwrap()
+    }
+
+    #[test]
+    fn agents_learn_what_there_is_to_learn_within_and_across() {
+        let tables = tables();
+        for setting in Setting::ALL {
+            let of = |name: &str| tried(name, &tables, &tables, setting);
+            let [random, dqn, simulate] = ["random", "dqn", "simulate"].map(|name| of(name).auccess);
+            assert!((0.1..0.75).contains(&random), "{random}");
+            assert!(dqn > random + 0.15, "{setting:?}: {dqn}, random {random}");
+            assert_eq!(simulate, 1.0, "who believes what is the case needs one attempt");
+            let one = of("random");
+            assert_eq!(one.solved_at.len(), 5);
+            assert!(one.best == 1.0 && one.families.len() == if setting == Setting::Within { 5 } else { 1 });
+        }
+    }
+
+    /// The first action solves every task of a family but one, the second that one alone.
+    #[test]
+    fn memory_ranks_by_how_often_an_action_solved_and_within_by_family() {
+        let one = |f: usize| {
+            let solves = move |t: usize, i: usize| i == if t == 0 { 399 } else { 7 + f };
+            toy::table(&format!("f{f}"), &toy::tasks(10), 400, move |t, i| if solves(t, i) { 1 } else { -1 })
+        };
+        let tables: Vec<Table> = (0..5).map(one).collect();
+        let within = tried("memory", &tables, &[], Setting::Within);
+        for (id, at) in &within.solved_at {
+            let odd = toy::tasks(10)[0].id.replace("toy", "");
+            assert!(at == &Some(1) || id.ends_with(&odd), "{id} at {at:?}");
+        }
+        // Across families it is another action that solves: those of four families and the odd one come first.
+        let across = tried("memory", &tables, &[], Setting::Across);
+        let first = across.solved_at.iter().filter(|(_, at)| *at == Some(1)).count();
+        assert_eq!((first, across.families.len()), (0, 1));
+        assert!(across.solved_at.iter().any(|(_, at)| at.is_some_and(|k| k <= 5)), "the odd action");
+        let mut others = tables.clone();
+        others[4] = toy::table("f4", &toy::tasks(10), 300, |_, _| 1);
+        let fold = fold(&others, Setting::Across, 0, 1).unwrap();
+        let lessons = Lessons { tables: &others, beliefs: &[], fold: &fold, config: &config() };
+        let error = try_agent(&agent("memory").unwrap(), &lessons, &Silent).unwrap_err().to_string();
+        assert!(error.contains("f4") && error.contains("same actions"), "{error}");
+    }
+
+    /// Believing half of the solving actions not to solve, their neighbours still say where to look.
+    #[test]
+    fn neighbours_help_where_beliefs_are_wrong() {
+        let real: Vec<Table> = tables().into_iter().take(2).collect();
+        let forgets = |table: &Table| {
+            let tasks = toy::tasks(5);
+            let row =
+                |t: usize, i: usize| if i % 2 == 0 && table.row(t)[i] == 1 { -1 } else { table.row(t)[i] };
+            toy::table(table.family(), &tasks, 400, row)
+        };
+        let believed: Vec<Table> = real.iter().map(forgets).collect();
+        let wrong = |table: &Table| {
+            let tasks = toy::tasks(5);
+            toy::table(table.family(), &tasks, 400, |t, i| if i % 2 == 0 { -table.row(t)[i] } else { -1 })
+        };
+        let turned: Vec<Table> = real.iter().map(wrong).collect();
+        let [good, bad] = [&believed, &turned].map(|b| tried("simulate", &real, b, Setting::Within).auccess);
+        assert!(good > 0.95 && bad < 0.5, "{good}, {bad}");
+    }
+
+    #[test]
+    fn same_seed_same_bits_for_any_number_of_threads() {
+        let tables = tables();
+        for name in agents().map(|a| a.name) {
+            let run = |threads: usize| {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                pool.install(|| tried(name, &tables, &tables, Setting::Across))
+            };
+            assert_eq!(run(1), run(3), "{name}");
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_ranked_is_refused() {
+        let tables = tables();
+        let fold = fold(&tables, Setting::Within, 0, 1).unwrap();
+        let lessons = Lessons { tables: &tables, beliefs: &[], fold: &fold, config: &config() };
+        let refused = |found: Result<Tried>, wanted: &str| {
+            let error = found.unwrap_err().to_string();
+            assert!(error.contains(wanted), "{error}");
+        };
+        refused(try_agent(&agent("simulate").unwrap(), &lessons, &Silent), "beliefs");
+        refused(agent("oracle").map(|_| -> Tried { unreachable!() }), "simulate");
+        assert_eq!(order(&[0.5, f32::NAN, 2.0, 0.1], &[1, 1, 1, 0], 3), [2, 0, 1]);
+    }
+}
