@@ -67,35 +67,41 @@ const NOT_THE_SAME: &str = "Published figures are of PHYRE-B: 25 templates of 10
 
 /// What is to be found out.
 struct Plan {
-    tables: Vec<Read>,
-    beliefs: Vec<Read>,
+    tables: World,
+    beliefs: World,
     agents: Vec<Agent>,
     settings: Vec<Setting>,
     config: AgentsConfig,
 }
 
+/// Tables of a world, with what each says of itself and its digest.
+#[derive(Default)]
+struct World {
+    tables: Vec<Table>,
+    about: Vec<Value>,
+    digests: Vec<String>,
+}
+
 pub fn run(args: &Args) -> Result<()> {
     let plan = plan(args)?;
-    let tables: Vec<Table> = plan.tables.iter().map(|r| r.table.clone()).collect();
-    let beliefs: Vec<Table> = plan.beliefs.iter().map(|r| r.table.clone()).collect();
+    let (tables, beliefs) = (&plan.tables.tables, &plan.beliefs.tables);
     let mut folds = Vec::new();
     for setting in &plan.settings {
         for number in 0..args.folds as usize {
-            folds.push(fold(&tables, *setting, number, args.seed)?);
+            folds.push(fold(tables, *setting, number, args.seed)?);
         }
     }
     let jobs: Vec<(&Agent, &Fold)> =
         plan.agents.iter().flat_map(|agent| folds.iter().map(move |fold| (agent, fold))).collect();
     let cells = Cells::new(&args.out, jobs.len())?;
-    let digests = |all: &[Read]| all.iter().map(|r| format!("{:016x}", r.digest)).collect::<Vec<_>>();
     let named = |(agent, fold): &(&Agent, &Fold)| {
         let name = format!("{}-{}-{:03}", fold.setting.name(), agent.name, fold.number);
-        let of = json!({"seed": args.seed, "config": plan.config, "tables": digests(&plan.tables),
-            "beliefs": if agent.simulates { digests(&plan.beliefs) } else { Vec::new() }});
+        let of = json!({"seed": args.seed, "config": plan.config, "tables": plan.tables.digests,
+            "beliefs": if agent.simulates { &plan.beliefs.digests[..] } else { &[] }});
         (name, of)
     };
     let found: Vec<Tried> = cells.all(&jobs, named, |(agent, fold)| {
-        let lessons = Lessons { tables: &tables, beliefs: &beliefs, fold, config: &plan.config };
+        let lessons = Lessons { tables, beliefs, fold, config: &plan.config };
         try_agent(agent, &lessons, &Silent)
     })?;
     cells.finish();
@@ -143,7 +149,19 @@ fn plan(args: &Args) -> Result<Plan> {
     };
     let config = AgentsConfig { per_task: args.per_task.unwrap_or(usual.per_task), train, ..usual };
     config.validate()?;
-    Ok(Plan { tables, beliefs, agents, settings, config })
+    Ok(Plan { tables: tables.into(), beliefs: beliefs.into(), agents, settings, config })
+}
+
+impl From<Vec<Read>> for World {
+    fn from(all: Vec<Read>) -> World {
+        let mut world = World::default();
+        for Read { table, about, digest } in all {
+            world.tables.push(table);
+            world.about.push(about);
+            world.digests.push(format!("{digest:016x}"));
+        }
+        world
+    }
 }
 
 /// Tables of what is believed, in the order of those that are tried; none, or one for each, of the same tasks and actions.
@@ -181,16 +199,19 @@ fn document(args: &Args, plan: &Plan, jobs: &[(&Agent, &Fold)], found: &[Tried])
         let agents = plan.agents.iter().map(|a| (a.name.to_string(), summary(&rows(*setting, a.name))));
         settings.insert(setting.name().into(), Value::Object(agents.collect()));
     }
-    let table = |r: &Read| {
-        json!({"family": r.table.family(), "digest": r.about["digest"], "world": r.about["world"],
-            "tasks": r.table.tasks().len(), "actions": r.table.actions().len()})
+    let listed = |world: &World| -> Vec<Value> {
+        let table = |(t, about): (&Table, &Value)| {
+            json!({"family": t.family(), "digest": about["digest"], "world": about["world"],
+                "tasks": t.tasks().len(), "actions": t.actions().len()})
+        };
+        world.tables.iter().zip(&world.about).map(table).collect()
     };
     let published = PUBLISHED
         .map(|(name, within, across, source)| json!({"name": name, "within": within, "across": across, "source": source}));
     json!({
         "format": "iplw.agents/1", "version": env!("CARGO_PKG_VERSION"), "seed": args.seed, "folds": args.folds,
-        "config": plan.config, "tables": plan.tables.iter().map(table).collect::<Vec<_>>(),
-        "beliefs": plan.beliefs.iter().map(table).collect::<Vec<_>>(), "settings": settings,
+        "config": plan.config, "tables": listed(&plan.tables),
+        "beliefs": listed(&plan.beliefs), "settings": settings,
         "published": {"auccess_times_100": published, "note": NOT_THE_SAME},
     })
 }
@@ -226,11 +247,11 @@ fn told(plan: &Plan, document: &Value) -> String {
     let of = |agent: &str, field: &str| -> Vec<String> {
         plan.settings.iter().map(|s| cell(&document["settings"][s.name()][agent][field])).collect()
     };
-    let tasks: usize = plan.tables.iter().map(|r| r.table.tasks().len()).sum();
+    let tasks: usize = plan.tables.tables.iter().map(|t| t.tasks().len()).sum();
     let mut text = format!(
         "AUCCESS x 100, mean +- standard error over {} folds; {} families, {tasks} tasks\n",
         document["folds"],
-        plan.tables.len()
+        plan.tables.tables.len()
     );
     text += &line("", plan.settings.iter().map(|s| s.name().to_string()).collect());
     for agent in &plan.agents {

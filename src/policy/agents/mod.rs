@@ -158,12 +158,6 @@ mod tests {
         let first = across.solved_at.iter().filter(|(_, at)| *at == Some(1)).count();
         assert_eq!((first, across.families.len()), (0, 1));
         assert!(across.solved_at.iter().any(|(_, at)| at.is_some_and(|k| k <= 5)), "the odd action");
-        let mut others = tables.clone();
-        others[4] = toy::table("f4", &toy::tasks(10), 300, |_, _| 1);
-        let fold = fold(&others, Setting::Across, 0, 1).unwrap();
-        let lessons = Lessons { tables: &others, beliefs: &[], fold: &fold, config: &config() };
-        let error = try_agent(&agent("memory").unwrap(), &lessons, &Silent).unwrap_err().to_string();
-        assert!(error.contains("f4") && error.contains("same actions"), "{error}");
     }
 
     /// Believing half of the solving actions not to solve, their neighbours still say where to look.
