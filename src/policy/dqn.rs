@@ -227,7 +227,7 @@ fn family_of(task: &Task) -> &str {
 mod tests {
     use super::*;
     use crate::policy::auccess::auccess;
-    use crate::policy::{Random, rank, toy};
+    use crate::policy::{Dataset, Random, rank, toy};
     use crate::progress::Silent;
 
     fn quick(seed: u64) -> TrainConfig {

@@ -91,16 +91,15 @@ fn hides(task: &Task) -> bool {
     })
 }
 
-/// Whether every corner of a convex outline is one of the box around it.
+/// Whether a convex outline is an upright box, or a line along an axis.
 fn upright(points: &[[f64; 2]]) -> bool {
-    let end = |axis: usize, pick: fn(f64, f64) -> f64| points.iter().map(|p| p[axis]).reduce(pick);
-    let at_end = |axis: usize, v: f64| {
-        let (low, high) = (end(axis, f64::min), end(axis, f64::max));
-        low.zip(high).is_some_and(|(l, h)| (v - l).abs().min((v - h).abs()) <= 1e-9 * (h - l).max(1.0))
-    };
-    points.iter().all(|[x, y]| at_end(0, *x) && at_end(1, *y))
-        // A line from corner to corner is upright only if it is as thin as the box.
-        && (points.len() > 2 || points.windows(2).all(|p| p[0][0] == p[1][0] || p[0][1] == p[1][1]))
+    let alike = |a: f64, b: f64| (a - b).abs() <= 1e-9 * a.abs().max(b.abs()).max(1.0);
+    let along = |p: [f64; 2], q: [f64; 2]| alike(p[0], q[0]) || alike(p[1], q[1]);
+    match points {
+        [p, q] => along(*p, *q),
+        [a, b, c, d] => along(*a, *b) && along(*b, *c) && along(*c, *d) && along(*d, *a),
+        _ => false,
+    }
 }
 
 #[cfg(test)]
@@ -144,6 +143,7 @@ mod tests {
         check(square, 0.3, View::Shared);
         check(r#"{"type": "segment", "from": [-1, 0], "to": [1, 0], "radius": 0.1}"#, 0.0, View::Own);
         check(r#"{"type": "segment", "from": [-1, 0], "to": [1, 1], "radius": 0.1}"#, 0.0, View::Shared);
+        check(r#"{"type": "polygon", "vertices": [[0, 0], [1, 0], [1, 1], [0, 1]]}"#, 0.0, View::Own);
         check(r#"{"type": "polygon", "vertices": [[0, 0], [1, 0], [0, 1]]}"#, 0.0, View::Shared);
         check(&format!(r#"{{"type": "compound", "pieces": [{square}, {square}]}}"#), 0.0, View::Shared);
         assert_eq!(View::of(&[with(Disc { radius: 0.4 }.into(), 1.0)]), View::Own);
