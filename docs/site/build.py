@@ -50,6 +50,7 @@ DOCUMENTS: dict[str, tuple[str, str]] = {
     "SECURITY.md": ("security.md", "Security"),
     "docs/figures.md": ("figures.md", "Figures"),
     "docs/results/README.md": ("results.md", "Results"),
+    "docs/agents_over_families.md": ("agents_over_families.md", "Agents over families"),
     "docs/architecture.md": ("architecture.md", "The map"),
     "docs/extending.md": ("extending.md", "How to add things"),
     "web/README.md": ("web.md", "The page"),
@@ -60,7 +61,7 @@ START = ("docs/install.md",)
 PYTHON = ("docs/environments.md",)
 AGENTS = ("docs/openenv.md", "docs/agents.md")
 SERVER = ("docs/formats.md", "docs/zeromq.md", "docs/limits.md", "SECURITY.md")
-EVIDENCE = ("docs/figures.md", "docs/results/README.md")
+EVIDENCE = ("docs/figures.md", "docs/results/README.md", "docs/agents_over_families.md")
 PROJECT = ("docs/architecture.md", "docs/extending.md", "web/README.md", "CONTRIBUTING.md", "CHANGELOG.md")
 
 

@@ -1,6 +1,8 @@
 //! Commands, their shared options, and what they print.
 
+mod agents;
 mod along;
+mod cells;
 mod computing;
 mod diagnose;
 mod effects;
@@ -84,6 +86,8 @@ enum Command {
     Evaluate(Computing<train::EvaluateArgs>),
     /// Find out what many actions do in every task of a family; writes NumPy arrays.
     Outcomes(Computing<outcomes::Args>),
+    /// Compare agents over many families, from such tables: AUCCESS within and across families.
+    Agents(Computing<agents::Args>),
     /// Print the OpenAPI document.
     Openapi,
 }
@@ -122,6 +126,7 @@ pub fn main() -> ExitCode {
         Command::Train(args) => args.run(train::train_policy),
         Command::Evaluate(args) => args.run(train::evaluate_policy),
         Command::Outcomes(args) => args.run(outcomes::run),
+        Command::Agents(args) => args.run(agents::run),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -5,11 +5,16 @@ use std::time::Instant;
 
 use iplw::error::{Error, Result};
 use iplw::experiment::try_out;
-use iplw::policy::{Dqn, EvaluateConfig, LabelConfig, TrainConfig, Training, label, train};
+use iplw::policy::{
+    CHUNK, Dqn, EvaluateConfig, Evaluation, LabelConfig, Labelled, Lesson, Place, Table, TrainConfig,
+    Training, label, rank, train,
+};
+use iplw::progress::Progress;
 use iplw::reality::standard;
-use iplw::task::{DEFAULT_FAMILY, Labels, Split, split};
+use iplw::task::{DEFAULT_FAMILY, Labels, Learning, Split, Task, split};
 use serde_json::json;
 
+use super::outcomes::read_all;
 use super::{output, parse};
 
 /// Labels random actions of the training tasks in a simulation and trains a policy on them.
@@ -27,6 +32,10 @@ pub struct TrainArgs {
     /// Effect of the simulation, `name:parameter=value,...`; may be repeated.
     #[arg(long = "effect", value_name = "EFFECT")]
     effects: Vec<String>,
+    /// Learn from tables that `iplw outcomes` wrote, one a family, and from their training tasks: no simulator is asked. Of
+    /// several families the policy becomes one for any that has the same kind of actions.
+    #[arg(long, num_args = 1.., value_name = "DIR", conflicts_with_all = ["task", "latents", "randomised", "effects"])]
+    outcomes: Vec<PathBuf>,
     /// Labelled actions per training task, and further ones of a task that few of them solve; the family's number if
     /// not given.
     #[arg(long)]
@@ -50,6 +59,9 @@ pub struct EvaluateArgs {
     /// A family, or one task such as bowling:017.
     #[arg(long, default_value = DEFAULT_FAMILY)]
     task: String,
+    /// Try it in the world of tables that `iplw outcomes` wrote, instead: all their actions are ranked, no simulator is asked.
+    #[arg(long, num_args = 1.., value_name = "DIR", conflicts_with_all = ["task", "real", "candidates"])]
+    outcomes: Vec<PathBuf>,
     /// File of weights that `iplw train` wrote.
     #[arg(long)]
     policy: PathBuf,
@@ -71,50 +83,83 @@ pub struct EvaluateArgs {
 
 pub fn train_policy(args: &TrainArgs) -> Result<()> {
     let (tasks, family) = parse::tasks(&args.task)?;
-    let usual = &family.learning;
+    let usual = if args.outcomes.is_empty() { family.learning } else { Learning::STANDARD };
     let per_task = args.per_task.unwrap_or(usual.labels.per_task);
     iplw::error::within("--per-task", per_task as f64, 1.0, 50_000.0)?;
-    let effects = args.effects.iter().map(|e| parse::effect(e)).collect::<Result<Vec<_>>>()?;
-    let training = if args.randomised {
-        match Training::paper_randomised() {
-            Training::Randomised { density, friction, restitution, .. } => {
-                Training::Randomised { density, friction, restitution, effects }
-            }
-            fixed @ Training::Fixed { .. } => fixed,
-        }
-    } else {
-        Training::Fixed { latents: parse::latents(&args.latents)?, effects }
-    };
-    let labels = LabelConfig::preset(&Labels { per_task, ..usual.labels }, args.seed);
+    let labels = Labels { per_task, ..usual.labels };
     let config = TrainConfig {
         batches: args.batches.unwrap_or(usual.batches),
         batch_size: args.batch_size.unwrap_or(usual.batch_size),
         seed: args.seed,
-        ..TrainConfig::preset(usual)
+        ..TrainConfig::preset(&usual)
     };
     config.validate()?;
     output::file("--out", &args.out)?;
+    if !args.outcomes.is_empty() {
+        let tables: Vec<Table> =
+            read_all("--outcomes", &args.outcomes)?.into_iter().map(|r| r.table).collect();
+        let lesson = Lesson::new(&tables, &places(&tables, Split::Train)?, &labels, args.seed);
+        let [solving, failing] = lesson.counts();
+        return learn(args, &lesson, [solving + failing, solving], &config);
+    }
+    let training = training(args)?;
     let bar = output::Bar::new();
-    let started = Instant::now();
     let tasks = if tasks.len() > 1 { split(&tasks, Split::Train) } else { tasks };
-    let data = label(&tasks, &training, &labels, &bar)?;
-    let labelled = started.elapsed().as_secs_f64();
-    let (policy, log) = train(&data, &config, &bar)?;
+    let data = label(&tasks, &training, &LabelConfig::preset(&labels, args.seed), &bar)?;
+    bar.clear();
+    learn(args, &data, [data.rows.len(), data.solving()], &config)
+}
+
+/// The physics that labels come from, as it was asked for.
+fn training(args: &TrainArgs) -> Result<Training> {
+    let effects = args.effects.iter().map(|e| parse::effect(e)).collect::<Result<Vec<_>>>()?;
+    if !args.randomised {
+        return Ok(Training::Fixed { latents: parse::latents(&args.latents)?, effects });
+    }
+    Ok(match Training::paper_randomised() {
+        Training::Randomised { density, friction, restitution, .. } => {
+            Training::Randomised { density, friction, restitution, effects }
+        }
+        fixed @ Training::Fixed { .. } => fixed,
+    })
+}
+
+/// Trains on labelled actions, of which there are so many and so many that solve, and writes the weights.
+fn learn(
+    args: &TrainArgs,
+    data: &dyn Labelled,
+    [all, solving]: [usize; 2],
+    config: &TrainConfig,
+) -> Result<()> {
+    let (bar, started) = (output::Bar::new(), Instant::now());
+    let (policy, log) = train(data, config, &bar)?;
     bar.clear();
     let weights = iplw::policy::Policy::to_safetensors(&policy)
         .ok_or_else(|| Error::Failed("the policy has no weights to write".into()))?;
     output::write_whole(&args.out, &weights)?;
     let tail = &log.loss[log.loss.len().saturating_sub(100)..];
     output::print(&format!(
-        "{} actions labelled ({} solve) in {labelled:.1} s, {} batches in {:.1} s\nmean loss of the last {} batches: {:.3} nats\nweights: {}\n",
-        data.rows.len(),
-        data.solving(),
+        "{all} actions labelled ({solving} solve), {} batches in {:.1} s\nmean loss of the last {} batches: {:.3} nats\nweights: {}\n",
         log.loss.len(),
-        started.elapsed().as_secs_f64() - labelled,
+        started.elapsed().as_secs_f64(),
         tail.len(),
         tail.iter().sum::<f32>() / tail.len().max(1) as f32,
         args.out.display()
     ))
+}
+
+/// Where the tasks of a part are in tables.
+fn places(tables: &[Table], part: Split) -> Result<Vec<Place>> {
+    let of = |(table, t): (usize, &Table)| {
+        let mine = t.tasks().iter().enumerate().filter(|(_, task)| task.split == part);
+        mine.map(|(task, _)| Place { table, task }).collect::<Vec<_>>()
+    };
+    let found: Vec<Place> = tables.iter().enumerate().flat_map(of).collect();
+    if found.is_empty() {
+        let allowed = format!("tables with {} tasks", part.name());
+        return Err(Error::input("--outcomes", format!("no {} task", part.name()), allowed));
+    }
+    Ok(found)
 }
 
 pub fn evaluate_policy(args: &EvaluateArgs) -> Result<()> {
@@ -123,6 +168,9 @@ pub fn evaluate_policy(args: &EvaluateArgs) -> Result<()> {
     let part = parse::part(&args.split)?;
     let bytes = std::fs::read(&args.policy).map_err(|e| Error::io(&args.policy, e))?;
     let policy = Dqn::from_safetensors(&bytes).map_err(|e| e.at(args.policy.display()))?;
+    if !args.outcomes.is_empty() {
+        return evaluate_in_tables(args, &policy, part);
+    }
     let chosen = if tasks.len() > 1 { split(&tasks, part) } else { tasks };
     policy.fits(&chosen[0]).map_err(|e| e.at(args.policy.display()))?;
     let hidden = parse::real(&args.real, standard(family))?;
@@ -130,6 +178,26 @@ pub fn evaluate_policy(args: &EvaluateArgs) -> Result<()> {
     let bar = output::Bar::new();
     let found = try_out(&policy, &chosen, &hidden, &config, &bar)?;
     bar.clear();
+    tell(args, &chosen, &found)
+}
+
+/// The same where tables say what an action does.
+fn evaluate_in_tables(args: &EvaluateArgs, policy: &Dqn, part: Split) -> Result<()> {
+    let tables: Vec<Table> = read_all("--outcomes", &args.outcomes)?.into_iter().map(|r| r.table).collect();
+    let bar = output::Bar::new();
+    let (places, mut tasks, mut solved_at) = (places(&tables, part)?, Vec::new(), Vec::new());
+    for (i, place) in places.iter().enumerate() {
+        bar.report("evaluate", i as u64, places.len() as u64)?;
+        let (table, task) = (&tables[place.table], &tables[place.table].tasks()[place.task]);
+        policy.fits(task).map_err(|e| e.at(args.policy.display()))?;
+        solved_at.push(table.solved_at(place.task, &rank(policy, task, table.actions(), CHUNK)?));
+        tasks.push(task.clone());
+    }
+    bar.clear();
+    tell(args, &tasks, &Evaluation::of(solved_at))
+}
+
+fn tell(args: &EvaluateArgs, chosen: &[Task], found: &Evaluation) -> Result<()> {
     if args.json {
         let rows: Vec<_> =
             chosen.iter().zip(&found.solved_at).map(|(t, k)| json!({"task": t.id, "solved_at": k})).collect();

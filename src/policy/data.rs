@@ -8,7 +8,6 @@ use rand::RngExt;
 use rand::seq::SliceRandom;
 use serde::{Deserialize, Serialize};
 
-use super::features::Features;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::rng;
@@ -21,6 +20,21 @@ use crate::world::{Engine, Latents, Rollout, simulate_map};
 pub struct Dataset {
     pub tasks: Vec<Task>,
     pub rows: Vec<Example>,
+}
+
+/// Labelled actions that a policy learns from, wherever they are kept.
+pub trait Labelled: Sync {
+    /// The tasks that they are of.
+    fn tasks(&self) -> &[Task];
+
+    /// Errors if they are none.
+    fn validate(&self) -> Result<()>;
+
+    /// (solving, failing) row numbers of each task.
+    fn pools(&self) -> Vec<[Vec<usize>; 2]>;
+
+    /// Number of its task, and the action, of a row.
+    fn row(&self, row: usize) -> (usize, &ValidAction);
 }
 
 /// One action's outcome.
@@ -162,8 +176,19 @@ impl LabelConfig {
 }
 
 impl Dataset {
+    /// Number of solving examples.
+    pub fn solving(&self) -> usize {
+        self.rows.iter().filter(|r| r.solved).count()
+    }
+}
+
+impl Labelled for Dataset {
+    fn tasks(&self) -> &[Task] {
+        &self.tasks
+    }
+
     /// Errors unless every example's task exists.
-    pub fn validate(&self) -> Result<()> {
+    fn validate(&self) -> Result<()> {
         for (i, row) in self.rows.iter().enumerate() {
             let Some(task) = self.tasks.get(row.task) else {
                 let allowed = format!("an index below {}", self.tasks.len());
@@ -174,17 +199,16 @@ impl Dataset {
         Ok(())
     }
 
-    /// Number of solving examples.
-    pub fn solving(&self) -> usize {
-        self.rows.iter().filter(|r| r.solved).count()
+    fn pools(&self) -> Vec<[Vec<usize>; 2]> {
+        let mut pools = vec![[Vec::new(), Vec::new()]; self.tasks.len()];
+        for (i, row) in self.rows.iter().enumerate() {
+            pools[row.task][usize::from(!row.solved)].push(i);
+        }
+        pools
     }
 
-    /// Features of every task and of every example.
-    pub(super) fn features(&self) -> (Vec<Vec<f32>>, Vec<Vec<f32>>) {
-        use rayon::prelude::*;
-        let features: Vec<Features> = self.tasks.iter().map(Features::new).collect();
-        let rows = self.rows.par_iter().map(|r| features[r.task].action(&r.action)).collect();
-        (features.iter().map(Features::scene).collect(), rows)
+    fn row(&self, row: usize) -> (usize, &ValidAction) {
+        (self.rows[row].task, &self.rows[row].action)
     }
 }
 

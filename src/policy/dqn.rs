@@ -25,9 +25,9 @@ use dfdx::prelude::Cpu;
 pub use card::{Card, FORMAT};
 pub use fit::{TrainConfig, TrainLog};
 
-use super::features::{self, Features};
+use super::view::View;
 use super::weights::{self, Layer};
-use super::{CHUNK, Check, Dataset, Policy, Validation};
+use super::{CHUNK, Check, Labelled, Policy, Validation};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::task::{Learning, Task, ValidAction};
@@ -41,37 +41,58 @@ pub struct Dqn {
     layers: Vec<Layer>,
 }
 
-/// Trains a new policy on labelled actions of tasks of one family.
-pub fn train(data: &Dataset, config: &TrainConfig, progress: &dyn Progress) -> Result<(Dqn, TrainLog)> {
+/// Trains a new policy on labelled actions of tasks, of one family or of several.
+pub fn train(data: &dyn Labelled, config: &TrainConfig, progress: &dyn Progress) -> Result<(Dqn, TrainLog)> {
     train_validated(data, None, config, progress)
 }
 
 /// The same; looks at AUCCESS on held-out tasks along the way, which changes nothing of what is learned.
 pub fn train_validated(
-    data: &Dataset,
+    data: &dyn Labelled,
+    validation: Option<&Validation>,
+    config: &TrainConfig,
+    progress: &dyn Progress,
+) -> Result<(Dqn, TrainLog)> {
+    train_seeing(View::of(data.tasks()), data, validation, config, progress)
+}
+
+/// The same with a view that is given.
+pub(super) fn train_seeing(
+    view: View,
+    data: &dyn Labelled,
     validation: Option<&Validation>,
     config: &TrainConfig,
     progress: &dyn Progress,
 ) -> Result<(Dqn, TrainLog)> {
     config.validate()?;
     data.validate()?;
-    let first = data.tasks.first().ok_or_else(|| Error::input("tasks", "none", "at least one task"))?;
-    Dqn::untrained(first, config.hidden, config.seed)?.learn(data, validation, config, progress)
+    Dqn::untrained_on(view, data.tasks(), config)?.learn(data, validation, config, progress)
 }
 
 impl Dqn {
     /// A policy that knows nothing yet, for tasks like `task`.
     pub fn untrained(task: &Task, hidden: usize, seed: u64) -> Result<Dqn> {
-        TrainConfig { hidden, ..TrainConfig::preset(&Learning::STANDARD) }.validate()?;
+        let tasks = std::slice::from_ref(task);
+        let config = TrainConfig { hidden, seed, ..TrainConfig::preset(&Learning::STANDARD) };
+        Dqn::untrained_on(View::of(tasks), tasks, &config)
+    }
+
+    /// The same for tasks like these, of one family or of several.
+    fn untrained_on(view: View, tasks: &[Task], config: &TrainConfig) -> Result<Dqn> {
+        config.validate()?;
+        let first = tasks.first().ok_or_else(|| Error::input("tasks", "none", "at least one task"))?;
+        let mut families: Vec<&str> = tasks.iter().map(family_of).collect();
+        families.sort_unstable();
+        families.dedup();
         let card = Card {
             format: FORMAT.into(),
             program: env!("CARGO_PKG_VERSION").into(),
-            features: features::VERSION.into(),
-            family: family_of(task).into(),
-            dimensions: features::dimensions(task),
+            features: view.version().into(),
+            family: families.join("+"),
+            dimensions: view.dimensions(first),
             trained: Vec::new(),
         };
-        let layers = initial(card.dimensions, hidden, seed);
+        let layers = initial(card.dimensions, config.hidden, config.seed);
         Ok(Dqn { card, layers })
     }
 
@@ -79,7 +100,7 @@ impl Dqn {
     /// number of hidden units stays; Adam starts afresh.
     pub fn learn_more(
         &self,
-        data: &Dataset,
+        data: &dyn Labelled,
         config: &TrainConfig,
         progress: &dyn Progress,
     ) -> Result<(Dqn, TrainLog)> {
@@ -88,14 +109,14 @@ impl Dqn {
 
     fn learn(
         &self,
-        data: &Dataset,
+        data: &dyn Labelled,
         validation: Option<&Validation>,
         config: &TrainConfig,
         progress: &dyn Progress,
     ) -> Result<(Dqn, TrainLog)> {
         config.validate()?;
         data.validate()?;
-        for task in &data.tasks {
+        for task in data.tasks() {
             self.fits(task)?;
         }
         let mut learned = self.clone();
@@ -109,7 +130,7 @@ impl Dqn {
             checks.push(Check { batches, auccess });
             Ok(())
         };
-        let loss = fit(&mut learned.layers, data, config, &mut look, progress)?;
+        let loss = fit(&mut learned.layers, (data, self.card.view()), config, &mut look, progress)?;
         let log = TrainLog { loss, validation: checks };
         learned.card.trained.push(TrainConfig { hidden: self.hidden(), ..config.clone() });
         Ok((learned, log))
@@ -127,11 +148,18 @@ impl Dqn {
 
     /// Errors unless the policy can score actions of `task`.
     pub fn fits(&self, task: &Task) -> Result<()> {
-        if self.card.family != family_of(task) {
+        // What several families taught may be tried on others.
+        let tied = !self.card.family.contains('+');
+        if tied && self.card.family != family_of(task) {
             let allowed = format!("a task of {:?}, which the policy was trained on", self.card.family);
             return Err(Error::input("task", format!("{:?}", task.id), allowed));
         }
-        let [scene, action] = features::dimensions(task);
+        self.reads(task)
+    }
+
+    /// Errors unless what it sees of `task` is as many numbers as it takes.
+    fn reads(&self, task: &Task) -> Result<()> {
+        let [scene, action] = self.card.view().dimensions(task);
         if self.card.dimensions != [scene, action] {
             let [s, a] = self.card.dimensions;
             let value = format!("{:?} with {scene} scene and {action} action features", task.id);
@@ -150,20 +178,28 @@ impl Dqn {
     }
 }
 
-impl Policy for Dqn {
-    fn score(&self, task: &Task, actions: &[ValidAction]) -> Result<Vec<f32>> {
+impl Dqn {
+    /// Scores of actions in a task of whatever family.
+    pub(super) fn score_any(&self, task: &Task, actions: &[ValidAction]) -> Result<Vec<f32>> {
         use rayon::prelude::*;
-        self.fits(task)?;
+        self.reads(task)?;
         let device = Cpu::default();
         let net = Net::new(&self.layers, &device);
-        let features = Features::new(task);
-        let scene = features.scene();
+        let look = self.card.view().look(task);
+        let scene = look.scene();
         let chunk = |actions: &[ValidAction]| {
-            let rows: Vec<Vec<f32>> = actions.iter().map(|a| features.action(a)).collect();
+            let rows: Vec<Vec<f32>> = actions.iter().map(|a| look.action(a)).collect();
             let scene = matrix(&device, rows.iter().map(|_| &scene));
             net.forward(scene, matrix(&device, rows.iter())).as_vec()
         };
         Ok(actions.par_chunks(CHUNK).map(chunk).collect::<Vec<_>>().concat())
+    }
+}
+
+impl Policy for Dqn {
+    fn score(&self, task: &Task, actions: &[ValidAction]) -> Result<Vec<f32>> {
+        self.fits(task)?;
+        self.score_any(task, actions)
     }
 
     fn to_safetensors(&self) -> Option<Vec<u8>> {
@@ -191,7 +227,7 @@ fn family_of(task: &Task) -> &str {
 mod tests {
     use super::*;
     use crate::policy::auccess::auccess;
-    use crate::policy::{Random, rank, toy};
+    use crate::policy::{Dataset, Random, rank, toy};
     use crate::progress::Silent;
 
     fn quick(seed: u64) -> TrainConfig {
@@ -298,7 +334,7 @@ mod tests {
 
     #[test]
     fn data_that_cannot_teach_is_refused() {
-        let check = |data: &Dataset, config: &TrainConfig, wanted: &str| {
+        let check = |data: &dyn Labelled, config: &TrainConfig, wanted: &str| {
             let error = train(data, config, &Silent).unwrap_err().to_string();
             assert!(error.contains(wanted), "{error}");
         };
@@ -314,8 +350,9 @@ mod tests {
         dangling.rows[3].task = 9;
         check(&dangling, &quick(0), "rows[3].task");
         let mut mixed = full.clone();
-        mixed.tasks[1].family = "other".into();
-        check(&mixed, &quick(0), "toy");
+        mixed.tasks[1] = crate::task::family("basketball").unwrap().tasks().remove(0);
+        mixed.rows.retain(|row| row.task == 0);
+        check(&mixed, &quick(0), "action features");
         check(&full, &TrainConfig { batches: 0, ..quick(0) }, "batches");
         check(&full, &TrainConfig { batch_size: 1, ..quick(0) }, "batch_size");
         check(&full, &TrainConfig { batch_size: 15, ..quick(0) }, "even");

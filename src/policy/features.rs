@@ -335,12 +335,12 @@ impl Thing {
 }
 
 /// Clamped to [-1, 1]; 0 for what is not a number.
-fn unit(v: f64) -> f32 {
+pub(super) fn unit(v: f64) -> f32 {
     if v.is_nan() { 0.0 } else { v.clamp(-1.0, 1.0) as f32 }
 }
 
 /// v / (1 + |v|): finest around 0, never beyond 1.
-fn soft(v: f64) -> f32 {
+pub(super) fn soft(v: f64) -> f32 {
     unit(v / (1.0 + v.abs()))
 }
 

@@ -6,13 +6,19 @@
 //! | file | what it does |
 //! |---|---|
 //! | `features` | task and action -> numbers |
+//! | `shared` | the same for tasks of any family: numbers that mean the same everywhere |
+//! | `thing` | a thing's place and form, for those |
+//! | `view` | which of the two a policy sees |
 //! | `data` | labels actions by simulating them |
 //! | `outcomes` | what many actions do in every task, for learning without a simulator |
+//! | `table` | such outcomes as something to learn from and to be judged by |
+//! | `agents` | what is compared over many families, and how |
 //! | `dqn` | learns to score from labelled actions |
 //! | `validate` | AUCCESS along a training, on tasks not learned from |
 //! | `random` | the floor every policy must beat |
 //! | `evaluate` `auccess` | tries actions in a policy's order and condenses the outcome |
 
+pub mod agents;
 pub mod auccess;
 pub mod data;
 pub mod dqn;
@@ -20,7 +26,11 @@ pub mod evaluate;
 pub mod features;
 pub mod outcomes;
 pub mod random;
+pub mod shared;
+pub mod table;
+mod thing;
 pub mod validate;
+pub mod view;
 mod weights;
 
 use std::cmp::Ordering;
@@ -29,10 +39,11 @@ use rayon::prelude::*;
 
 use crate::error::Result;
 use crate::task::{Task, ValidAction};
-pub use data::{Dataset, Example, LabelConfig, Training, label};
+pub use data::{Dataset, Example, LabelConfig, Labelled, Training, label};
 pub use dqn::{Dqn, TrainConfig, TrainLog, train, train_validated};
 pub use evaluate::{EvaluateConfig, Evaluation, evaluate, evaluate_orders};
 pub use random::Random;
+pub use table::{Lesson, Place, Table};
 pub use validate::{Check, Validation};
 
 /// Scores actions for success; the higher, the likelier.

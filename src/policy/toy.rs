@@ -2,6 +2,7 @@
 //! solves. The rule mirrors itself from task to task, so a policy that learned one task by heart fails the next.
 
 use super::data::{Dataset, Example};
+use super::table::Table;
 use crate::task::action::{ActionSpace, Component, Discrete, Quantity};
 use crate::task::scene::{Body, Goal, Scene};
 use crate::task::shape::Disc;
@@ -71,6 +72,24 @@ pub fn dataset(tasks: &[Task], per_task: usize) -> Dataset {
         }
     }
     Dataset { tasks: tasks.to_vec(), rows }
+}
+
+/// A table of the first `actions` actions in `tasks`; `outcome` is told number of task and of action.
+pub fn table(family: &str, tasks: &[Task], actions: usize, outcome: impl Fn(usize, usize) -> i8) -> Table {
+    let tasks: Vec<Task> = tasks
+        .iter()
+        .map(|t| Task { family: family.into(), id: t.id.replace("toy", family), ..t.clone() })
+        .collect();
+    let chosen = (0..actions).map(|i| tasks[0].actions().at(i).expect("an index below 5000")).collect();
+    let outcomes = (0..tasks.len()).flat_map(|t| (0..actions).map(move |i| (t, i)));
+    let outcomes = outcomes.map(|(t, i)| outcome(t, i)).collect();
+    Table::new(family, tasks, chosen, outcomes).expect("a toy table is one")
+}
+
+/// A table of the toy rule.
+pub fn ruled(family: &str, tasks: &[Task], actions: usize) -> Table {
+    let action = |t: usize, i: usize| tasks[t].actions().at(i).expect("an index below 5000");
+    table(family, tasks, actions, |t, i| if solves(&tasks[t], &action(t, i)) { 1 } else { -1 })
 }
 
 /// `n` tasks with the ball at different places.

@@ -7,7 +7,7 @@ use std::process::{Command, Output, Stdio};
 use serde_json::Value;
 
 /// A ball that is to come down on a plate: a fifth of all places solve it, each surely.
-const DROP: &str = r#"
+pub(super) const DROP: &str = r#"
 format = "iplw.family/1"
 name = "drop"
 about = "drop the ball onto the plate"

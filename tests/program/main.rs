@@ -4,6 +4,7 @@
 #[allow(dead_code, reason = "shared with others, which use the rest")]
 mod worlds;
 
+mod agents_cli;
 mod cli;
 mod discover_cli;
 mod families;

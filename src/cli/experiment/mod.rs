@@ -1,7 +1,6 @@
 //! `iplw run` and `iplw experiment`: figures with their baselines, as CSV, plot, table and report.
 
 mod args;
-mod cells;
 mod quickstart;
 mod shared;
 mod shelf;

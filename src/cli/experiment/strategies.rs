@@ -12,8 +12,8 @@ use iplw::world::latent::FACTORS;
 use serde_json::json;
 
 use super::args::ExperimentArgs;
-use super::cells::Cells;
 use super::shared::{claims_table, claims_text, importance};
+use crate::cli::cells::Cells;
 use crate::cli::output;
 
 pub fn run(args: &ExperimentArgs) -> Result<()> {

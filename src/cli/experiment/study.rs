@@ -17,8 +17,8 @@ use iplw::task::{Family, Split, Task, ValidAction, family, split};
 use serde_json::json;
 
 use super::args::ExperimentArgs;
-use super::cells::Cells;
 use super::shared::{claims_table, claims_text, importance};
+use crate::cli::cells::Cells;
 use crate::cli::output;
 
 /// The paper's first experiment.

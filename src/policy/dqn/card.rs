@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::fit::{MOST_UNITS, TrainConfig};
 use crate::error::{Error, Result};
-use crate::policy::features;
+use crate::policy::view::View;
 
 /// What must be known to use the weights.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -16,7 +16,7 @@ pub struct Card {
     pub program: String,
     /// Version of the features.
     pub features: String,
-    /// Family of the tasks; a custom task's id.
+    /// Family of the tasks; a custom task's id. Of several families all names, joined by `+`.
     pub family: String,
     /// Numbers of scene and of action features.
     pub dimensions: [usize; 2],
@@ -28,6 +28,11 @@ pub struct Card {
 pub const FORMAT: &str = "iplw.policy/1";
 
 impl Card {
+    /// How it looks at tasks.
+    pub(super) fn view(&self) -> View {
+        View::from_version(&self.features).expect("a card's features are known: checked where it is read")
+    }
+
     pub(super) fn validate(&self) -> Result<()> {
         let same = |field: &str, found: &str, wanted: &str| {
             if found == wanted {
@@ -37,7 +42,10 @@ impl Card {
             }
         };
         same("format", &self.format, FORMAT)?;
-        same("features", &self.features, features::VERSION)?;
+        if View::from_version(&self.features).is_none() {
+            let known = [View::Own, View::Shared].map(|v| format!("{:?}", v.version())).join(" or ");
+            return Err(Error::input("features", format!("{:?}", self.features), known));
+        }
         if self.dimensions.iter().any(|d| !(1..=MOST_UNITS).contains(d)) {
             let allowed = format!("two whole numbers from 1 to {MOST_UNITS}");
             return Err(Error::input("dimensions", format!("{:?}", self.dimensions), allowed));

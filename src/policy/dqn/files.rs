@@ -1,5 +1,6 @@
 //! Files of weights: what they hold, and what is refused (tests).
 
+use crate::policy::features;
 use rand::RngExt;
 
 use super::tests::{actions, trained};

@@ -3,13 +3,15 @@
 use dfdx::prelude::{Backward, Cpu, OwnedTape, TensorFromVec, Trace, binary_cross_entropy_with_logits_loss};
 use dfdx::tensor::AsArray;
 use rand::RngExt;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::adam::Adam;
 use super::net::{Net, matrix};
 use crate::error::{Error, Result};
+use crate::policy::view::{Look, View};
 use crate::policy::weights::Layer;
-use crate::policy::{Check, Dataset};
+use crate::policy::{Check, Labelled};
 use crate::progress::Progress;
 use crate::rng;
 use crate::task::Learning;
@@ -74,65 +76,101 @@ pub(super) const MOST_UNITS: usize = 4096;
 /// Losses told along a training, at most: a curve as fine as a screen shows.
 const TOLD: usize = 200;
 
+/// Batches whose rows are looked at together, on all threads, before they are learned from.
+const AHEAD: usize = 64;
+
 /// Trains `layers` in place and returns the loss of each batch; `look` sees the layers at the start and after each
 /// batch. On one thread: batches are too small to gain from more, and one thread cannot change the order in which
 /// products are summed.
 pub(super) fn fit(
     layers: &mut [Layer],
-    data: &Dataset,
+    (data, view): (&dyn Labelled, View),
     config: &TrainConfig,
     look: &mut (dyn FnMut(usize, &[Layer]) -> Result<()> + Send),
     progress: &dyn Progress,
 ) -> Result<Vec<f32>> {
     let pairs = Pairs::new(data)?;
-    let (scenes, actions) = data.features();
+    let looks: Vec<Look> = data.tasks().par_iter().map(|task| view.look(task)).collect();
+    let scenes: Vec<Vec<f32>> = looks.iter().map(Look::scene).collect();
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(1)
         .build()
         .map_err(|e| Error::Failed(format!("no thread to train on: {e}")))?;
-    pool.install(|| {
-        let mut rng = rng::stream(config.seed, "dqn batches");
-        let mut adam = Adam::new(layers);
-        let device = Cpu::default();
-        let (mut losses, every): (Vec<f32>, usize) = (Vec::new(), config.batches.div_ceil(TOLD));
-        look(0, layers)?;
-        for batch in 0..config.batches {
-            if batch % 20 == 0 {
-                progress.report("train", batch as u64, config.batches as u64)?;
-            }
-            let rows: Vec<usize> = (0..config.batch_size / 2).flat_map(|_| pairs.draw(&mut rng)).collect();
-            let scene = matrix(&device, rows.iter().map(|r| &scenes[data.rows[*r].task]));
-            let action = matrix(&device, rows.iter().map(|r| &actions[*r]));
-            let solved: Vec<f32> =
-                (0..config.batch_size).map(|i| if i % 2 == 0 { 1.0 } else { 0.0 }).collect();
-            let solved = device.tensor_from_vec(solved, (config.batch_size, 1));
-            let net = Net::new(layers, &device);
-            let scores = net.forward::<OwnedTape<f32, Cpu>>(scene.leaky_traced(), action.leaky_traced());
-            let loss = binary_cross_entropy_with_logits_loss(scores, solved);
-            let value = loss.array();
-            losses.push(value);
-            let share = batch as f64 / config.batches as f64;
-            let rate = config.learning_rate * 0.5 * (1.0 + libm::cos(std::f64::consts::PI * share));
-            adam.update(layers, &net, &loss.backward(), rate as f32);
-            // Not the loss alone: a rectifier turns a NaN into 0 and hides it.
-            if !(value.is_finite() && layers.iter().all(Layer::is_finite)) {
-                return Err(Error::Failed(format!(
-                    "training diverged: after batch {batch} loss or weights are not finite (loss {value}); \
-                     a smaller learning_rate than {} may help",
-                    config.learning_rate
-                )));
-            }
-            let done = batch + 1;
-            if done % every == 0 || done == config.batches {
-                let since = &losses[batch / every * every..];
-                let mean = since.iter().map(|v| f64::from(*v)).sum::<f64>() / since.len() as f64;
-                progress.figure("loss", done as u64, mean);
-            }
-            look(done, layers)?;
+    let mut rng = rng::stream(config.seed, "dqn batches");
+    let mut state = State { layers, adam: None, losses: Vec::new() };
+    look(0, state.layers)?;
+    while state.losses.len() < config.batches {
+        let batches = AHEAD.min(config.batches - state.losses.len());
+        let rows: Vec<usize> =
+            (0..batches * config.batch_size / 2).flat_map(|_| pairs.draw(&mut rng)).collect();
+        let seen: Vec<(usize, Vec<f32>)> = rows
+            .par_iter()
+            .map(|row| {
+                let (task, action) = data.row(*row);
+                (task, looks[task].action(action))
+            })
+            .collect();
+        pool.install(|| {
+            seen.chunks(config.batch_size)
+                .try_for_each(|batch| state.learn(batch, &scenes, config, look, progress))
+        })?;
+    }
+    progress.report("train", config.batches as u64, config.batches as u64)?;
+    Ok(state.losses)
+}
+
+/// A training in the middle.
+struct State<'a> {
+    layers: &'a mut [Layer],
+    adam: Option<Adam>,
+    /// Of each batch so far.
+    losses: Vec<f32>,
+}
+
+impl State<'_> {
+    /// One update, on (task, action features) of a batch: solving and failing in turn.
+    fn learn(
+        &mut self,
+        rows: &[(usize, Vec<f32>)],
+        scenes: &[Vec<f32>],
+        config: &TrainConfig,
+        look: &mut (dyn FnMut(usize, &[Layer]) -> Result<()> + Send),
+        progress: &dyn Progress,
+    ) -> Result<()> {
+        let batch = self.losses.len();
+        if batch.is_multiple_of(20) {
+            progress.report("train", batch as u64, config.batches as u64)?;
         }
-        progress.report("train", config.batches as u64, config.batches as u64)?;
-        Ok(losses)
-    })
+        let device = Cpu::default();
+        let scene = matrix(&device, rows.iter().map(|(task, _)| &scenes[*task]));
+        let action = matrix(&device, rows.iter().map(|(_, action)| action));
+        let solved: Vec<f32> = (0..rows.len()).map(|i| if i % 2 == 0 { 1.0 } else { 0.0 }).collect();
+        let solved = device.tensor_from_vec(solved, (rows.len(), 1));
+        let net = Net::new(self.layers, &device);
+        let scores = net.forward::<OwnedTape<f32, Cpu>>(scene.leaky_traced(), action.leaky_traced());
+        let loss = binary_cross_entropy_with_logits_loss(scores, solved);
+        let value = loss.array();
+        self.losses.push(value);
+        let share = batch as f64 / config.batches as f64;
+        let rate = config.learning_rate * 0.5 * (1.0 + libm::cos(std::f64::consts::PI * share));
+        let adam = self.adam.get_or_insert_with(|| Adam::new(self.layers));
+        adam.update(self.layers, &net, &loss.backward(), rate as f32);
+        // Not the loss alone: a rectifier turns a NaN into 0 and hides it.
+        if !(value.is_finite() && self.layers.iter().all(Layer::is_finite)) {
+            return Err(Error::Failed(format!(
+                "training diverged: after batch {batch} loss or weights are not finite (loss {value}); \
+                 a smaller learning_rate than {} may help",
+                config.learning_rate
+            )));
+        }
+        let (done, every) = (batch + 1, config.batches.div_ceil(TOLD));
+        if done % every == 0 || done == config.batches {
+            let since = &self.losses[batch / every * every..];
+            let mean = since.iter().map(|v| f64::from(*v)).sum::<f64>() / since.len() as f64;
+            progress.figure("loss", done as u64, mean);
+        }
+        look(done, self.layers)
+    }
 }
 
 /// Examples by task and outcome. Drawing a task first and then a solving and a failing action of it keeps easy
@@ -146,21 +184,16 @@ struct Pairs {
 }
 
 impl Pairs {
-    fn new(data: &Dataset) -> Result<Pairs> {
-        let mut tasks = vec![[Vec::new(), Vec::new()]; data.tasks.len()];
-        let mut failing = Vec::new();
-        for (i, row) in data.rows.iter().enumerate() {
-            tasks[row.task][usize::from(!row.solved)].push(i);
-            if !row.solved {
-                failing.push(i);
-            }
-        }
+    fn new(data: &dyn Labelled) -> Result<Pairs> {
+        let mut tasks = data.pools();
+        let examples: usize = tasks.iter().flatten().map(Vec::len).sum();
+        let mut failing: Vec<usize> = tasks.iter().flat_map(|[_, failing]| failing).copied().collect();
+        failing.sort_unstable();
         tasks.retain(|[solving, _]| !solving.is_empty());
         for (missing, kind) in [(tasks.is_empty(), "solving"), (failing.is_empty(), "failing")] {
             if missing {
                 return Err(Error::Failed(format!(
-                    "no {kind} action among the {} examples: a policy learns from both kinds; label more actions",
-                    data.rows.len()
+                    "no {kind} action among the {examples} examples: a policy learns from both kinds; label more actions"
                 )));
             }
         }
