@@ -308,7 +308,7 @@ impl Features {
 }
 
 /// A line that something is to be above, from one side of the frame to the other.
-fn level(([nx, ny], offset): ([f64; 2], f64), frame: Bounds) -> Solid {
+pub(super) fn level(([nx, ny], offset): ([f64; 2], f64), frame: Bounds) -> Solid {
     let at = |x: f64| [x, (offset - nx * x) / ny];
     Solid::Bounded(Pieces::one(vec![at(frame[0]), at(frame[2])], 0.0))
 }

@@ -15,7 +15,7 @@
 //!
 //! Differences from the source: numbers instead of an image, a bounded number of objects. Range [-1, 1] as in `features`.
 
-use super::features::{soft, unit};
+use super::features::{level, soft, unit};
 use super::thing::{Thing, area, length};
 use crate::task::action::Quantity;
 use crate::task::geometry::Bounds;
@@ -65,7 +65,7 @@ impl Shared {
                 targets.push(component.target.clone());
             }
         }
-        let (names, region) = aims(scene);
+        let (names, region) = aims(scene, frame);
         let named = standing(scene, &targets, &names, frame);
         let find = |name: &Option<String>| {
             name.as_ref().and_then(|n| named.iter().find(|(k, _)| k == n)).map(|(_, thing)| thing.clone())
@@ -294,14 +294,19 @@ impl Shared {
     }
 }
 
-/// What the goal names, and the region that it wants something in.
-fn aims(scene: &Scene) -> ([Option<String>; 2], Option<Thing>) {
+/// What the goal names, and the region that it wants something in, or the line that it wants something above.
+fn aims(scene: &Scene, frame: Bounds) -> ([Option<String>; 2], Option<Thing>) {
+    let thing = |solid: Solid, area: f64| Some(Thing::new(solid, [0.0; 2], [0.0; 2], false, area));
     match &scene.goal {
-        Some(Goal::Contact { bodies: [a, b], .. }) => ([Some(a.clone()), Some(b.clone())], None),
+        Some(Goal::Contact { bodies: [a, b], .. } | Goal::Apart { bodies: [a, b], .. }) => {
+            ([Some(a.clone()), Some(b.clone())], None)
+        }
         Some(Goal::Inside { body, region, .. }) => {
             let solid = Solid::Bounded(Pieces::one(region.clone(), 0.0));
-            let area = area(region);
-            ([Some(body.clone()), None], Some(Thing::new(solid, [0.0; 2], [0.0; 2], false, area)))
+            ([Some(body.clone()), None], thing(solid, area(region)))
+        }
+        Some(goal @ Goal::Above { body, .. }) => {
+            ([Some(body.clone()), None], goal.line().and_then(|line| thing(level(line, frame), 0.0)))
         }
         None => ([None, None], None),
     }

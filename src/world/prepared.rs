@@ -144,8 +144,10 @@ impl Prepared {
             Party::Static(i) => self.statics[*i].there,
         };
         match &goal.condition {
-            Condition::Contact { parties, .. } => parties.iter().all(there),
-            Condition::Inside { body, .. } => self.bodies[*body].there,
+            Condition::Contact { parties, .. } | Condition::Apart { parties, .. } => {
+                parties.iter().all(there)
+            }
+            Condition::Inside { body, .. } | Condition::Above { body, .. } => self.bodies[*body].there,
         }
     }
 }
