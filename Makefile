@@ -210,7 +210,7 @@ web/node_modules/.installed: web/package-lock.json
 # Searches the built-in tasks anew; only when physics or selection changed.
 tasks:
 	$(CARGO) build --release --locked
-	for f in src/task/families/*.toml examples/families/*.toml; do ./target/release/iplw tasks check $$f || exit 1; done
+	for f in src/task/families/*.toml src/task/families/*/*.toml examples/families/*.toml; do ./target/release/iplw tasks check $$f || exit 1; done
 
 clean:
 	rm -rf out $(VENV) $(VENV)-peers $(VENV)-openenv $(VENV)-docs $(VENV)-release dist clients/generated/node_modules \
