@@ -75,10 +75,10 @@ fn tasks_of_phyre_become_a_family_with_their_solutions() {
     assert_eq!(names(&out), all);
 
     let family = read_families(&out).unwrap().remove(0);
-    let (tasks, solution) = (family.tasks(), family.solutions(&[0.0])[0].clone());
-    assert_eq!(tasks[0].certificate.as_ref().unwrap().action, solution.values());
-    assert_eq!(tasks[1].scene.name, "00007:001");
-    assert!(tasks[1].certificate.as_ref().unwrap().solving_share > 0.0);
+    let (found, solution) = (family.tasks(), family.solutions(&[0.0])[0].clone());
+    assert_eq!(found[0].certificate.as_ref().unwrap().action, solution.values());
+    assert_eq!(found[1].scene.name, "00007:001");
+    assert!(found[1].certificate.as_ref().unwrap().solving_share > 0.0);
     // It is one like any other.
     let before = std::fs::read_to_string(out.join(all[0])).unwrap();
     let own = Some(out.as_path());
