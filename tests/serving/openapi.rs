@@ -58,12 +58,14 @@ fn answers_that_tell_an_id_are_linked_to_what_takes_it() {
         links.and_then(Value::as_object).unwrap().keys().cloned().collect()
     };
     let of_a_world = [
+        "branch_world",
         "delete_world",
         "get_world",
         "render_world",
         "reset_world",
         "rollout_world",
         "set_latents",
+        "snapshot_world",
         "step_world",
         "watch_world",
     ];
