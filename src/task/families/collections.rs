@@ -28,11 +28,26 @@ macro_rules! files {
 }
 
 /// Every collection.
-pub static COLLECTIONS: [Collection; 1] = [Collection {
-    name: "levels",
-    about: "ten families that are solved by who knows friction, restitution or density",
-    files: files!["levels": "carom", "chute", "cradle", "hurdle", "jar", "scales", "seesaw", "shunt", "spin", "uphill"],
-}];
+pub static COLLECTIONS: [Collection; 2] = [
+    Collection {
+        name: "levels",
+        about: "ten families that are solved by who knows friction, restitution or density",
+        files: files![
+            "levels":
+            "carom", "chute", "cradle", "hurdle", "jar", "scales", "seesaw", "shunt", "spin", "uphill",
+        ],
+    },
+    Collection {
+        name: "phyre",
+        about: "PHYRE-B's 25 templates of one ball, written anew",
+        files: files![
+            "phyre":
+            "phyre_00", "phyre_01", "phyre_02", "phyre_03", "phyre_04", "phyre_05", "phyre_06", "phyre_07",
+            "phyre_08", "phyre_09", "phyre_11", "phyre_12", "phyre_13", "phyre_14", "phyre_15", "phyre_16",
+            "phyre_17", "phyre_18", "phyre_19", "phyre_20", "phyre_21", "phyre_22", "phyre_23", "phyre_24",
+        ],
+    },
+];
 
 impl Collection {
     /// Its families, as a folder's would be read.
