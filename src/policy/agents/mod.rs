@@ -166,8 +166,9 @@ mod tests {
         let real: Vec<Table> = tables().into_iter().take(2).collect();
         let forgets = |table: &Table| {
             let tasks = toy::tasks(5);
-            let row =
-                |t: usize, i: usize| if i % 2 == 0 && table.row(t)[i] == 1 { -1 } else { table.row(t)[i] };
+            let row = |t: usize, i: usize| {
+                if i.is_multiple_of(2) && table.row(t)[i] == 1 { -1 } else { table.row(t)[i] }
+            };
             toy::table(table.family(), &tasks, 400, row)
         };
         let believed: Vec<Table> = real.iter().map(forgets).collect();

@@ -24,7 +24,6 @@ pub struct GoalLanes {
     pub needed: V,
 }
 
-#[expect(clippy::large_enum_variant, reason = "there is one in a batch")]
 enum ConditionLanes {
     /// Squared distance of centres up to which two discs count as touching.
     Discs {
