@@ -43,7 +43,7 @@ pub static COLLECTIONS: [Collection; 2] = [
         files: files![
             "phyre":
             "phyre_00", "phyre_01", "phyre_02", "phyre_03", "phyre_04", "phyre_05", "phyre_06", "phyre_07",
-            "phyre_08", "phyre_09", "phyre_11", "phyre_12", "phyre_13", "phyre_14", "phyre_15", "phyre_16",
+            "phyre_08", "phyre_09", "phyre_10", "phyre_11", "phyre_12", "phyre_13", "phyre_14", "phyre_15", "phyre_16",
             "phyre_17", "phyre_18", "phyre_19", "phyre_20", "phyre_21", "phyre_22", "phyre_23", "phyre_24",
         ],
     },
