@@ -27,6 +27,8 @@ const SEARCHED: usize = 40;
 pub const PERTURBATION: f64 = 0.002;
 /// Solutions tried for stability before a candidate is given up.
 const TRIED: usize = 150;
+/// Share of actions, in the world that bins are not about, beyond which a candidate solves itself there.
+const BY_ITSELF: f64 = 0.5;
 /// Actions of the first, rough look at a candidate.
 const ROUGH: usize = 200;
 
@@ -60,7 +62,7 @@ pub enum Outcome {
     Unsolvable,
     /// Fewer actions solve it than the first bin asks for.
     TooHard,
-    /// More actions solve it than the last bin allows.
+    /// More actions solve it than the last bin allows, or in the other of the two worlds it all but solves itself.
     TooEasy,
     /// Its share falls between bins, or into one that is full.
     NotWanted,
@@ -194,6 +196,9 @@ impl<'a> Search<'a> {
         };
         let mut other =
             sample(scene, actions, &mut rng::stream(own, "share"), physics(!selection.in_real_world))?;
+        if other.share() > BY_ITSELF {
+            return Ok(self.saying(candidate, Outcome::TooEasy, share));
+        }
         if !selection.in_real_world {
             std::mem::swap(&mut judged, &mut other);
         }
