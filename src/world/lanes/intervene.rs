@@ -35,7 +35,9 @@ pub fn intervene(
             if after[*body].moved_from(&before[*body]) {
                 state.set_body(lane, *body, &prepared.bodies[*body], &after[*body]);
                 state.begin_pairs(lane, |met| met.is_of(*body));
-                goal.map(|goal| goal.look_again(lane));
+                if let Some(goal) = goal {
+                    goal.look_again(lane);
+                }
             } else if !after[*body].goes_as(&before[*body]) {
                 state.set_speed(lane, *body, prepared, &after[*body]);
             }
@@ -43,8 +45,9 @@ pub fn intervene(
         Act::Add(Party::Body(i)) => state.let_in(lane, *i, prepared),
         Act::Add(Party::Static(s)) => state.let_static_in(lane, *s, prepared),
         Act::Remove(thing) => {
-            if prepared.goal.as_ref().is_some_and(|own| !prepared.has(own)) {
-                goal.map(|goal| goal.clear(lane));
+            let unreachable = prepared.goal.as_ref().is_some_and(|own| !prepared.has(own));
+            if let Some(goal) = goal.filter(|_| unreachable) {
+                goal.clear(lane);
             }
             match thing {
                 Party::Body(i) => state.hide(lane, *i),
