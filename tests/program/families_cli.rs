@@ -176,5 +176,12 @@ fn what_is_no_family_is_refused_and_said() {
     }
     std::fs::write(folder.path().join("drop.certified.json"), "[]").unwrap();
     told(&iplw(&["tasks"], own), 2, &["drop.certified.json"]);
-    told(&iplw(&["tasks"], Some(Path::new("/nowhere"))), 1, &["/nowhere"]);
+    told(
+        &iplw(&["tasks"], Some(Path::new("/nowhere"))),
+        2,
+        &["/nowhere", "a collection (levels, phyre) or a folder"],
+    );
+    let both = std::env::join_paths([Path::new("levels"), folder.path()]).unwrap();
+    std::fs::remove_file(folder.path().join("drop.toml")).unwrap();
+    told(&iplw(&["tasks", "seesaw"], Some(Path::new(&both))), 0, &["seesaw"]);
 }
