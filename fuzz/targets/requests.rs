@@ -209,8 +209,12 @@ fn object(schema: &Value, document: &Value, depth: u32, draw: &mut Stream) -> Va
     for (name, field) in schema["properties"].as_object().into_iter().flatten() {
         let wanted = required.contains(&name.as_str());
         if wanted || (depth <= DEEPEST && draw.random_range(0..3) == 0) {
-            // Fields of these names are scenes, whose format is a document of its own.
-            let value = if name == "scene" { scene() } else { example(field, document, depth + 1, draw) };
+            // Fields of these names have formats that are documents of their own.
+            let value = match name.as_str() {
+                "scene" => scene(),
+                "snapshot" => snapshot(),
+                _ => example(field, document, depth + 1, draw),
+            };
             fields.insert(name.clone(), value);
         }
     }
@@ -259,6 +263,13 @@ const WORDS: [&str; 24] = [
     "0.5",
     "1,2,3",
 ];
+
+fn snapshot() -> Value {
+    json!({
+        "format": "iplw.snapshot/1", "world": "sim", "task": "bowling:000", "action": [0.5, 0.5, 0.2], "latents": {},
+        "stop": true, "at": 1.5, "step": 90,
+    })
+}
 
 fn scene() -> Value {
     json!({

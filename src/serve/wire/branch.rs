@@ -66,10 +66,7 @@ pub struct StateOut {
 #[serde(deny_unknown_fields)]
 pub struct BranchIn {
     /// As it was answered; of this world.
-    #[schema(value_type = Object, example = json!({
-        "format": "iplw.snapshot/1", "world": "bowling-sim", "task": "bowling:000", "action": [0.5, 0.5, 0.2],
-        "latents": {}, "stop": true, "at": 1.5, "step": 90,
-    }))]
+    #[schema(value_type = Object)]
     pub snapshot: Object<Snapshot>,
     /// What is done from then on, in this order where moments are the same; nothing makes the uninterrupted rollout.
     #[schema(value_type = Option<Vec<InterventionIn>>)]
