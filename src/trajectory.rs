@@ -141,6 +141,14 @@ impl Track {
         self.omega.push(omega);
     }
 
+    /// Forgets all but the first samples.
+    pub fn truncate(&mut self, samples: usize) {
+        for column in [&mut self.x, &mut self.y, &mut self.angle, &mut self.vx, &mut self.vy, &mut self.omega]
+        {
+            column.truncate(samples);
+        }
+    }
+
     /// Number of samples.
     pub fn len(&self) -> usize {
         self.x.len()

@@ -137,6 +137,7 @@ fn plan(args: &Args) -> Result<Plan> {
         }
     }
     let mut settings = args.setting.iter().map(|s| Setting::from_name(s)).collect::<Result<Vec<_>>>()?;
+    settings.sort_by_key(|s| Setting::ALL.iter().position(|known| known == s));
     settings.dedup();
     if settings.is_empty() {
         settings = Setting::ALL.into_iter().filter(|s| *s == Setting::Within || tables.len() > 1).collect();

@@ -62,8 +62,10 @@ pub enum Outcome {
     Unsolvable,
     /// Fewer actions solve it than the first bin asks for.
     TooHard,
-    /// More actions solve it than the last bin allows, or in the other of the two worlds it all but solves itself.
+    /// More actions solve it than the last bin allows.
     TooEasy,
+    /// In the other of the two worlds, with or without what the real one has, it all but solves itself.
+    ByItself,
     /// Its share falls between bins, or into one that is full.
     NotWanted,
     /// Actions solve it, but none that was tried goes on to if it is perturbed.
@@ -196,8 +198,9 @@ impl<'a> Search<'a> {
         };
         let mut other =
             sample(scene, actions, &mut rng::stream(own, "share"), physics(!selection.in_real_world))?;
-        if other.share() > BY_ITSELF {
-            return Ok(self.saying(candidate, Outcome::TooEasy, share));
+        // Where the last bin takes what everything solves, that is wanted.
+        if other.share() > BY_ITSELF && selection.bins.iter().all(|b| b.to <= BY_ITSELF) {
+            return Ok(self.saying(candidate, Outcome::ByItself, share));
         }
         if !selection.in_real_world {
             std::mem::swap(&mut judged, &mut other);
@@ -206,7 +209,7 @@ impl<'a> Search<'a> {
         let mut stream = rng::stream(own, "perturb");
         // What whoever wrote the scene says solves it comes first.
         let said = self.family.solutions(&self.draws.candidates[candidate]);
-        let solutions = said.iter().chain(&in_real.solutions);
+        let solutions = said.iter().take(TRIED).chain(in_real.solutions.iter().take(TRIED));
         let Some(action) = stable(scene, solutions, &mut stream, physics(true))? else {
             return Ok(self.saying(candidate, Outcome::Unstable, share));
         };
@@ -326,7 +329,7 @@ fn stable<'a>(
     stream: &mut Stream,
     physics: Physics,
 ) -> Result<Option<ValidAction>> {
-    for action in solutions.take(TRIED) {
+    for action in solutions {
         if !survives(scene, action, SEARCHED, stream, physics)? {
             continue;
         }

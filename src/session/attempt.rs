@@ -4,7 +4,7 @@ use std::sync::Mutex;
 
 use super::action::Action;
 use super::config::Kind;
-use super::intervened::{intervene, unblocked};
+use super::intervened::{intervene, of_list, unblocked};
 use super::state::lock;
 use super::watch::{Film, What};
 use super::world::World;
@@ -81,13 +81,9 @@ impl World {
             .enumerate()
             .map(|(i, a)| a.resolve(task.actions(), &format!("actions[{i}]")))
             .collect::<Result<_>>()?;
-        let largest = self.intervened(&task.scene, &batch.interventions, actions.len(), latents)?;
         // A real world keeps all samples while it measures.
-        self.limits.affordable(
-            &largest,
-            actions.len() as u64,
-            batch.trajectories || self.kind == Kind::Real,
-        )?;
+        let kept = batch.trajectories || self.kind == Kind::Real;
+        self.intervened(&task.scene, &batch.interventions, actions.len(), latents, kept, budget)?;
         let keep = |mut t: Trajectory| {
             if !batch.trajectories {
                 (t.times, t.bodies, t.events) = Default::default();
@@ -99,7 +95,7 @@ impl World {
         let (results, interactions) = self.attempt(&trial, keep, None, budget)?;
         self.tell_attempts(&trial, &results, interactions);
         Ok(Rolled {
-            engine: self.engine_for(task, &actions),
+            engine: self.engine_for(task, &actions, interventions),
             task: task.id.clone(),
             interactions,
             valid: results.iter().filter(|r| r.is_ok()).count() as u64,
@@ -155,8 +151,9 @@ impl World {
                 Placement::Invalid(_) => None,
             })
             .collect();
-        let valid = rollouts.len() as u64;
-        let mut simulated = simulate_within(budget, &rollouts, self.engine, |_, t| keep(t))?.into_iter();
+        let simulated = simulate_within(budget, &rollouts, self.engine, |_, t| keep(t));
+        let mut simulated =
+            simulated.map_err(|e| if interventions.len() == 1 { of_list(e, 0) } else { e })?.into_iter();
         let results: Vec<Tried> = placements
             .iter()
             .map(|p| match p {
@@ -169,7 +166,7 @@ impl World {
             .collect();
         let interactions = {
             let mut state = lock(&self.state);
-            state.interactions += valid;
+            state.interactions += results.iter().flatten().count() as u64;
             state.interactions
         };
         if let Some(account) = &self.account {
@@ -226,9 +223,18 @@ impl World {
     }
 
     /// Name of the engine that runs the first placeable of the actions.
-    pub(super) fn engine_for(&self, task: &Task, actions: &[ValidAction]) -> &'static str {
-        let placed = actions.iter().find_map(|a| match task.place(a) {
-            Placement::Valid(scene) => Some(scene),
+    pub(super) fn engine_for(
+        &self,
+        task: &Task,
+        actions: &[ValidAction],
+        interventions: &[Vec<Intervention>],
+    ) -> &'static str {
+        let placed = actions.iter().enumerate().find_map(|(i, a)| match task.place(a) {
+            Placement::Valid(mut scene) => {
+                let own = if interventions.len() == 1 { interventions.first() } else { interventions.get(i) };
+                scene.interventions = own.cloned().unwrap_or_default();
+                Some(scene)
+            }
             Placement::Invalid(_) => None,
         });
         let engine = placed.and_then(|scene| {

@@ -82,8 +82,7 @@ impl World {
             }
         }
         let lists = std::slice::from_ref(&asked.interventions);
-        let largest = self.intervened(&task.scene, lists, 1, latents).map_err(|e| renumbered(e, 0))?;
-        self.limits.affordable(&largest, 1, true)?;
+        self.intervened(&task.scene, lists, 1, latents, true, budget).map_err(|e| renumbered(e, 0))?;
         let snapshot = Snapshot {
             format: SNAPSHOT_FORMAT.into(),
             world: id.into(),
@@ -129,9 +128,8 @@ impl World {
         }
         let all = [snapshot.interventions.clone(), changes].concat();
         let lists = std::slice::from_ref(&all);
-        let largest =
-            self.intervened(&task.scene, lists, 1, snapshot.latents).map_err(|e| renumbered(e, before))?;
-        self.limits.affordable(&largest, 1, true)?;
+        let numbered = |e| renumbered(e, before);
+        self.intervened(&task.scene, lists, 1, snapshot.latents, true, budget).map_err(numbered)?;
         let actions = [action];
         let trial = Trial {
             task,
@@ -140,9 +138,9 @@ impl World {
             stop: snapshot.stop,
             interventions: lists,
         };
-        let (mut results, interactions) = self.attempt(&trial, |t| t, None, budget)?;
+        let (mut results, interactions) = self.attempt(&trial, |t| t, None, budget).map_err(numbered)?;
         self.tell_attempts(&trial, &results, interactions);
-        let engine = self.engine_for(task, &actions);
+        let engine = self.engine_for(task, &actions, lists);
         match results.pop() {
             Some(Ok(trajectory)) => Ok(Branched { engine, interactions, trajectory }),
             Some(Err(reason)) => Err(in_the_way(&reason)),
@@ -158,6 +156,11 @@ impl World {
         }
         let none = "no step has been made; step the world first, or name the `action`";
         let made = lock(&self.state).last.clone().ok_or_else(|| refused(none))?;
+        let own = &self.tasks.tasks[made.task].id;
+        if let Some(other) = asked.task.as_ref().filter(|task| *task != own) {
+            let allowed = format!("{own:?}, the last step's, or an `action` beside it");
+            return Err(Error::input("task", format!("{other:?}"), allowed));
+        }
         Ok((&self.tasks.tasks[made.task], made.latents, made.action))
     }
 
@@ -183,14 +186,17 @@ impl World {
         let rollout = Rollout { scene: &scene, latents, effects: &self.effects, stop };
         let done = simulate_within(budget, &[rollout], self.engine, |_, t| t)?.pop().ok_or_else(lost)?;
         let mut done = unblocked(&scene, done).map_err(|reason| in_the_way(&reason))?;
+        if snapshot.step == 0 {
+            // The one step was for an engine to make the start's states.
+            done.times.truncate(1);
+            done.bodies.iter_mut().for_each(|track| track.truncate(1));
+            return Ok(done);
+        }
         let ended = done.outcome.steps;
         if ended < scene.steps || done.outcome.end == End::Goal {
             let last = f64::from(ended) * scene.time_step;
             let allowed = format!("a moment before {last} s, when this rollout ends by itself");
             return Err(Error::input("at", snapshot.at, allowed));
-        }
-        if snapshot.step == 0 {
-            done.times.truncate(1);
         }
         Ok(done)
     }

@@ -1,9 +1,14 @@
 //! Interventions in the rollouts of a world: whether they can be carried out there, into which scenes they go, and what was in
 //! their way.
 
+use std::collections::HashSet;
+
 use super::config::Kind;
 use super::world::World;
+use crate::budget::Budget;
 use crate::error::{Error, Result};
+use crate::task::action::{Component, Quantity};
+use crate::task::shape::Disc;
 use crate::task::timeline::things;
 use crate::task::{Intervention, Placement, Scene};
 use crate::trajectory::{End, Trajectory};
@@ -22,44 +27,64 @@ impl World {
         Ok(())
     }
 
-    /// Errors unless interventions can be carried out on a task's scene with so many actions: then the scene with the most
-    /// bodies that any of them makes.
+    /// Errors unless interventions can be carried out on a task's scene with so many actions, within what a request may cost,
+    /// `samples_kept` or not.
     pub(super) fn intervened(
         &self,
         scene: &Scene,
         lists: &[Vec<Intervention>],
         actions: usize,
         latents: Latents,
-    ) -> Result<Scene> {
-        let mut largest = scene.clone();
+        samples_kept: bool,
+        budget: &dyn Budget,
+    ) -> Result<()> {
         if lists.iter().all(Vec::is_empty) && lists.len() <= 1 {
-            return Ok(largest);
+            return self.limits.affordable(scene, actions as u64, samples_kept);
         }
         self.branches()?;
         if ![1, actions].contains(&lists.len()) {
             let allowed = format!("{actions} lists, one for each action, or one for all of them");
             return Err(Error::input("interventions", format!("{} lists", lists.len()), allowed));
         }
+        self.limits.affordable(&with_all(scene, lists), actions as u64, samples_kept)?;
+        let changes = lists.iter().map(Vec::len).sum::<usize>() * if lists.len() == 1 { actions } else { 1 };
+        let things = scene.bodies.len() + scene.statics.len();
+        self.limits.bearable((changes as u64).saturating_mul(things as u64).saturating_mul(CHANGE))?;
         let mut placed = scene.clone();
         for body in &mut placed.bodies {
-            // An action decides; any place will do to ask.
+            // An action decides; any place will do to ask, and the largest body bears most.
             body.position.get_or_insert([0.0, 0.0]);
+            let sizes = scene.action.iter().flat_map(|a| &a.components);
+            let own = |c: &&Component| c.target == body.name && c.set == Quantity::Radius;
+            if let Some(largest) = sizes.filter(own).map(|c| c.low.max(c.high)).next() {
+                body.shape = Disc { radius: largest }.into();
+            }
         }
-        for (i, list) in lists.iter().enumerate() {
+        for (i, list) in lists.iter().enumerate().filter(|(_, list)| !list.is_empty()) {
+            budget.look()?;
             placed.interventions.clone_from(list);
             let rollout = Rollout { scene: &placed, latents, effects: &self.effects, stop: true };
             chosen(self.engine, &rollout).map_err(|e| of_list(e, i))?;
-            let added = list.iter().filter_map(|own| match own {
-                Intervention::Add { body, .. } => Some(body.clone()),
-                _ => None,
-            });
-            let bodies: Vec<_> = scene.bodies.iter().cloned().chain(added).collect();
-            if bodies.len() > largest.bodies.len() {
-                largest.bodies = bodies;
-            }
         }
-        Ok(largest)
+        Ok(())
     }
+}
+
+/// Steps of a body that an intervention costs for each thing of its scene, more or less.
+const CHANGE: u64 = 100;
+
+/// The scene with a body for every name that is let in by any of the lists: answers have room for each in every rollout.
+fn with_all(scene: &Scene, lists: &[Vec<Intervention>]) -> Scene {
+    let mut all = scene.clone();
+    let mut names: HashSet<&str> = HashSet::new();
+    for own in lists.iter().flatten() {
+        if let Intervention::Add { body, .. } = own
+            && names.insert(&body.name)
+        {
+            all.bodies.push(body.clone());
+        }
+    }
+    all
 }
 
 /// Puts interventions into the scenes of actions that can be placed: a list for each, or one for all.
@@ -83,7 +108,7 @@ pub(super) fn unblocked(scene: &Scene, trajectory: Trajectory) -> std::result::R
 }
 
 /// The error about `interventions[k]` as one about `interventions[list][k]`.
-fn of_list(error: Error, list: usize) -> Error {
+pub(super) fn of_list(error: Error, list: usize) -> Error {
     renamed(error, |field| {
         field.strip_prefix("interventions").map(|rest| format!("interventions[{list}]{rest}"))
     })

@@ -114,8 +114,7 @@ pub fn carry_out(prepared: &mut Prepared, states: &mut [State], act: &Act) -> st
                 omega: omega.map_or(before.omega, |w| w + 0.0),
             };
             if after.moved_from(&before) {
-                let give = CONTACT_SHARE * prepared.bodies[*body].shape.smallest_extent();
-                in_the_way(prepared, states, *body, &after, give).map_or(Ok(()), Err)?;
+                in_the_way(prepared, states, *body, &after, CONTACT_SHARE).map_or(Ok(()), Err)?;
             }
             states[*body] = after;
         }
@@ -169,13 +168,18 @@ fn pushed(own: &PreparedBody, before: State, impulse: [f64; 2], point: Option<[f
     }
 }
 
-/// The first thing that a body would overlap by more than `give`, m, at a state.
-fn in_the_way(prepared: &Prepared, states: &[State], body: usize, at: &State, give: f64) -> Option<usize> {
+/// The first thing that a body would overlap at a state, by more than a share of its smallest extent, or of the other body's if
+/// that is smaller.
+fn in_the_way(prepared: &Prepared, states: &[State], body: usize, at: &State, share: f64) -> Option<usize> {
+    let extent = prepared.bodies[body].shape.smallest_extent();
+    let give = share * extent;
     let own = prepared.bodies[body].shape.placed(at.position, at.angle);
     let others = prepared.bodies.iter().zip(states).enumerate();
     let mut others = others.filter(|(i, (other, _))| *i != body && other.there);
-    let in_it =
-        others.find(|(_, (other, at))| own.gap_to(&other.shape.placed(at.position, at.angle)) < -give);
+    let in_it = others.find(|(_, (other, at))| {
+        let give = share * extent.min(other.shape.smallest_extent());
+        own.gap_to(&other.shape.placed(at.position, at.angle)) < -give
+    });
     let fixed = || {
         let mut statics = prepared.statics.iter().enumerate().filter(|(_, s)| s.there);
         statics.find(|(_, s)| s.shape.gap_to(&own) < -give).map(|(s, _)| prepared.bodies.len() + s)

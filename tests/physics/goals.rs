@@ -44,6 +44,33 @@ fn goals_are_reached_when_geometry_says_so_in_both_engines() {
     }
 }
 
+/// A lane that something diverged in is given to the next rollout, which is judged from its first step on.
+#[test]
+fn what_follows_a_divergence_is_judged_as_it_is_alone() {
+    let falling = Scene::from_json(
+        r#"{"format": "iplw.scene/1", "gravity": [0, -9.8], "time_step": 0.1, "steps": 20000, "observe_every": 20000,
+            "bodies": [{"name": "a", "shape": {"type": "disc", "radius": 0.5}, "position": [0, 0]},
+                       {"name": "b", "shape": {"type": "disc", "radius": 0.5}, "position": [5, 0]}],
+            "goal": {"type": "apart", "bodies": ["a", "b"], "tolerance": 9}}"#,
+    )
+    .unwrap();
+    let apart = Goal::Apart {
+        bodies: ["a".into(), "b".into()],
+        after_touch: false,
+        hold_s: 0.0,
+        tolerance: 0.1,
+        stop: None,
+    };
+    let calm = Scene { gravity: [0.0; 2], steps: 50, goal: Some(apart), ..falling.clone() };
+    let scenes: Vec<&Scene> = [&falling; 40].into_iter().chain([&calm; 40]).collect();
+    let rollout = |scene| Rollout { scene, latents: Latents::default(), effects: &[], stop: true };
+    let all = simulate(&scenes.into_iter().map(rollout).collect::<Vec<_>>(), Engine::Lanes).unwrap();
+    assert!(all[..40].iter().all(|t| t.outcome.end == End::Diverged));
+    let alone = roll(&calm, Engine::Lanes);
+    assert_eq!((alone.outcome.end, alone.outcome.steps), (End::Goal, 1));
+    assert!(all[40..].iter().all(|t| *t == alone), "{:?}", all[40].outcome);
+}
+
 /// Two statics are neither together nor apart, and what never touches does not part.
 #[test]
 fn what_can_never_be_is_not_reached() {

@@ -136,6 +136,15 @@ fn the_last_step_can_be_branched() {
     );
     server.post(&format!("{path}/reset"), &json!({}), 200);
     let step = server.post(&format!("{path}/step"), &json!({"action": action}), 200);
+    let start = server.post(&format!("{path}/snapshot"), &json!({"at": 0}), 200);
+    assert_eq!((&start["step"], &start["bodies"]["green"]["velocity"]), (&json!(0), &json!([0.0, 0.0])));
+    let other = json!({"at": 0.1, "task": "bowling:003"});
+    let refused = problem(
+        server.send(Method::POST, &format!("{path}/snapshot"), other.to_string()),
+        422,
+        "invalid-value",
+    );
+    assert_eq!(refused["field"], "task");
     let taken = server.post(&format!("{path}/snapshot"), &json!({"at": 0.1}), 200);
     assert_eq!((taken["step"].as_u64(), taken["snapshot"]["task"].as_str()), (Some(24), Some("bowling:002")));
     let on = server.post(&format!("{path}/branch"), &json!({"snapshot": taken["snapshot"]}), 200);
@@ -198,6 +207,17 @@ fn reality_happens_once_and_bad_changes_are_named() {
     {
         assert_eq!(branches(&with(field, value), json!([]))["field"], format!("snapshot.{field}"));
     }
+    // Answers have room for everything that is ever let in by any of the lists.
+    let add = |i: usize| {
+        let body =
+            json!({"name": format!("x{i}"), "shape": {"type": "disc", "radius": 0.1}, "position": [1, 30]});
+        json!([{"type": "add", "at": 0.5, "body": body}])
+    };
+    let many: Vec<Value> = (0..1000).map(add).collect();
+    let body = json!({"task": "bowling:002", "actions": vec![action; 1000], "interventions": many, "trajectories": true});
+    let large = server.send(Method::POST, &format!("{WORLD}/rollout"), body.to_string());
+    assert_eq!(large.status(), 413, "{}", large.text().unwrap());
+
     let late = json!({"task": "bowling:002", "action": action, "at": 1e3});
     problem(server.send(Method::POST, &format!("{WORLD}/snapshot"), late.to_string()), 422, "invalid-value");
 }

@@ -78,7 +78,7 @@ pub fn run(args: &Args) -> Result<()> {
         // What the real world hides stays hidden: the family's digest holds it.
         "world": args.world, "latents": given.latents, "effects": given.effects, "engine": given.engine,
         "actions": actions.len(), "seed": args.seed, "codes": {"solved": SOLVED, "unsolved": UNSOLVED, "invalid": INVALID},
-        "tasks": tasks.iter().map(|t| json!({"id": t.id, "split": t.split.name()})).collect::<Vec<_>>(),
+        "tasks": tasks.iter().map(|t| json!({"id": t.id, "split": t.split.name(), "scene": read::scene(t)})).collect::<Vec<_>>(),
     });
     let mut table = Table::open(&args.out, &of, [tasks.len(), actions.len()])?;
     let values: Vec<u8> =

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use iplw::error::{Error, Result};
 use iplw::policy::Table;
+use iplw::rng;
 use iplw::task::{Task, ValidAction, family};
 use serde::Deserialize;
 use serde_json::Value;
@@ -33,6 +34,13 @@ struct About {
 #[derive(Deserialize)]
 struct Named {
     id: String,
+    /// As [`scene`] tells it.
+    scene: String,
+}
+
+/// Another for another scene: a family whose tasks were certified anew has other scenes under the same names.
+pub fn scene(task: &Task) -> String {
+    format!("{:016x}", rng::derive(0, &task.scene.to_json(), 0))
 }
 
 /// The table in a directory that `option` named.
@@ -89,9 +97,14 @@ fn read_files(folder: &Path) -> Result<Read> {
     let all = family.tasks();
     let find = |named: &Named| {
         let found = all.iter().find(|t| t.id == named.id).cloned();
-        found.ok_or_else(|| {
+        let found = found.ok_or_else(|| {
             Error::input("tasks", format!("{:?}", named.id), format!("tasks of {}", family.name))
-        })
+        })?;
+        if scene(&found) != named.scene {
+            let allowed = format!("tasks of {} as they are now: make its table anew", family.name);
+            return Err(Error::input("tasks", format!("{:?} with another scene", named.id), allowed));
+        }
+        Ok(found)
     };
     let tasks: Vec<Task> = known.tasks.iter().map(find).collect::<Result<_>>()?;
     let (actions, outcomes) = (bytes("actions.npy")?, bytes("outcomes.npy")?);

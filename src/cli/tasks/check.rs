@@ -118,11 +118,15 @@ fn told(family: &Family, search: &Search, wanted: usize) -> String {
     text + &format!("  {} of {wanted} tasks\n", search.found())
 }
 
-const OUTCOMES: [(Outcome, &str); 7] = [
+const OUTCOMES: [(Outcome, &str); 8] = [
     (Outcome::Certified, "tasks"),
     (Outcome::Unsolvable, "unsolvable: no action that was tried solves them"),
     (Outcome::TooHard, "too hard: fewer actions solve them than any range wants"),
     (Outcome::TooEasy, "too easy: more actions solve them than any range wants"),
+    (
+        Outcome::ByItself,
+        "by themselves: in the other world, with or without what is hidden, more than half of the actions solve them",
+    ),
     (Outcome::NotWanted, "in a range that is full, or between ranges"),
     (Outcome::Unstable, "unstable: no solution that was tried survives 40 perturbed copies of it"),
     (Outcome::NoScene, "no scene: things overlap, or a number is out of bounds"),
@@ -140,6 +144,7 @@ fn advice(family: &Family, search: &Search, wanted: usize) -> String {
             "an easier goal, a larger action space or lower ranges"
         }
         Some(Outcome::TooEasy) => "a harder goal or higher ranges",
+        Some(Outcome::ByItself) => "a scene in which nothing happens by itself, or less damping",
         Some(Outcome::Unstable) => "a goal with more tolerance, or less that balances",
         Some(Outcome::NoScene) => "requirements that keep things apart (`candidates.require`)",
         _ => "ranges where candidates are, or more candidates (`candidates.count`)",

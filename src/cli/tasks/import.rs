@@ -62,7 +62,7 @@ pub struct Scenes {
 }
 
 /// Most bytes of a file, once it is not compressed any more.
-const MOST_BYTES: u64 = 512 << 20;
+const MOST_BYTES: u64 = 64 << 20;
 
 pub fn run(sub: &Sub) -> Result<()> {
     match sub {

@@ -107,6 +107,8 @@ pub fn take(plan: &Plan, options: &Options) -> Result<Taken> {
         // Last: a folder with a family's file has all of the family.
         output::write_whole(&path, file(plan, taken.kept, options.sample).as_bytes())?;
         read_family(&path)?;
+    } else {
+        std::fs::remove_file(&scenes).map_err(|e| Error::io(&scenes, e))?;
     }
     journal.remove()?;
     Ok(taken)

@@ -4,6 +4,7 @@ use super::attempts::or_as_a_job;
 use crate::error::Result;
 use crate::serve::app::App;
 use crate::serve::operation::{ACT, Body, Id, Operation, post};
+use crate::serve::weight::Weight;
 use crate::serve::wire::{BranchIn, BranchOut, SnapshotIn, SnapshotOut};
 
 /// What can be asked about the middle of a rollout.
@@ -26,7 +27,7 @@ pub fn operations() -> Vec<Operation> {
                  uninterrupted\nrollout to the bit. An attempt like any other; many at once are `rollout` with `interventions`.",
             )
             .refuses(&[(403, "The world is real or sealed"), (404, "Unknown world or task")])
-            .computes(branch),
+            .weighed(|_, _| Weight::Large, branch),
     ]
 }
 

@@ -49,8 +49,9 @@ pub fn run(feed: &mut dyn Feed, end_at_rest: bool, instructions: &dyn Instructio
             }
         }
         instructions.step(&mut batch.state);
+        let mut gone = [false; LANES];
         if batch.state.wild {
-            batch.retire_diverged(feed);
+            gone = batch.end_diverged(feed);
         }
         if !batch.state.fresh.is_empty() {
             batch.record_begun();
@@ -59,6 +60,10 @@ pub fn run(feed: &mut dyn Feed, end_at_rest: bool, instructions: &dyn Instructio
             && instructions.judge(goal, &mut batch.state)
         {
             batch.reached(feed);
+        }
+        // What follows what diverged begins after this step has been judged.
+        for lane in (0..LANES).filter(|lane| gone[*lane]) {
+            batch.refill(lane, feed, None);
         }
         if batch.state.tick >= batch.due {
             batch.observe_due(feed);
@@ -278,16 +283,20 @@ impl Batch {
         }
     }
 
-    fn retire_diverged(&mut self, feed: &mut dyn Feed) {
-        for lane in 0..LANES {
+    /// Hands over what diverged; the lanes that it leaves.
+    fn end_diverged(&mut self, feed: &mut dyn Feed) -> [bool; LANES] {
+        let mut gone = [false; LANES];
+        for (lane, gone) in gone.iter_mut().enumerate() {
             if self.lanes[lane].is_some() && self.state.diverged(lane) {
                 // Nothing of the step that diverged is kept.
                 let step = self.state.step_of(lane) - 1;
-                self.retire(lane, step, End::Diverged, feed);
+                self.hand_over(lane, step, End::Diverged, feed);
+                *gone = true;
             }
             // What is out of the scene falls on and on.
             self.state.park(lane);
         }
+        gone
     }
 
     /// Hands a finished rollout over and fills its lane again.
