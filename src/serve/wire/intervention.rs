@@ -44,7 +44,7 @@ pub enum InterventionIn {
         /// s; a branch's own moment if absent.
         at: Option<f64>,
         /// As `bodies` of an `iplw.scene/1` document has them.
-        #[schema(value_type = Object)]
+        #[schema(value_type = Value)]
         body: Object<Body>,
     },
     /// Something that never moves comes in.
@@ -53,7 +53,7 @@ pub enum InterventionIn {
         at: Option<f64>,
         /// As `statics` of an `iplw.scene/1` document has them.
         #[serde(rename = "static")]
-        #[schema(value_type = Object)]
+        #[schema(value_type = Value)]
         fixed: Object<Static>,
     },
     /// A body or a static is taken away.

@@ -1408,7 +1408,7 @@ export interface components {
              */
             at?: number | null;
             /** @description As `bodies` of an `iplw.scene/1` document has them. */
-            body: Record<string, never>;
+            body: unknown;
             /** @enum {string} */
             type: "add";
         } | {
@@ -1418,7 +1418,7 @@ export interface components {
              */
             at?: number | null;
             /** @description As `statics` of an `iplw.scene/1` document has them. */
-            static: Record<string, never>;
+            static: unknown;
             /** @enum {string} */
             type: "add_static";
         } | {
