@@ -12,10 +12,10 @@
 //! not change between worlds. Range: squashed to [-1, 1] (`soft`, clamps), so that no scene,
 //! however large, gives an input that is not.
 
+use super::placed::Placed;
 use crate::task::action::Quantity;
 use crate::task::geometry::Bounds;
 use crate::task::scene::Goal;
-use crate::task::shape::Disc;
 use crate::task::solid::{Pieces, Solid};
 use crate::task::{Scene, Task, ValidAction};
 
@@ -168,30 +168,9 @@ impl Features {
 
     /// What the action places, as it would stand.
     fn placed(&self, action: &ValidAction) -> Vec<Thing> {
-        let space = self.scene.action.as_ref();
         let place = |name: &String| {
-            let body = self.scene.body(name);
-            let fixed = self.scene.statics.iter().find(|s| s.name == *name);
-            let (mut shape, mut position, mut angle, mut velocity) = match (body, fixed) {
-                (Some(b), _) => (b.shape.clone(), b.position.unwrap_or([0.0; 2]), b.angle, b.velocity),
-                (None, Some(s)) => (s.shape.clone(), s.position, s.angle, [0.0; 2]),
-                (None, None) => (Disc { radius: 0.0 }.into(), [0.0; 2], 0.0, [0.0; 2]),
-            };
-            let components = space.iter().flat_map(|s| &s.components).zip(action.values());
-            for (component, v) in components.filter(|(c, _)| c.target == *name) {
-                let value = component.value(*v);
-                match component.set {
-                    Quantity::X => position[0] = value,
-                    Quantity::Y => position[1] = value,
-                    Quantity::Radius => shape = Disc { radius: value }.into(),
-                    Quantity::Angle => angle = value,
-                    Quantity::Vx => velocity[0] = value,
-                    Quantity::Vy => velocity[1] = value,
-                    // Its raw component says all there is to say.
-                    Quantity::Omega => {}
-                }
-            }
-            Thing::new(shape.solid().placed(position, angle), position, velocity)
+            let placed = Placed::new(&self.scene, name, action);
+            Thing::new(placed.solid(), placed.position, placed.velocity)
         };
         self.targets.iter().map(place).collect()
     }
@@ -350,6 +329,7 @@ mod tests {
     use crate::policy::toy;
     use crate::task::action::Component;
     use crate::task::scene::{Shape, Static};
+    use crate::task::shape::Disc;
     use crate::task::{Split, custom, families};
 
     fn check(task: &Task) -> [usize; 2] {

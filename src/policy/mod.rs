@@ -8,6 +8,7 @@
 //! | `features` | task and action -> numbers |
 //! | `shared` | the same for tasks of any family: numbers that mean the same everywhere |
 //! | `thing` | a thing's place and form, for those |
+//! | `placed` | what an action places, for both |
 //! | `view` | which of the two a policy sees |
 //! | `data` | labels actions by simulating them |
 //! | `outcomes` | what many actions do in every task, for learning without a simulator |
@@ -25,6 +26,7 @@ pub mod dqn;
 pub mod evaluate;
 pub mod features;
 pub mod outcomes;
+mod placed;
 pub mod random;
 pub mod shared;
 pub mod table;

@@ -16,11 +16,11 @@
 //! Differences from the source: numbers instead of an image, a bounded number of objects. Range [-1, 1] as in `features`.
 
 use super::features::{level, soft, unit};
+use super::placed::Placed;
 use super::thing::{Thing, area, length};
 use crate::task::action::Quantity;
 use crate::task::geometry::Bounds;
 use crate::task::scene::Goal;
-use crate::task::shape::Disc;
 use crate::task::solid::{Pieces, Solid};
 use crate::task::{Scene, Task, ValidAction};
 
@@ -167,30 +167,10 @@ impl Shared {
 
     /// What the action places, as it would stand.
     fn placed(&self, action: &ValidAction) -> Vec<Thing> {
-        let components = &self.scene.action.as_ref().map_or(&[][..], |s| &s.components);
         let place = |name: &String| {
-            let body = self.scene.body(name);
-            let fixed = self.scene.statics.iter().find(|s| s.name == *name);
-            let (mut shape, mut position, mut angle, mut velocity) = match (body, fixed) {
-                (Some(b), _) => (b.shape.clone(), b.position.unwrap_or([0.0; 2]), b.angle, b.velocity),
-                (None, Some(s)) => (s.shape.clone(), s.position, s.angle, [0.0; 2]),
-                (None, None) => (Disc { radius: 0.0 }.into(), [0.0; 2], 0.0, [0.0; 2]),
-            };
-            for (component, v) in components.iter().zip(action.values()).filter(|(c, _)| c.target == *name) {
-                let value = component.value(*v);
-                match component.set {
-                    Quantity::X => position[0] = value,
-                    Quantity::Y => position[1] = value,
-                    Quantity::Radius => shape = Disc { radius: value }.into(),
-                    Quantity::Angle => angle = value,
-                    Quantity::Vx => velocity[0] = value,
-                    Quantity::Vy => velocity[1] = value,
-                    // Its raw component says all there is to say.
-                    Quantity::Omega => {}
-                }
-            }
-            let area = shape.moments().area;
-            Thing::new(shape.solid().placed(position, angle), position, velocity, body.is_some(), area)
+            let placed = Placed::new(&self.scene, name, action);
+            let area = placed.shape.moments().area;
+            Thing::new(placed.solid(), placed.position, placed.velocity, placed.movable, area)
         };
         self.targets.iter().map(place).collect()
     }
