@@ -100,7 +100,7 @@ mod tests {
         let (windows, settings) = leaps(0.75);
         let data = Data::new(&windows, &settings, vec![1e-3; windows.len()], Engine::Lanes);
         let layout = Layout::new(&[], vec![term("wind")], 1);
-        let over = Over { data: &data, layout: &layout, leaps: &[0, 3, 5] };
+        let over = Over { data: &data, layout: &layout, stretches: &[0, 3, 5] };
         let start = State::new(vec![-2.0, 2.0], vec![Vec::new(); windows.len()]);
         let found = |seed| over.drawn(&start, &[2.0, 2.0], seed).unwrap().values;
         let one = found(1);

@@ -52,7 +52,7 @@ pub fn possible(data: &Data, layout: &Layout) -> bool {
 pub fn survey(data: &Data, layout: &Layout, start: &State, seed: u64) -> Result<State> {
     let looks = model::looks(data, layout, start, &[])?;
     let spread = reach(data, layout, start, &looks);
-    let over = Over { data, layout, leaps: &telling(data, &looks) };
+    let over = Over { data, layout, stretches: &telling(data, &looks) };
     let best = over.drawn(start, &spread, seed)?;
     let best = over.crossed(best, &spread)?;
     let best = over.scan(best, &spread, &NEAR)?;
@@ -77,13 +77,13 @@ fn framed_survey(over: Over, start: &State, best: State, spread: &[f64], seed: u
     for share in CLOSER {
         let looks = model::looks(data, layout, &best, &[])?;
         let spread: Vec<f64> = spread.iter().map(|s| share * s).collect();
-        let over = Over { leaps: &telling(data, &looks), ..over };
+        let over = Over { stretches: &telling(data, &looks), ..over };
         best = over.drawn(&best, &spread, seed)?;
         best = over.scan(best, &spread, &WIDTHS)?;
     }
     // An edge is told by the few that cross it: in the end all have their say.
     let spread: Vec<f64> = spread.iter().map(|s| CLOSER[2] * s).collect();
-    Over { leaps: &counting(data), ..over }.scan(best, &spread, &WIDTHS)
+    Over { stretches: &counting(data), ..over }.scan(best, &spread, &WIDTHS)
 }
 
 /// x and y of the places where the model without the effect goes wrong, each in order, m.
@@ -143,7 +143,7 @@ fn counting(data: &Data) -> Vec<usize> {
     (0..data.windows.len()).filter(counts).collect()
 }
 
-/// Leaps that take part, in order: evenly spread over those that fit and over those that do not.
+/// Stretches that take part, in order: evenly spread over those that fit and over those that do not.
 fn telling(data: &Data, looks: &[Look]) -> Vec<usize> {
     let fits = |w: &usize| looks[*w].square < FITS * 2.0 * data.windows[*w].points.len() as f64;
     let (well, ill): (Vec<usize>, Vec<usize>) = counting(data).into_iter().partition(fits);

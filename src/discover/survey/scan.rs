@@ -11,18 +11,18 @@ const SETTLED: f64 = 0.999;
 /// Widths of a grid over two numbers at once, and the values of each tried on each side.
 const GRIDS: [(f64, i32); 3] = [(2.0, 20), (0.2, 10), (0.03, 10)];
 
-/// What values are judged over: leaps by their places among the windows.
+/// What values are judged over: stretches whose starts are known, by their places among the windows.
 #[derive(Clone, Copy)]
 pub struct Over<'a> {
     pub data: &'a Data<'a>,
     pub layout: &'a Layout,
-    pub leaps: &'a [usize],
+    pub stretches: &'a [usize],
 }
 
 impl Over<'_> {
     /// What each of some values loses.
     pub fn losses(&self, values: &[Vec<f64>]) -> Result<Vec<f64>> {
-        model::losses(self.data, self.layout, values, self.leaps)
+        model::losses(self.data, self.layout, values, self.stretches)
     }
 
     /// One number after the other is tried over its whole reach (`spread`) and ever closer, by shares of that and so many
@@ -114,7 +114,7 @@ mod tests {
         let mut layout = Layout::new(&[], vec![term("wind")], 1);
         let start = || State::new(vec![0.0, 0.0], vec![Vec::new(); windows.len()]);
         let over = |layout: &Layout| {
-            let over = Over { data: &data, layout, leaps: &[0, 3, 5] };
+            let over = Over { data: &data, layout, stretches: &[0, 3, 5] };
             over.scan(start(), &[1.0, 1.0], &[(1.0, 4), (0.1, 4)]).unwrap().values
         };
         let found = over(&layout);
