@@ -185,6 +185,10 @@ fn matched(tables: &[Read], mut beliefs: Vec<Read>) -> Result<Vec<Read>> {
                 "the tasks, --actions and --seed of its table in --tables",
             ));
         }
+        if belief.digest == real.digest {
+            let allowed = "a table of the world as it is believed: this one holds what the real world did";
+            return Err(Error::input("--beliefs", format!("the table of {name} in --tables"), allowed));
+        }
         Ok(belief)
     };
     tables.iter().map(one).collect()
@@ -202,8 +206,8 @@ fn document(args: &Args, plan: &Plan, jobs: &[(&Agent, &Fold)], found: &[Tried])
     }
     let listed = |world: &World| -> Vec<Value> {
         let table = |(t, about): (&Table, &Value)| {
-            json!({"family": t.family(), "digest": about["digest"], "world": about["world"],
-                "tasks": t.tasks().len(), "actions": t.actions().len()})
+            json!({"family": t.family(), "digest": about["digest"], "world": about["world"], "latents": about["latents"],
+                "effects": about["effects"], "engine": about["engine"], "tasks": t.tasks().len(), "actions": t.actions().len()})
         };
         world.tables.iter().zip(&world.about).map(table).collect()
     };

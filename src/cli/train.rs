@@ -37,13 +37,13 @@ pub struct TrainArgs {
     #[arg(long, num_args = 1.., value_name = "DIR", conflicts_with_all = ["task", "latents", "randomised", "effects"])]
     outcomes: Vec<PathBuf>,
     /// Labelled actions per training task, and further ones of a task that few of them solve; the family's number if
-    /// not given.
+    /// not given, with --outcomes the usual one of any family.
     #[arg(long)]
     per_task: Option<usize>,
-    /// Updates; the family's number if not given.
+    /// Updates; likewise.
     #[arg(long)]
     batches: Option<usize>,
-    /// Examples per update, half of them solving; the family's number if not given.
+    /// Examples per update, half of them solving; likewise.
     #[arg(long)]
     batch_size: Option<usize>,
     #[arg(long, default_value_t = 0)]

@@ -89,6 +89,7 @@ fn tables_that_do_not_serve_are_refused() {
     refused(&["--tables", &drop, "--agents", "simulate"], &["--beliefs", "none"]);
     refused(&["--tables", &drop, "--agents", "oracle"], &["no agent named `oracle`", "memory"]);
     refused(&["--tables", &drop, &fall, "--beliefs", &drop_sim], &["none of fall"]);
+    refused(&["--tables", &drop, "--beliefs", &drop], &["--beliefs", "what the real world did"]);
     refused(&["--tables", &drop, "--setting", "beyond"], &["within, across"]);
     refused(&["--tables", folder.path().to_str().unwrap()], &["outcomes.json", "finished table"]);
     let bowling = folder.path().join("bowling");
