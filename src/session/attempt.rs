@@ -4,7 +4,7 @@ use std::sync::Mutex;
 
 use super::action::Action;
 use super::config::Kind;
-use super::intervened::{intervene, of_list, unblocked};
+use super::intervened::{intervene, of_action, of_list, unblocked};
 use super::state::lock;
 use super::watch::{Film, What};
 use super::world::World;
@@ -231,8 +231,7 @@ impl World {
     ) -> &'static str {
         let placed = actions.iter().enumerate().find_map(|(i, a)| match task.place(a) {
             Placement::Valid(mut scene) => {
-                let own = if interventions.len() == 1 { interventions.first() } else { interventions.get(i) };
-                scene.interventions = own.cloned().unwrap_or_default();
+                scene.interventions = of_action(interventions, i).to_vec();
                 Some(scene)
             }
             Placement::Invalid(_) => None,

@@ -7,7 +7,7 @@ use super::config::Kind;
 use super::world::World;
 use crate::budget::Budget;
 use crate::error::{Error, Result};
-use crate::task::action::{Component, Quantity};
+use crate::task::action::Quantity;
 use crate::task::shape::Disc;
 use crate::task::timeline::things;
 use crate::task::{Intervention, Placement, Scene};
@@ -54,10 +54,9 @@ impl World {
         for body in &mut placed.bodies {
             // An action decides; any place will do to ask, and the largest body bears most.
             body.position.get_or_insert([0.0, 0.0]);
-            let sizes = scene.action.iter().flat_map(|a| &a.components);
-            let own = |c: &&Component| c.target == body.name && c.set == Quantity::Radius;
-            if let Some(largest) = sizes.filter(own).map(|c| c.low.max(c.high)).next() {
-                body.shape = Disc { radius: largest }.into();
+            let mut sizes = scene.action.iter().flat_map(|a| &a.components);
+            if let Some(size) = sizes.find(|c| c.target == body.name && c.set == Quantity::Radius) {
+                body.shape = Disc { radius: size.low.max(size.high) }.into();
             }
         }
         for (i, list) in lists.iter().enumerate().filter(|(_, list)| !list.is_empty()) {
@@ -87,12 +86,17 @@ fn with_all(scene: &Scene, lists: &[Vec<Intervention>]) -> Scene {
     all
 }
 
-/// Puts interventions into the scenes of actions that can be placed: a list for each, or one for all.
+/// What is done in the rollout of an action, by its place: there is a list for each, or one for all.
+pub(super) fn of_action(lists: &[Vec<Intervention>], action: usize) -> &[Intervention] {
+    let list = if lists.len() == 1 { lists.first() } else { lists.get(action) };
+    list.map_or(&[], Vec::as_slice)
+}
+
+/// Puts interventions into the scenes of actions that can be placed.
 pub(super) fn intervene(placements: &mut [Placement], lists: &[Vec<Intervention>]) {
     for (i, placement) in placements.iter_mut().enumerate() {
-        let list = if lists.len() == 1 { lists.first() } else { lists.get(i) };
-        if let (Placement::Valid(scene), Some(list)) = (placement, list) {
-            scene.interventions.clone_from(list);
+        if let Placement::Valid(scene) = placement {
+            scene.interventions = of_action(lists, i).to_vec();
         }
     }
 }

@@ -281,6 +281,28 @@ fn latents_and_velocities_become_others_at_once() {
     }
 }
 
+/// What is moved by a hair goes on touching what it touched, in both engines.
+#[test]
+fn what_is_put_beside_what_it_touches_does_not_touch_it_anew() {
+    let disc = |r: f64| json!({"type": "disc", "radius": r});
+    let square = json!({"type": "box", "half_width": 0.5, "half_height": 0.5});
+    for shape in [disc(0.5), square] {
+        let resting = scene(&json!({"format": "iplw.scene/1", "steps": 480, "observe_every": 48,
+            "bodies": [{"name": "below", "shape": shape, "position": [0, 0.5]},
+                       {"name": "upon", "shape": shape, "position": [0, 1.5]}],
+            "statics": [{"name": "floor", "shape": {"type": "halfspace", "normal": [0, 1], "offset": 0}}]}));
+        for engine in ENGINES {
+            let plain = roll(&resting, engine);
+            let [x, y] = [plain.bodies[1].x[5], plain.bodies[1].y[5]];
+            let moved =
+                json!([{"type": "set", "at": plain.times[5], "body": "upon", "position": [x + 1e-9, y]}]);
+            let after = roll(&with(&resting, serde_json::from_value(moved).unwrap()), engine);
+            assert_eq!(plain.collisions, 1, "{engine:?} {shape}");
+            assert_eq!(after.collisions, plain.collisions, "{engine:?} {shape}");
+        }
+    }
+}
+
 #[test]
 fn bad_interventions_are_errors_that_say_what_is_allowed() {
     let scene = busy(false, false);

@@ -13,7 +13,6 @@ use super::touching::Met;
 use crate::trajectory::{End, Trajectory};
 use crate::world::change::Change;
 use crate::world::effect::LANES;
-
 use crate::world::observe::Schedule;
 use crate::world::prepare::{Prepared, PreparedBody};
 use crate::world::record::{self, APART_STEPS, Recorder};

@@ -39,6 +39,7 @@ impl State {
         }
         self.fill_pairs(lane, prepared);
         self.begin_pairs(lane, |_| true);
+        self.forget_touches(lane, |_| true);
         for (term, (_, constants)) in self.motions.iter_mut().zip(&prepared.motions) {
             fill_term(term, lane, constants);
         }
@@ -123,7 +124,7 @@ impl State {
             pair.limit[lane] = f64::INFINITY;
         }
         for near in &mut self.near {
-            near.fill(lane, f64::INFINITY);
+            near.limit[lane] = f64::INFINITY;
             (near.friction[lane], near.restitution[lane]) = (0.0, 0.0);
         }
         for manifold in &mut self.manifolds {

@@ -76,6 +76,7 @@ impl State {
         let outlines = self.outlines.iter_mut().filter(|o| o.owner == thing);
         outlines.for_each(|o| o.radius[lane] = NOTHING);
         self.begin_pairs(lane, |met| met.is_of(thing));
+        self.forget_touches(lane, |met| met.is_of(thing));
     }
 
     /// Puts what is not in the lane's scene back to the origin, at rest.
@@ -109,6 +110,7 @@ impl State {
         self.touch[lane] = prepared.touch;
         self.slop[lane] = self.slop[lane].min(slop_with(own));
         self.begin_pairs(lane, |met| met.is_of(i));
+        self.forget_touches(lane, |met| met.is_of(i));
     }
 
     fn let_static_in(&mut self, lane: usize, s: usize, prepared: &Prepared) {
@@ -122,6 +124,7 @@ impl State {
         let radii = pieces(prepared).filter(|(owner, _)| *owner == s).map(|(_, piece)| piece.radius());
         own.zip(radii).for_each(|(outline, radius)| outline.radius[lane] = radius);
         self.begin_pairs(lane, |met| met.is_of(thing));
+        self.forget_touches(lane, |met| met.is_of(thing));
     }
 
     /// What is kept of pairs begins anew, without impulses.
@@ -129,13 +132,22 @@ impl State {
         for pair in self.pairs.iter_mut().filter(|pair| which(&pair.met)) {
             pair.limit[lane] = NEVER_TOUCHED;
             (pair.jn[lane], pair.jt[lane]) = (0.0, 0.0);
-            pair.met.last_touch[lane] = NEVER_TOUCHED;
         }
         for near in self.near.iter_mut().filter(|near| which(&near.met)) {
-            near.fill(lane, NEVER_TOUCHED);
+            near.limit[lane] = NEVER_TOUCHED;
             if let Some(slot) = near.slot {
                 self.manifolds[slot].clear(lane);
             }
         }
+    }
+
+    /// Pairs that touch from here on begin to.
+    pub fn forget_touches(&mut self, lane: usize, which: impl Fn(&Met) -> bool) {
+        let met = self
+            .pairs
+            .iter_mut()
+            .map(|pair| &mut pair.met)
+            .chain(self.near.iter_mut().map(|near| &mut near.met));
+        met.filter(|met| which(met)).for_each(|met| met.last_touch[lane] = NEVER_TOUCHED);
     }
 }

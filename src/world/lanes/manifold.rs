@@ -2,7 +2,7 @@
 
 use super::outline::Outline;
 use super::simd::V;
-use super::touching::{Met, NEVER_TOUCHED};
+use super::touching::Met;
 
 /// Two outlines that may touch.
 pub struct Near {
@@ -66,12 +66,6 @@ impl Near {
             restitution: V::all(0.0),
             slot: None,
         }
-    }
-
-    /// Readies a lane for a new rollout, or for none.
-    pub fn fill(&mut self, lane: usize, limit: f64) {
-        self.limit[lane] = limit;
-        self.met.last_touch[lane] = NEVER_TOUCHED;
     }
 }
 
