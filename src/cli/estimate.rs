@@ -4,16 +4,18 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
+use iplw::discover;
+use iplw::discover::posterior::{Document, PosteriorConfig};
 use iplw::error::{Error, Result};
 use iplw::experiment::surface;
 use iplw::experiment::{EstimateConfig, EstimateReport, Memory, ResidualKind, Sense, estimate_with};
 use iplw::explore::{Importance, strategy};
-use iplw::reality::{HiddenWorld, standard};
-use iplw::task::{DEFAULT_FAMILY, Family, Split, split};
+use iplw::reality::{HiddenWorld, Trial, settled, standard};
+use iplw::task::{DEFAULT_FAMILY, Family, Scene, Split, split};
 use iplw::world::DRAG;
 use iplw::world::{EffectParameter, Engine};
 
-use super::{output, parse};
+use super::{output, parse, posterior};
 
 /// Explores in simulation by a strategy, spends the chosen actions on the hidden world, fits the latents by the
 /// cross-entropy method, and repeats.
@@ -70,6 +72,10 @@ pub struct Args {
     /// Engine of the simulation.
     #[arg(long, default_value = "auto")]
     engine: String,
+    /// Also draw what is known from the posterior given the trials, latents and the parameters of --fit, into this directory:
+    /// posterior.json and report.html, as `iplw posterior` writes them.
+    #[arg(long, value_name = "DIR")]
+    posterior: Option<PathBuf>,
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// Print the report as JSON.
@@ -110,6 +116,7 @@ pub fn run(args: &Args) -> Result<()> {
     config.engine = Engine::from_name(&args.engine)?;
     config.seed = args.seed;
     config.validate()?;
+    args.posterior.as_ref().map_or(Ok(()), |out| output::directory("--posterior", out))?;
     let mut hidden = parse::real(&args.real, standard(family))?;
     (hidden.budget, hidden.seed) = (args.budget, args.seed);
     let mut world = HiddenWorld::new(hidden)?;
@@ -117,14 +124,39 @@ pub fn run(args: &Args) -> Result<()> {
     let bar = output::Bar::new();
     let started = Instant::now();
     let importance = importance(args, family, &bar)?;
-    let (mut report, _) = estimate_with(&training, &mut world, &config, importance, &bar)?;
+    let (mut report, trials) = estimate_with(&training, &mut world, &config, importance, &bar)?;
     report.seconds = Some(started.elapsed().as_secs_f64());
+    let known =
+        args.posterior.as_ref().map(|out| Ok((out, known(&training[0].scene, trials, &config, &bar)?)));
+    let known = known.transpose()?;
     bar.clear();
+    if let Some((out, document)) = &known {
+        posterior::write(out, document)?;
+    }
     if args.json {
         let text = serde_json::to_string_pretty(&report).map_err(|e| Error::Failed(e.to_string()))?;
         return output::print(&(text + "\n"));
     }
-    output::print(&table(&report))
+    let known = known.map_or(String::new(), |(out, d)| posterior::told(out, &d));
+    output::print(&(table(&report) + &known))
+}
+
+/// Draws from the posterior of what was estimated, given the trials that it was estimated from.
+fn known(scene: &Scene, trials: Vec<Trial>, config: &EstimateConfig, bar: &output::Bar) -> Result<Document> {
+    let (scene, trials) = settled(scene, trials)?;
+    let mut set: Vec<String> = Vec::new();
+    for name in config.cem.fitted().iter().map(|p| p.effect.name) {
+        if !set.iter().any(|known| known == name) {
+            set.push(name.into());
+        }
+    }
+    let wanted = PosteriorConfig {
+        sets: vec![set],
+        prior: config.cem.prior,
+        engine: config.engine,
+        ..PosteriorConfig::standard(config.seed)
+    };
+    Ok(Document::new(&discover::posterior::posterior(&scene, &trials, &wanted, bar)?, &wanted))
 }
 
 /// The surface beside the estimation: the file's, or the cheap one where the strategy cannot do without.

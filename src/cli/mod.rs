@@ -18,6 +18,7 @@ mod outcomes;
 mod output;
 mod own;
 mod parse;
+mod posterior;
 mod rollout;
 mod serve;
 mod surface;
@@ -80,6 +81,8 @@ enum Command {
     /// parameters; or several are, if the data cannot tell them apart; or it is said that nothing in the library explains
     /// the misfit. Writes report.html, report.json, extended_scene.json (the scene with what was found) and the plots.
     Diagnose(Computing<diagnose::Args>),
+    /// Draw what is known of latents and effects from the posterior, given measured trials.
+    Posterior(Computing<posterior::Args>),
     /// Train a policy in simulation; writes its weights.
     Train(Computing<train::TrainArgs>),
     /// Try a policy in a hidden world.
@@ -123,6 +126,7 @@ pub fn main() -> ExitCode {
         Command::Estimate(args) => args.run(estimate::run),
         Command::Surface(args) => args.run(surface::run),
         Command::Diagnose(args) => args.run(diagnose::run),
+        Command::Posterior(args) => args.run(posterior::run),
         Command::Train(args) => args.run(train::train_policy),
         Command::Evaluate(args) => args.run(train::evaluate_policy),
         Command::Outcomes(args) => args.run(outcomes::run),

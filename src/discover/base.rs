@@ -14,6 +14,9 @@ use crate::world::latent::FACTORS;
 /// Square of a shot's residual, over what noise leaves, beyond which its collisions went another way than simulated.
 const ASTRAY: f64 = 30.0;
 
+/// Ways of guessing a shot's start.
+const GUESSES: usize = 3;
+
 /// Where the base model starts: the scene's own latents, as its first body that carries them has them, and guesses of starts.
 pub fn start(scene: &Scene, layout: &Layout, windows: &[Window]) -> State {
     let carrier = scene.bodies.iter().find(|b| scene.carries_latents(&b.name)).unwrap_or(&scene.bodies[0]);
@@ -70,31 +73,45 @@ fn begin(
     if !shooting {
         return Ok((state, pass));
     }
+    leave_astray(data, &pass);
+    model::freeze(data, layout, &state)?;
+    model::fit(data, layout, state, 4)
+}
+
+/// Leaves shots out whose collisions went another way than simulated.
+pub fn leave_astray(data: &mut Data, pass: &Pass) {
     for (w, window) in shots(data.windows) {
         let left = (2.0 * window.points.len() as f64 - window.nuisances.len() as f64).max(1.0);
         if pass.squares[w] > ASTRAY * left {
             data.sd[w] = f64::INFINITY;
         }
     }
-    model::freeze(data, layout, &state)?;
-    model::fit(data, layout, state, 4)
 }
 
 fn shots(windows: &[Window]) -> impl Iterator<Item = (usize, &Window)> {
     windows.iter().enumerate().filter(|(_, w)| w.kind == Kind::Shot)
 }
 
-/// Nuisances with those guesses of shots' starts that come nearest.
-fn guessed(data: &Data, observed: &[&Trajectory], layout: &Layout, state: &State) -> Result<Vec<Vec<f64>>> {
+/// Nuisances with those guesses of shots' starts that come nearest: of all bodies alike, or each body's own best.
+pub fn guessed(
+    data: &Data,
+    observed: &[&Trajectory],
+    layout: &Layout,
+    state: &State,
+) -> Result<Vec<Vec<f64>>> {
     let mut best: Vec<f64> = vec![f64::INFINITY; data.windows.len()];
     let mut chosen = state.nuisances.clone();
-    for way in 0..3 {
+    // By window and body: the least that a guess left of the body's own track, and which guess.
+    let own = |w: &Window| vec![(f64::INFINITY, 0); w.scene.bodies.len()];
+    let mut by_body: Vec<Vec<(f64, usize)>> = data.windows.iter().map(own).collect();
+    for round in 0..=GUESSES {
         let mut tried = state.clone();
         for (w, window) in shots(data.windows) {
             let observed = observed[window.trial];
             let Some(at) = window.first(observed) else { continue };
-            let of = |b| window::launch(b, &observed.times, at, window.scene.gravity, way);
-            tried.nuisances[w] = observed.bodies.iter().flat_map(of).collect();
+            let way = |b: usize| if round < GUESSES { round } else { by_body[w][b].1 };
+            let of = |(b, track)| window::launch(track, &observed.times, at, window.scene.gravity, way(b));
+            tried.nuisances[w] = observed.bodies.iter().enumerate().flat_map(of).collect();
         }
         // One step shows how near each guess comes.
         let (tried, pass) = model::fit(data, layout, tried, 1)?;
@@ -104,8 +121,26 @@ fn guessed(data: &Data, observed: &[&Trajectory], layout: &Layout, state: &State
                 chosen[w].clone_from(&tried.nuisances[w]);
             }
         }
+        for (w, window) in shots(data.windows) {
+            let left = left_by_body(window, &pass.residuals[w]);
+            let nearer = |(known, left): (&mut (f64, usize), f64)| {
+                if left < known.0 {
+                    *known = (left, round);
+                }
+            };
+            by_body[w].iter_mut().zip(left).filter(|_| round < GUESSES).for_each(nearer);
+        }
     }
     Ok(chosen)
+}
+
+/// Sum of squares that is left of each body's track, m^2.
+fn left_by_body(window: &Window, residuals: &[f64]) -> Vec<f64> {
+    let mut out = vec![0.0; window.scene.bodies.len()];
+    for (point, off) in window.points.iter().zip(residuals.chunks_exact(2)) {
+        out[point.body] += off.iter().map(|r| r * r).sum::<f64>();
+    }
+    out
 }
 
 /// The same state at other frictions, where friction is to be found from contacts of one disc.

@@ -6,12 +6,14 @@
 //! Source: pseudo-BMA+ (Yao, Vehtari, Simpson and Gelman, Bayesian Anal. 13 (2018) 917); Bayesian bootstrap (Rubin, Ann.
 //! Stat. 9 (1981) 130).
 //!
-//! Differences from the source: two models are also tied while the sum itself is small, and weights are not reported.
+//! Differences from the source: two models are also tied while the sum itself is small; weights serve posteriors of several sets
+//! alone.
 
 use rand_distr::{Distribution, Exp1};
 
 use super::fit::Fitted;
 use super::score::spared;
+use crate::estimate::sampler::log_sum_exp;
 use crate::rng;
 
 /// Nats within which two models are tied, and the probability below which they are.
@@ -48,6 +50,22 @@ impl Bootstrap {
     pub fn probability(&self, differences: &[f64]) -> f64 {
         let up = |w: &&Vec<f64>| w.iter().zip(differences).map(|(w, d)| w * d).sum::<f64>() > 0.0;
         self.draws.iter().filter(up).count() as f64 / DRAWS as f64
+    }
+}
+
+impl Bootstrap {
+    /// Probabilities of models by their scores by launch, each as believable as the others: what share of the weight each has, on
+    /// average over weights of the launches (pseudo-BMA+).
+    pub fn weights(&self, scores: &[Vec<f64>]) -> Vec<f64> {
+        let mut out = vec![0.0; scores.len()];
+        for draw in &self.draws {
+            let n = draw.len() as f64;
+            let total = |s: &Vec<f64>| n * draw.iter().zip(s).map(|(w, s)| w * s).sum::<f64>();
+            let totals: Vec<f64> = scores.iter().map(total).collect();
+            let all = log_sum_exp(totals.iter().copied());
+            out.iter_mut().zip(&totals).for_each(|(w, t)| *w += libm::exp(t - all) / self.draws.len() as f64);
+        }
+        out
     }
 }
 
@@ -105,6 +123,19 @@ pub fn compared(better: &[f64], worse: &[f64], bootstrap: &Bootstrap) -> Compare
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Of two models that predict alike each has half; one that is 3 nats better in all has nearly all, in one launch alone less.
+    #[test]
+    fn weights_are_as_sure_as_launches_are() {
+        let bootstrap = Bootstrap::new(10, 1);
+        let none = vec![0.0; 10];
+        let of = |better: Vec<f64>| bootstrap.weights(&[none.clone(), better])[1];
+        assert!((of(none.clone()) - 0.5).abs() < 1e-12);
+        let mut one = none.clone();
+        one[3] = 3.0;
+        let (all, one) = (of(vec![0.3; 10]), of(one));
+        assert!((all - 1.0 / (1.0 + (-3f64).exp())).abs() < 1e-9 && one < all - 0.05, "{all} {one}");
+    }
 
     #[test]
     fn a_charge_is_the_logarithm_of_how_many_sets_there_are() {

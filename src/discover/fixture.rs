@@ -33,7 +33,7 @@ pub fn seen(trials: &[Vec<[f64; 3]>]) -> Vec<Trial> {
 /// Trials cut, all of one setting, with their settings.
 fn pieces(base: &Scene, trials: &[Trial]) -> (Vec<Window>, Vec<usize>) {
     let settings = vec![0; trials.len()];
-    (cut(base, trials, &settings), settings)
+    (cut(base, trials, &settings, 8), settings)
 }
 
 /// Throws at 3 m/s sideways and 4 m/s and more upwards in a wind, m/s^2, seen 20 times in 0.76 s without error: a flight

@@ -204,7 +204,7 @@ pub fn all_told(parts: &[Part], components: &Components) -> Option<Vec<Told>> {
 }
 
 /// Logarithm of the Student density of a square among `count` coordinates.
-fn student(square: f64, log_det: f64, count: f64) -> f64 {
+pub fn student(square: f64, log_det: f64, count: f64) -> f64 {
     let half = 0.5 * (FREEDOM + count);
     libm::lgamma(half)
         - libm::lgamma(0.5 * FREEDOM)

@@ -383,6 +383,16 @@ pub fn parts(
     Some(out)
 }
 
+/// By how much a window's coordinates of what is left grow with what was seen, 1/m: (coordinates, two a point). `None` where nothing
+/// is left beside its start.
+pub fn by_position(window: (usize, &Window), frame: &Frame, look: &Look, scale: f64) -> Option<DMatrix<f64>> {
+    let n = 2 * window.1.points.len();
+    let mut own = look.bare();
+    own.append(n, Some(DMatrix::identity(n, n)));
+    let none = Columns { slots: 0, pushes: 0, of: Vec::new(), renewed: Vec::new(), strengths: Vec::new() };
+    reduced(window, frame, &own, &none, scale).map(|block| block.columns)
+}
+
 impl Part {
     /// Square of what is left with the slots `step` away, in units of the noise.
     pub fn square_at(&self, step: &DVector<f64>) -> f64 {

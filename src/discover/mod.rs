@@ -58,6 +58,7 @@ mod path;
 mod paths;
 mod phase;
 mod picture;
+pub mod posterior;
 mod prepare;
 mod reason;
 pub mod report;
@@ -82,6 +83,7 @@ use crate::progress::Progress;
 use crate::reality::Trial;
 use crate::task::Scene;
 use crate::trajectory::Trajectory;
+use crate::world::Engine;
 use crate::world::latent::factor_index;
 use conclude::{Given, conclude, insufficient};
 pub use config::{Config, Finding};
@@ -89,8 +91,9 @@ pub use evidence::{Bounce, Evidence, EvidencePoint, Met, Push};
 use expected::expected;
 use fit::Fitter;
 use model::{Data, Layout, State};
-use prepare::{Ready, prepare};
+use prepare::{RUN, Ready, prepare};
 pub use report::Diagnosis;
+use window::Window;
 
 /// Added to the reason of a verdict on such data.
 const OTHER_STEPS: &str = " (what was measured moves in other time steps than the simulation: velocities were shifted to the \
@@ -105,28 +108,22 @@ pub fn diagnose(
 ) -> Result<Finding> {
     scene.validate()?;
     let latents = scene.calibrate.iter().map(|n| factor_index(n)).collect::<Result<Vec<_>>>()?;
-    let Ready { windows, kept, names, settings, noise, sd, stepping } =
-        match prepare(scene, trials, config.engine)? {
-            Ok(ready) => ready,
-            Err(lack) => {
-                let mut finding = insufficient(scene, trials, &lack.reason, config);
-                let next = finding.diagnosis.next_experiment.iter_mut();
-                next.for_each(|n| n.action = lack.action.into());
-                return Ok(finding);
-            }
-        };
-    let layout = Layout::new(&latents, Vec::new(), names.len());
-    let start = base::start(scene, &layout, &windows);
-    let observed: Vec<&Trajectory> = kept.iter().map(|i| &trials[*i].observed).collect();
-    let expected = expected(&windows, &sd, kept.len(), &noise);
-    let mut data = Data::new(&windows, &settings, sd.clone(), config.engine);
-    if let Some(stepping) = stepping {
-        steps::allow(&mut data, &observed, &layout, &start, stepping)?;
-    }
+    let ready = match prepare(scene, trials, config.engine, RUN)? {
+        Ok(ready) => ready,
+        Err(lack) => {
+            let mut finding = insufficient(scene, trials, &lack.reason, config);
+            let next = finding.diagnosis.next_experiment.iter_mut();
+            next.for_each(|n| n.action = lack.action.into());
+            return Ok(finding);
+        }
+    };
+    let expected = expected(&ready.windows, &ready.sd, ready.kept.len(), &ready.noise);
     progress.report("fitting the base model", 0, 1)?;
-    let (state, _) = base::fit(scene, &mut data, &observed, &layout, start, config.seed)?;
+    let Opened { mut data, layout, state, observed } =
+        open(scene, trials, &ready, &ready.windows, &latents, (config.engine, config.seed))?;
+    let Ready { kept, names, noise, sd, stepping, .. } = &ready;
     let seek = |data: &Data, layout: &Layout, state: State| -> Result<_> {
-        let fitter = Fitter::new(data, &noise);
+        let fitter = Fitter::new(data, noise);
         let base = fitter.refined(layout.clone(), state)?;
         let base = base.ok_or_else(|| Error::Failed("the base model could not be scored".into()))?;
         let hunt = search::Hunt::new(scene, &fitter, &latents, config.seed);
@@ -135,19 +132,49 @@ pub fn diagnose(
         Ok((found, judged))
     };
     let (mut found, mut judged) = seek(&data, &layout, state)?;
-    if let Some(stepping) = stepping {
+    if let Some(stepping) = *stepping {
         // What the other engine's steps make of contacts is known once it is known where things go.
         let best = judged.champion.map_or(&found.base, |c| &found.fits[c]);
-        data.sd.clone_from(&sd);
+        data.sd.clone_from(sd);
         steps::allow(&mut data, &observed, &best.layout, &best.state, stepping)?;
         let state = found.base.state;
         (found, judged) = seek(&data, &layout, state)?;
     }
-    let given =
-        Given { scene, trials, data: &data, kept: &kept, names: &names, noise: &noise, expected: &expected };
+    let given = Given { scene, trials, data: &data, kept, names, noise, expected: &expected };
     let mut finding = conclude(&given, found, &judged, config)?;
     if stepping.is_some() {
         finding.diagnosis.reason += OTHER_STEPS;
     }
     Ok(finding)
+}
+
+/// Trials' windows with the base model fitted to them.
+struct Opened<'a> {
+    data: Data<'a>,
+    layout: Layout,
+    state: State,
+    /// What was seen, by trial kept.
+    observed: Vec<&'a Trajectory>,
+}
+
+/// Fits the base model, the scene as it is with its `latents`, to windows of what was made ready.
+fn open<'a>(
+    scene: &Scene,
+    trials: &'a [Trial],
+    ready: &'a Ready,
+    windows: &'a [Window],
+    latents: &[usize],
+    (engine, seed): (Engine, u64),
+) -> Result<Opened<'a>> {
+    let layout = Layout::new(latents, Vec::new(), ready.names.len());
+    let start = base::start(scene, &layout, windows);
+    let observed: Vec<&Trajectory> = ready.kept.iter().map(|i| &trials[*i].observed).collect();
+    let scale = |w: &Window| if w.kind.simulated() { ready.simulated } else { ready.noise.sd };
+    let sd = windows.iter().map(scale).collect();
+    let mut data = Data::new(windows, &ready.settings, sd, engine);
+    if let Some(stepping) = ready.stepping {
+        steps::allow(&mut data, &observed, &layout, &start, stepping)?;
+    }
+    let (state, _) = base::fit(scene, &mut data, &observed, &layout, start, seed)?;
+    Ok(Opened { data, layout, state, observed })
 }

@@ -34,6 +34,10 @@ pub struct Ready {
     pub noise: Noise,
     /// Scale of the residuals by window, m.
     pub sd: Vec<f64>,
+    /// The same of what an engine simulates, m.
+    pub simulated: f64,
+    /// The windows and besides them the stretches that beginnings of trials show, too.
+    pub whole: Vec<Window>,
     /// How what was seen steps, where that is not as the simulation does.
     pub stepping: Option<Stepping>,
 }
@@ -45,10 +49,18 @@ pub struct Lack {
     pub action: &'static str,
 }
 
-/// Trials of a scene made ready, or what they lack.
-pub fn prepare(scene: &Scene, trials: &[Trial], engine: Engine) -> Result<std::result::Result<Ready, Lack>> {
+/// Most intervals of a trial's beginning where a law is looked for.
+pub const RUN: usize = 8;
+
+/// Trials of a scene made ready, beginnings of `run` intervals at most; or what they lack.
+pub fn prepare(
+    scene: &Scene,
+    trials: &[Trial],
+    engine: Engine,
+    run: usize,
+) -> Result<std::result::Result<Ready, Lack>> {
     let (names, settings) = settings_of(trials);
-    let mut windows = window::cut(scene, trials, &settings);
+    let mut windows = window::cut(scene, trials, &settings, run);
     let stepping = phase::align(&mut windows, trials, engine)?;
     let tells = |i: &usize| windows.iter().any(|w| w.trial == *i && w.kind != Kind::Contact);
     let telling = (0..trials.len()).filter(tells).count();
@@ -62,11 +74,13 @@ pub fn prepare(scene: &Scene, trials: &[Trial], engine: Engine) -> Result<std::r
     let runs = run_noise(&windows);
     let Some(noise) = noise_of(&windows, runs) else { return Ok(Err(no_noise(trials))) };
     trust::shorten(&mut windows, engine)?;
+    let whole = windows.clone();
     window::leave_runs(&mut windows);
-    let scale = |w: &Window| if w.kind.simulated() { runs.unwrap_or(noise.sd) } else { noise.sd };
+    let simulated = runs.unwrap_or(noise.sd);
+    let scale = |w: &Window| if w.kind.simulated() { simulated } else { noise.sd };
     let sd: Vec<f64> = windows.iter().map(scale).collect();
     trust::weed(&mut windows, &sd, &settings, engine)?;
-    Ok(Ok(Ready { windows, kept, names, settings, noise, sd, stepping }))
+    Ok(Ok(Ready { windows, kept, names, settings, noise, sd, simulated, whole, stepping }))
 }
 
 /// Names of settings in the order in which they come, and the place among them of each trial's.
@@ -158,7 +172,7 @@ mod tests {
     }
 
     fn made(trials: &[Vec<[f64; 3]>]) -> std::result::Result<Ready, Lack> {
-        prepare(&ball(), &seen(trials), Engine::Auto).unwrap()
+        prepare(&ball(), &seen(trials), Engine::Auto, RUN).unwrap()
     }
 
     #[test]

@@ -123,6 +123,32 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
         Ok(found)
     }
 
+    /// The model of a set of effects by name, fitted: one effect after the other joins, from where derivatives say it should start.
+    /// `None` where one of them is no candidate, or the trials say nothing of it.
+    pub fn named(&self, base: &Fitted, names: &[&str]) -> Result<Option<Fitted>> {
+        let layout = Layout::new(self.latents, Vec::new(), self.fitter.data.setting_count());
+        let Some(mut fit) = self.fitter.refined(layout, base.state.clone())? else { return Ok(None) };
+        for name in names {
+            let Some(c) = self.library.iter().position(|(e, _)| e.name == *name) else { return Ok(None) };
+            let Some(told) = self.promises(&fit)? else { return Ok(None) };
+            let starts = told[c].iter().take(STARTS);
+            let starts = starts.map(|(_, s, sizes)| self.starting(&fit, c, *s, sizes)).collect::<Vec<_>>();
+            let union = Union { names: Vec::new(), promise: 0.0, starts };
+            match self.fit(union)? {
+                Some(found) => fit = found,
+                None => return Ok(None),
+            }
+        }
+        Ok(Some(fit))
+    }
+
+    /// A fit with a candidate beside it, at one of its starts with amplitudes of some sizes.
+    fn starting(&self, fit: &Fitted, candidate: usize, start: usize, sizes: &[f64]) -> (Layout, State) {
+        let term = &self.library[candidate].1[start];
+        let term = Term { start: sized(term, sizes), ..term.clone() };
+        fit.joined([term], self.fitter.data.setting_count())
+    }
+
     fn join(&self, found: &mut Found, unions: Vec<Union>) -> Result<()> {
         let names: Vec<Vec<&'static str>> = unions.iter().map(|u| u.names.clone()).collect();
         let fitted: Vec<Result<Option<Fitted>>> = unions.into_par_iter().map(|u| self.fit(u)).collect();
@@ -194,7 +220,7 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
         let mut all: Vec<Union> = Vec::new();
         for fit in parents {
             let Some(told) = self.promises(fit)? else { continue };
-            for (c, (effect, terms)) in self.library.iter().enumerate() {
+            for (c, (effect, _)) in self.library.iter().enumerate() {
                 let mut names = fit.names();
                 names.push(effect.name);
                 names.sort_unstable();
@@ -206,10 +232,7 @@ impl<'a, 'b, 'c> Hunt<'a, 'b, 'c> {
                 let own = fit.parameters() + effect.parameters.len();
                 let chance = own as f64 + found.choice.charge(&names);
                 let promise = told[c][0].0 - chance;
-                let start = |(_, s, sizes): &(f64, usize, Vec<f64>)| {
-                    let term = Term { start: sized(&terms[*s], sizes), ..terms[*s].clone() };
-                    fit.joined([term], self.fitter.data.setting_count())
-                };
+                let start = |(_, s, sizes): &(f64, usize, Vec<f64>)| self.starting(fit, c, *s, sizes);
                 // A survey frames regions by itself.
                 let framed = effect.acts_on() == ActsOn::Region && window::leaping(self.fitter.data.windows);
                 let starts = told[c].iter().take(if framed { 1 } else { STARTS }).map(start).collect();

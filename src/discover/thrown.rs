@@ -36,7 +36,7 @@ pub fn windows(drags: &[f64], seed: u64) -> Vec<Window> {
             csv += &format!("{trial},{t},ball,{x},{y}\n");
         }
     }
-    window::cut(&scene, &trials_from_csv(&csv, &scene).unwrap(), &vec![0; drags.len()])
+    window::cut(&scene, &trials_from_csv(&csv, &scene).unwrap(), &vec![0; drags.len()], 8)
 }
 
 /// A set of effects fitted to such launches, and what is made of it.

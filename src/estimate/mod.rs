@@ -11,6 +11,7 @@ pub mod gp;
 pub mod interval;
 pub mod piece;
 pub mod refine;
+pub mod sampler;
 pub mod shooting;
 pub mod surface;
 

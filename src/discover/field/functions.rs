@@ -6,6 +6,7 @@
 use std::ops::Range;
 
 use nalgebra::DMatrix;
+use serde::{Deserialize, Serialize};
 
 use crate::discover::window::{Kind, Window};
 use crate::world::effect::{Effect, bump, clock_push, place_drive, place_push, velocity_push};
@@ -18,7 +19,8 @@ const TIMES: usize = 16;
 pub const BUMPS: usize = 2 * PLACES[0] * PLACES[1] + SPEEDS[0] * SPEEDS[1] + TIMES;
 
 /// What a field depends on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Over {
     /// Everything at once.
     All,
@@ -52,9 +54,10 @@ impl Bump {
 }
 
 impl Functions {
-    /// Over where flights were, how fast and when.
+    /// Over where flights were, how fast and when; without flights, over where anything was.
     pub fn over(windows: &[Window], paths: &[Vec<[f64; 4]>]) -> Functions {
-        let flights = || (0..windows.len()).filter(|w| windows[*w].kind == Kind::Flight);
+        let flew = windows.iter().any(|w| w.kind == Kind::Flight);
+        let flights = || (0..windows.len()).filter(|w| !flew || windows[*w].kind == Kind::Flight);
         let all = |k: usize| -> Vec<f64> {
             flights().flat_map(|w| paths[w].iter().map(move |s| s[k])).filter(|v| v.is_finite()).collect()
         };

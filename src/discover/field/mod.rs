@@ -18,11 +18,10 @@ use super::launch::Part;
 use super::model;
 use super::score::{self, spared};
 use super::stats::median;
-use super::window::Kind;
+use super::window::{Kind, Window};
 use crate::error::Result;
 use crate::world::effect::Effect;
-pub use functions::{BUMPS, Over};
-use functions::{Functions, OVERS};
+pub use functions::{BUMPS, Functions, OVERS, Over};
 
 /// Standard deviations of coefficients that are tried, m/s^2.
 const STRENGTHS: [f64; 4] = [0.2, 0.6, 2.0, 6.0];
@@ -90,6 +89,11 @@ pub fn shared(
         let whole = whole.unwrap_or(found.form);
         Shared { explained: explained(base, model, &[&found]), whole, ..found }
     }))
+}
+
+/// The functions whose sum a field is, where windows lead.
+pub fn functions(windows: &[Window], paths: &[Vec<[f64; 4]>]) -> Functions {
+    Functions::over(windows, paths)
 }
 
 /// Share of what can be predicted of launches that a model explains; predicted by it alone or by one of some fields, whichever

@@ -91,6 +91,24 @@ impl Look {
         if weight > 0.0 { self.residual[row] / (self.share * weight) } else { f64::NAN }
     }
 
+    /// The same without any columns, and without what happens in it.
+    pub fn bare(&self) -> Look {
+        let none = DMatrix::zeros(self.residual.len(), 0);
+        Look {
+            weights: self.weights.clone(),
+            residual: self.residual.clone(),
+            columns: none,
+            start: self.start.clone(),
+            square: self.square,
+            share: self.share,
+            correction: Correction {
+                own: self.correction.own.clone(),
+                by_column: DMatrix::zeros(self.start.ncols(), 0),
+            },
+            impact: None,
+        }
+    }
+
     /// Adds columns, two rows a point, not yet weighed; nothing where there are none.
     pub fn append(&mut self, count: usize, columns: Option<DMatrix<f64>>) {
         let (rows, before) = self.columns.shape();

@@ -46,6 +46,12 @@ impl State {
         State { values, nuisances, modes: Vec::new() }
     }
 
+    /// The state of a window alone.
+    pub fn of(&self, window: usize) -> State {
+        let modes = self.modes.get(window).cloned().into_iter().collect();
+        State { modes, ..State::new(self.values.clone(), vec![self.nuisances[window].clone()]) }
+    }
+
     /// The values that hold in a window.
     pub fn values_in(&self, window: usize) -> Vec<f64> {
         let mut values = self.values.clone();

@@ -11,11 +11,12 @@ use crate::task::Scene;
 const LEAPS: usize = 160;
 const FEWEST: usize = 3;
 
-/// All windows of all trials; `settings[i]` is the setting index of trial i.
-pub fn cut(base: &Scene, trials: &[Trial], settings: &[usize]) -> Vec<Window> {
+/// All windows of all trials; `settings[i]` is the setting index of trial i, `run` the most intervals of a beginning, which has no
+/// unknowns.
+pub fn cut(base: &Scene, trials: &[Trial], settings: &[usize], run: usize) -> Vec<Window> {
     let most = LEAPS.div_ceil(trials.len().max(1)).max(FEWEST);
     let of = |(i, trial): (usize, &Trial)| {
-        let own = windows(base, trial, most);
+        let own = windows(base, trial, most, run);
         own.into_iter().map(move |w| Window { trial: i, setting: settings[i], ..w })
     };
     trials.iter().enumerate().flat_map(of).collect()
@@ -23,7 +24,7 @@ pub fn cut(base: &Scene, trials: &[Trial], settings: &[usize]) -> Vec<Window> {
 
 /// A trial's windows: of everything together where it is known where it starts, of each body by itself where it is not, and
 /// of a body that is alone if it flies.
-fn windows(base: &Scene, trial: &Trial, most: usize) -> Vec<Window> {
+fn windows(base: &Scene, trial: &Trial, most: usize, longest: usize) -> Vec<Window> {
     let known = start_is_known(base, trial);
     let bodies = trial.scene.bodies.len();
     let mut out = if known { leaps(trial, most) } else { Vec::new() };
@@ -31,7 +32,7 @@ fn windows(base: &Scene, trial: &Trial, most: usize) -> Vec<Window> {
         out = (0..bodies).flat_map(|body| flights(trial, body)).collect();
     }
     if out.is_empty() && known {
-        out = run(trial).into_iter().chain(shots(trial)).collect();
+        out = run(trial, longest).into_iter().chain(shots(trial)).collect();
     }
     out
 }
@@ -74,7 +75,7 @@ mod tests {
             let noise = |k: i32| 1e-4 * libm::sin(f64::from(k + i * i));
             let _ = writeln!(csv, "a,{x},ball,{},{}", x + noise(0), height(x) + noise(7));
         }
-        cut(&scene, &trials_from_csv(&csv, &scene).unwrap(), &[0])
+        cut(&scene, &trials_from_csv(&csv, &scene).unwrap(), &[0], 8)
     }
 
     /// A camera turned by a fifth of a degree shows a ball up to a centimetre off the floor that it rolls on.

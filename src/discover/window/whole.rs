@@ -8,19 +8,17 @@ use crate::trajectory::{Track, Trajectory};
 
 /// Intervals of a shot: each body's 5 unknowns against 2 coordinates at one observation more than that.
 const SHOT: usize = 3;
-/// Most intervals of a beginning, which has no unknowns.
-const RUN: usize = 8;
 /// Most shots of a trial.
 const SHOTS: usize = 6;
 /// m from observation to observation in a leap, or in all of a shot; less is rest.
 const MOVES: f64 = 0.1;
 
-/// The beginning of a trial.
-pub fn run(trial: &Trial) -> Option<Window> {
+/// The beginning of a trial, of `most` intervals.
+pub fn run(trial: &Trial, most: usize) -> Option<Window> {
     let mut scene = Scene { stop: Some(false), ..trial.scene.clone() };
     let observed = &trial.observed;
     let start = *observed.times.first()?;
-    let rows = 1..observed.times.len().min(RUN + 1);
+    let rows = 1..observed.times.len().min(most + 1);
     let points = points(observed, start, rows);
     let last = points.last()?.time;
     let every = scene.observe_every.max(1);
@@ -166,7 +164,7 @@ mod tests {
         let trial = trial();
         let leaps = leaps(&trial, 3);
         assert_eq!(leaps.len(), 3, "no more than asked for");
-        for w in leaps.into_iter().chain(run(&trial)) {
+        for w in leaps.into_iter().chain(run(&trial, 8)) {
             let usual = Rollout { scene: &w.scene, latents: Default::default(), effects: &[], stop: false };
             let path = simulate(&[usual], Engine::Lanes).unwrap().remove(0);
             for p in &w.points {
@@ -197,9 +195,9 @@ mod tests {
     #[test]
     fn shots_begin_where_the_run_ends() {
         let trial = trial();
-        let run = run(&trial).unwrap();
+        let run = run(&trial, 8).unwrap();
         let end = run.points.last().unwrap().time;
-        assert!((end - 0.1 * RUN as f64).abs() < 1e-9, "{end}");
+        assert!((end - 0.8).abs() < 1e-9, "{end}");
         let mut windows: Vec<Window> = shots(&trial).into_iter().chain([run]).collect();
         assert_eq!(windows.len(), 4);
         leave_runs(&mut windows);

@@ -1,0 +1,252 @@
+//! How likely trials are at any values of latents and effects' parameters: the likelihood that posteriors are drawn from.
+//!
+//! Windows are simulated anew at the values, from the starts that the fit found; what they show is taken against what was seen, in
+//! coordinates across the start (restricted likelihood: what another start would do as well does not count), under the variance
+//! components that launches show. Parts of launches are multivariate Student t. What launches have in common that the model lacks,
+//! a force field of some strength, is integrated out ([`super::discrepancy`]).
+//!
+//! Sources: as in `launch`; model discrepancy integrated out: Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425.
+//!
+//! Differences from the source: how windows depend on their starts, and the variance components, are those at the fit (empirical
+//! Bayes); within a window that dependence is taken for straight.
+
+use std::ops::Range;
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::discrepancy::{Discrepancy, Field};
+use crate::discover::field::Over;
+use crate::discover::fit::{Fitted, Fitter};
+use crate::discover::gaussian::{Components, student};
+use crate::discover::launch::{self, Part};
+use crate::discover::model::{self, Extra, Layout, Mode, State};
+use crate::discover::window::Window;
+use crate::error::Result;
+use crate::estimate::sampler::{Prior, Target};
+use crate::task::Scene;
+use crate::world::{Engine, Rollout, Sample, simulate_map};
+
+/// Points whose rollouts are made together.
+const TOGETHER: usize = 64;
+
+/// The likelihood of trials, ready to be evaluated.
+pub struct Density {
+    layout: Layout,
+    prior: Prior,
+    engine: Engine,
+    windows: Vec<Kept>,
+    parts: Vec<Whitened>,
+    discrepancy: Discrepancy,
+}
+
+/// A window that depends on the values.
+struct Kept {
+    window: Window,
+    /// As it stands at its start.
+    scene: Scene,
+    nuisances: Vec<f64>,
+    mode: Option<Mode>,
+    /// What it showed at the fit, two numbers a point, m.
+    shown: Vec<f64>,
+    /// Index of its part, and by how much the part's whitened residual grows with what was seen less what is shown, 1/m.
+    part: usize,
+    by_position: DMatrix<f64>,
+}
+
+/// A part in coordinates in which its covariance at the fit is the identity, but for its scale.
+pub struct Whitened {
+    /// What the fit leaves.
+    pub left: DVector<f64>,
+    /// Derivatives by the functions of a shared field.
+    pub field: DMatrix<f64>,
+    /// Log determinant of the covariance.
+    pub log_det: f64,
+}
+
+impl Density {
+    /// Of the windows of a fitted model; `extras`: functions of shared fields that may be there beside it, and which of them each kind
+    /// of field has. `None` where the model cannot be simulated or its covariance fails.
+    pub fn new(
+        fitter: &Fitter,
+        fit: &Fitted,
+        prior: Prior,
+        extras: &[Extra],
+        kinds: &[(Over, Range<usize>)],
+    ) -> Result<Option<Density>> {
+        let (data, layout, state) = (fitter.data, &fit.layout, &fit.state);
+        let Some((looks, parts)) = fitter.parts(layout, &fit.set, state, extras)? else { return Ok(None) };
+        let slots = layout.slots.len();
+        let mut shown = model::shown(data, layout, state)?;
+        let (mut windows, mut whitened) = (Vec::new(), Vec::new());
+        for part in &parts {
+            let Some((own, root)) = whiten(part, &fit.components, slots) else { return Ok(None) };
+            let mut row = 0;
+            for block in &part.blocks {
+                let (w, m) = (block.window, block.left.len());
+                let (window, look) = (&data.windows[w], &looks[w]);
+                let tells =
+                    !layout.terms.is_empty() || (0..slots).any(|k| look.columns.column(k).amax() > 0.0);
+                if tells {
+                    let Some(map) =
+                        launch::by_position((w, window), &fitter.frames[w], look, fitter.scales[w])
+                    else {
+                        return Ok(None);
+                    };
+                    let mut whole = DMatrix::zeros(own.left.len(), map.ncols());
+                    whole.rows_mut(row, m).copy_from(&map);
+                    let Some(by_position) = root.solve_lower_triangular(&whole) else { return Ok(None) };
+                    windows.push(Kept {
+                        scene: model::placed(window, &state.nuisances[w]),
+                        window: window.clone(),
+                        nuisances: state.nuisances[w].clone(),
+                        mode: state.modes.get(w).cloned(),
+                        shown: std::mem::take(&mut shown[w]),
+                        part: whitened.len(),
+                        by_position,
+                    });
+                }
+                row += m;
+            }
+            whitened.push(own);
+        }
+        let discrepancy = Discrepancy::new(&whitened, kinds);
+        let engine = data.engine;
+        Ok(Some(Density { layout: layout.clone(), prior, engine, windows, parts: whitened, discrepancy }))
+    }
+
+    /// Windows that are simulated for a likelihood, and all parts.
+    pub fn sizes(&self) -> (usize, usize) {
+        (self.windows.len(), self.parts.len())
+    }
+
+    /// By point: what every part leaves there.
+    fn left(&self, points: &[Sample]) -> Result<Vec<Vec<DVector<f64>>>> {
+        let simulated: Vec<usize> =
+            (0..self.windows.len()).filter(|w| self.windows[*w].window.kind.simulated()).collect();
+        let integrated: Vec<usize> =
+            (0..self.windows.len()).filter(|w| !self.windows[*w].window.kind.simulated()).collect();
+        let mut physics = Vec::with_capacity(points.len() * simulated.len());
+        // Window by window, so that lanes of a batch roll the same scene out.
+        for w in &simulated {
+            let window = &self.windows[*w].window;
+            physics.extend(points.iter().map(|p| self.layout.physics(p, window.setting, window.start)));
+        }
+        let n = points.len().max(1);
+        let rollouts = physics.iter().enumerate().map(|(i, (effects, latents))| Rollout {
+            scene: &self.windows[simulated[i / n]].scene,
+            latents: *latents,
+            effects,
+            stop: false,
+        });
+        let rollouts: Vec<Rollout> = rollouts.collect();
+        let by_engine = simulate_map(&rollouts, self.engine, |i, path| {
+            let kept = &self.windows[simulated[i / n]];
+            kept.moved(&model::predicted(&kept.window, &path))
+        })?;
+        let by_hand = |i: usize| {
+            let kept = &self.windows[integrated[i / n]];
+            let state = State {
+                modes: kept.mode.iter().cloned().collect(),
+                ..State::new(points[i % n].clone(), vec![kept.nuisances.clone()])
+            };
+            kept.moved(&model::seen(&kept.window, &self.layout, &state))
+        };
+        let by_hand: Vec<DVector<f64>> =
+            (0..integrated.len() * points.len()).into_par_iter().map(by_hand).collect();
+        let mut out = vec![self.parts.iter().map(|p| p.left.clone()).collect::<Vec<_>>(); points.len()];
+        for (of, all) in [(&simulated, by_engine), (&integrated, by_hand)] {
+            for (i, moved) in all.into_iter().enumerate() {
+                out[i % n][self.windows[of[i / n]].part] += moved;
+            }
+        }
+        Ok(out)
+    }
+
+    /// Log likelihoods beside every shared field: `[point][field]`.
+    fn by_field(&self, points: &[Sample]) -> Result<Vec<Vec<f64>>> {
+        let mut out = Vec::with_capacity(points.len());
+        for together in points.chunks(TOGETHER) {
+            let left = self.left(together)?;
+            let of = |left: &Vec<DVector<f64>>| self.discrepancy.log_likelihoods(&self.parts, left);
+            out.par_extend(left.par_iter().map(of));
+        }
+        Ok(out)
+    }
+
+    /// Probability of each shared field, none first, given points drawn from the posterior.
+    pub fn fields(&self, points: &[Sample]) -> Result<Vec<(Field, f64)>> {
+        let all = self.by_field(points)?;
+        Ok(self.discrepancy.fields().into_iter().zip(self.discrepancy.probabilities(&all)).collect())
+    }
+}
+
+impl Kept {
+    /// By how much the part's whitened residual grows where the window shows `shown`.
+    fn moved(&self, shown: &[f64]) -> DVector<f64> {
+        let moved = DVector::from_fn(self.shown.len(), |i, _| {
+            self.shown[i] - shown.get(i).copied().unwrap_or(f64::NAN)
+        });
+        &self.by_position * moved
+    }
+}
+
+impl Target for Density {
+    fn prior(&self) -> &Prior {
+        &self.prior
+    }
+
+    fn log_likelihoods(&self, points: &[Sample]) -> Result<Vec<f64>> {
+        Ok(self.by_field(points)?.iter().map(|of| self.discrepancy.mixed(of)).collect())
+    }
+}
+
+/// A part in coordinates in which its covariance under the components is the identity, and the lower factor that took it there.
+fn whiten(part: &Part, components: &Components, slots: usize) -> Option<(Whitened, DMatrix<f64>)> {
+    let n: usize = part.blocks.iter().map(|b| b.left.len()).sum();
+    let extras = part.blocks.first()?.columns.ncols() - slots;
+    let (mut covariance, mut log_det) = (DMatrix::zeros(n, n), 0.0);
+    let (mut left, mut field) = (DVector::zeros(n), DMatrix::zeros(n, extras));
+    // What windows of a launch have alike: sizes that differ by launch, pushes, strengths.
+    let spread = |k: usize| components.spread.get(k).copied().filter(|s| part.differs && *s > 0.0);
+    let sizes: Vec<(usize, f64)> = (0..slots).filter_map(|k| spread(k).map(|s| (k, s))).collect();
+    let alike = if part.differs { part.blocks[0].alike.ncols() } else { 0 };
+    let mut shared = DMatrix::zeros(n, sizes.len() + alike);
+    let mut row = 0;
+    for block in &part.blocks {
+        let m = block.left.len();
+        log_det += block.log_white;
+        left.rows_mut(row, m).copy_from(&block.left);
+        field.rows_mut(row, m).copy_from(&block.columns.columns(slots, extras));
+        let mut own = DMatrix::from_diagonal(&block.slow.map(|s| 1.0 + components.slow.powi(2) * s));
+        for (k, kind) in block.kinds.iter().enumerate() {
+            let column = block.own.column(k) * components.of(*kind);
+            own += &column * column.transpose();
+        }
+        covariance.view_mut((row, row), (m, m)).copy_from(&own);
+        for (k, (slot, sd)) in sizes.iter().enumerate() {
+            shared.view_mut((row, k), (m, 1)).copy_from(&(block.columns.column(*slot) * *sd));
+        }
+        for k in 0..alike {
+            let sd = components.of(block.alike_of[k]);
+            shared.view_mut((row, sizes.len() + k), (m, 1)).copy_from(&(block.alike.column(k) * sd));
+        }
+        row += m;
+    }
+    covariance += &shared * shared.transpose();
+    let root = covariance.cholesky()?.l();
+    log_det += 2.0 * root.diagonal().iter().map(|d| libm::log(*d)).sum::<f64>();
+    let left = root.solve_lower_triangular(&left)?;
+    let field = root.solve_lower_triangular(&field)?;
+    Some((Whitened { left, field, log_det }, root))
+}
+
+impl Whitened {
+    /// Log density of what is left, its scale integrated out; infinitely little of what is no number.
+    pub fn log_density(&self, square: f64) -> f64 {
+        if !square.is_finite() {
+            return f64::NEG_INFINITY;
+        }
+        student(square, self.log_det, self.left.len() as f64)
+    }
+}

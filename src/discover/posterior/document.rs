@@ -1,0 +1,266 @@
+//! A posterior as it is written: `iplw.posterior/1`.
+
+use serde::{Deserialize, Serialize};
+
+use super::{Field, OfSet, Posterior, PosteriorConfig, Sampler};
+use crate::estimate::sampler::{Marginal, Quality, log_sum_exp};
+use crate::rng;
+use crate::task::scene::EffectTerm;
+use rand::seq::SliceRandom;
+use std::collections::BTreeMap;
+
+/// Format of the document.
+pub const FORMAT: &str = "iplw.posterior/1";
+
+/// What is known, with everything that it was made from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Document {
+    pub format: String,
+    pub version: String,
+    pub config: PosteriorConfig,
+    pub seed: u64,
+    /// Whether independent runs agree and there are draws enough, in every set that weighs anything; and if not, why not.
+    pub converged: bool,
+    pub warnings: Vec<String>,
+    /// Trials that had anything to say, of those that there were.
+    pub trials: [usize; 2],
+    /// Noise of an observed coordinate, m.
+    pub noise_m: f64,
+    pub parameters: Vec<Parameter>,
+    pub sets: Vec<Set>,
+    /// Effects that every draw has beside its columns.
+    pub effects: Vec<EffectTerm>,
+    /// Draws by name of the number; `null` where a draw's set has no such effect. Draws of all sets, as many of each as it weighs.
+    pub columns: BTreeMap<String, Vec<Option<f64>>>,
+    /// Of every draw: index of its set, of its independent run, and its log likelihood.
+    pub set: Vec<usize>,
+    pub run: Vec<usize>,
+    pub log_likelihood: Vec<f64>,
+}
+
+/// What is known of a number, over all draws that have it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Parameter {
+    pub name: String,
+    pub unit: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub setting: Option<String>,
+    pub prior: Marginal,
+    pub mean: f64,
+    pub sd: f64,
+    /// 2.5, 5, 25, 50, 75, 95, 97.5 %.
+    pub quantiles: [f64; 7],
+    /// Share of the prior's standard deviation that is left: near 1, the trials tell nothing.
+    pub left: f64,
+    pub identifiable: bool,
+}
+
+/// A set of effects, how much it weighs and how far its draws can be trusted.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Set {
+    pub effects: Vec<String>,
+    /// Probability among the sets, by how it predicts launches from the others (bootstrapped).
+    pub weight: f64,
+    /// Log predictive density of all launches, each told from the others.
+    pub predictive: f64,
+    /// Logarithm of the marginal likelihood, and its standard error over independent runs; none by Markov chains.
+    pub log_evidence: Option<[f64; 2]>,
+    /// The same with the deviations of effects' priors halved and doubled, by weighing draws anew.
+    pub log_evidence_priors: Option<[f64; 2]>,
+    /// Probability of each shared field that the model may lack, none first; those that the fit rules out are left out.
+    pub discrepancy: Vec<Lacks>,
+    pub quality: Quality,
+    pub evaluations: u64,
+    pub windows: usize,
+    pub parts: usize,
+    /// Where the fit stood, in the order of its numbers.
+    pub fit: Vec<f64>,
+}
+
+/// A shared field, and its probability.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Lacks {
+    #[serde(flatten)]
+    pub field: Field,
+    pub probability: f64,
+}
+
+/// Probability of a set below which its draws' quality is nobody's concern.
+const SLIGHT: f64 = 0.01;
+/// Probability that something shared is left out beyond which it is said.
+const LIKELY: f64 = 0.95;
+/// Share of the prior's deviation above which nothing was told.
+const UNTOLD: f64 = 0.9;
+const QUANTILES: [f64; 7] = [0.025, 0.05, 0.25, 0.5, 0.75, 0.95, 0.975];
+
+impl Document {
+    pub fn new(posterior: &Posterior, config: &PosteriorConfig) -> Document {
+        let draws = mixed(&posterior.sets, config.seed);
+        let mut columns: BTreeMap<String, Vec<Option<f64>>> = BTreeMap::new();
+        let mut parameters: Vec<Parameter> = Vec::new();
+        for (s, of) in posterior.sets.iter().enumerate() {
+            for (k, number) in of.numbers.iter().enumerate() {
+                let name = column(&number.name, number.setting.as_deref());
+                let values = columns.entry(name).or_insert_with(|| vec![None; draws.len()]);
+                for (place, (set, draw)) in draws.iter().enumerate() {
+                    if *set == s {
+                        values[place] = Some(of.draws.points[*draw][k]);
+                    }
+                }
+            }
+        }
+        for number in posterior.sets.iter().flat_map(|of| &of.numbers) {
+            let known = parameters.iter().any(|p| p.name == number.name && p.setting == number.setting);
+            let values: Vec<f64> =
+                columns[&column(&number.name, number.setting.as_deref())].iter().flatten().copied().collect();
+            if !known && !values.is_empty() {
+                parameters.push(parameter(number, values));
+            }
+        }
+        let warnings = warnings(posterior);
+        Document {
+            format: FORMAT.into(),
+            version: env!("CARGO_PKG_VERSION").into(),
+            config: config.clone(),
+            seed: config.seed,
+            converged: !posterior
+                .sets
+                .iter()
+                .any(|of| of.weight > SLIGHT && of.draws.quality.verdict().is_err()),
+            warnings,
+            trials: posterior.trials,
+            noise_m: posterior.noise,
+            parameters,
+            sets: posterior.sets.iter().map(set).collect(),
+            effects: Vec::new(),
+            columns,
+            set: draws.iter().map(|d| d.0).collect(),
+            run: draws.iter().map(|(s, i)| posterior.sets[*s].draws.run[*i]).collect(),
+            log_likelihood: draws.iter().map(|(s, i)| posterior.sets[*s].draws.log_likelihoods[*i]).collect(),
+        }
+    }
+}
+
+/// Name of a column: the number's, and behind an @ its setting's.
+fn column(name: &str, setting: Option<&str>) -> String {
+    setting.map_or_else(|| name.to_string(), |s| format!("{name}@{s}"))
+}
+
+/// Draws of all sets, as many of each as it weighs: (set, draw). Of a single set all, in their order.
+fn mixed(sets: &[OfSet], seed: u64) -> Vec<(usize, usize)> {
+    let total = sets.iter().map(|s| s.draws.points.len()).max().unwrap_or(0);
+    let mut out = Vec::new();
+    let mut owed = 0.0;
+    for (s, of) in sets.iter().enumerate() {
+        let n = of.draws.points.len();
+        owed += of.weight * total as f64;
+        let count = ((owed - out.len() as f64).round().max(0.0) as usize).min(n);
+        let mut order: Vec<usize> = (0..n).collect();
+        if count < n {
+            order.shuffle(&mut rng::stream(rng::derive(seed, "mixture", s as u64), "draws"));
+            order.truncate(count);
+            order.sort_unstable();
+        }
+        out.extend(order.into_iter().map(|i| (s, i)));
+    }
+    out
+}
+
+fn parameter(number: &super::Known, mut values: Vec<f64>) -> Parameter {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    let sd = (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0)).sqrt();
+    values.sort_by(f64::total_cmp);
+    let at = |share: f64| {
+        let place = share * (values.len() - 1) as f64;
+        let (i, part) = (place as usize, place.fract());
+        values[i] + part * (values[(i + 1).min(values.len() - 1)] - values[i])
+    };
+    // Quartiles of the prior in place of its deviation: bounds may cut much of it off.
+    let believed = (number.prior.quantile(0.75) - number.prior.quantile(0.25)).max(f64::MIN_POSITIVE);
+    let left = (at(0.75) - at(0.25)) / believed;
+    Parameter {
+        name: number.name.clone(),
+        unit: number.unit.into(),
+        setting: number.setting.clone(),
+        prior: number.prior,
+        mean,
+        sd,
+        quantiles: QUANTILES.map(at),
+        left,
+        identifiable: left < UNTOLD,
+    }
+}
+
+fn set(of: &OfSet) -> Set {
+    let draws = &of.draws;
+    let n = draws.log_evidence.len() as f64;
+    let log_evidence = (n > 0.0).then(|| {
+        let mean = log_sum_exp(draws.log_evidence.iter().copied()) - libm::log(n);
+        let centre = draws.log_evidence.iter().sum::<f64>() / n;
+        let square =
+            draws.log_evidence.iter().map(|l| (l - centre).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+        [mean, (square / n).sqrt()]
+    });
+    Set {
+        effects: of.set.clone(),
+        weight: of.weight,
+        predictive: of.predictive,
+        log_evidence,
+        log_evidence_priors: log_evidence
+            .map(|[mean, _]| [0.5, 2.0].map(|wider| mean + reweighed(of, wider))),
+        discrepancy: of.fields.iter().map(|(f, p)| Lacks { field: *f, probability: *p }).collect(),
+        quality: draws.quality.clone(),
+        evaluations: draws.evaluations,
+        windows: of.sizes.0,
+        parts: of.sizes.1,
+        fit: of.fit.clone(),
+    }
+}
+
+/// By how much the log evidence changes where the priors of effects' parameters are so much wider.
+fn reweighed(of: &OfSet, wider: f64) -> f64 {
+    let own: Vec<Marginal> = of.numbers.iter().map(|n| n.prior).collect();
+    let changed = |(n, m): (&super::Known, &Marginal)| match *m {
+        Marginal::Normal { mean, sd, low, high } if n.name.contains('.') => {
+            Marginal::Normal { mean, sd: sd * wider, low, high }
+        }
+        other => other,
+    };
+    let other: Vec<Marginal> = of.numbers.iter().zip(&own).map(changed).collect();
+    let (Ok(own), Ok(other)) =
+        (crate::estimate::sampler::Prior::new(own), crate::estimate::sampler::Prior::new(other))
+    else {
+        return f64::NAN;
+    };
+    let logs: Vec<f64> = of.draws.points.iter().map(|p| other.log_density(p) - own.log_density(p)).collect();
+    log_sum_exp(logs.iter().copied()) - libm::log(logs.len().max(1) as f64)
+}
+
+fn warnings(posterior: &Posterior) -> Vec<String> {
+    let mut out = Vec::new();
+    for of in posterior.sets.iter().filter(|of| of.weight > SLIGHT) {
+        let name = if of.set.is_empty() { "the scene as it is".to_string() } else { of.set.join(" + ") };
+        if let Err(why) = of.draws.quality.verdict() {
+            out.push(format!("{name}: {why}"));
+        }
+        let shared = 1.0 - of.fields.first().map_or(1.0, |f| f.1);
+        if shared > LIKELY {
+            out.push(format!(
+                "{name}: launches share something that this model lacks (probability {shared:.3}); draws allow for it; \
+                 `iplw diagnose` looks for its name"
+            ));
+        }
+    }
+    out
+}
+
+impl Document {
+    /// Names of the sampler, for people.
+    pub fn method(&self) -> &'static str {
+        match self.config.sampler {
+            Sampler::Smc(_) => "sequential Monte Carlo",
+            Sampler::Mcmc(_) => "Markov chains",
+        }
+    }
+}

@@ -1,0 +1,182 @@
+//! How far the beginnings of trials go on: as far as the model, where it is fitted, predicts them.
+//!
+//! A beginning starts where everything is known, so that all of it is of the model's values alone: it tells a hundred times as much
+//! as the same stretch from a start that has to be found. But where the model lacks something, what it predicts is wrong from some
+//! time on, and any values that come nearer are wrong ones. So beginnings grow in stages; from each fit, those that leave the noise
+//! end before they do, and stretches whose starts are found along take over from there.
+
+use std::collections::HashMap;
+
+use super::OfModel;
+use crate::discover::base;
+use crate::discover::fit::Fitted;
+use crate::discover::model::{self, Data, Frozen, Layout, Pass, Slot, State};
+use crate::discover::prepare::Ready;
+use crate::discover::stats::median;
+use crate::discover::survey;
+use crate::discover::window::{Kind, Window, leave_runs};
+use crate::error::Result;
+use crate::trajectory::Trajectory;
+use crate::world::Engine;
+
+/// Most intervals of beginnings, stage by stage.
+pub const STAGES: [usize; 3] = [8, 12, 16];
+/// The stage in which the whole range of values is searched again.
+const SURVEYED: usize = 1;
+/// Most intervals of a beginning at all.
+pub const RUN: usize = STAGES[2];
+/// Standard deviations of the noise that a prediction is off by where it is no longer one.
+const OFF: f64 = 6.0;
+/// Steps of a fit between stages.
+const STEPS: usize = 6;
+
+/// What sets' models are fitted to.
+pub struct Grounds<'a> {
+    pub ready: &'a Ready,
+    /// All windows: beginnings as long as can be foreseen, and every stretch whether or not a beginning shows it too.
+    pub whole: &'a [Window],
+    /// By trial.
+    pub observed: &'a [&'a Trajectory],
+    pub engine: Engine,
+    pub seed: u64,
+}
+
+/// The model of a fit, beginnings as long as it predicts them.
+pub fn reached(grounds: &Grounds, fit: &Fitted) -> Result<OfModel> {
+    let layout = &fit.layout;
+    let shots = Shots::fitted(grounds, layout, &fit.state.values)?;
+    let mut until = vec![f64::INFINITY; grounds.ready.settings.len()];
+    let (mut values, mut noise) = (fit.state.values.clone(), grounds.ready.noise);
+    noise.sd = grounds.ready.simulated;
+    let mut windows = Vec::new();
+    for (stage, most) in STAGES.into_iter().enumerate() {
+        windows = cut(grounds.whole, &until, most);
+        let (data, start) = shots.data(grounds, &windows, &values, noise.sd);
+        let (mut state, mut pass) = model::fit(&data, layout, start, STEPS)?;
+        if stage == SURVEYED && survey::possible(&data, layout) {
+            // Longer beginnings hold contacts that shorter ones did not, and the way downhill may lead elsewhere.
+            let other = survey::survey(&data, layout, &state, grounds.seed)?;
+            let (other, at) = model::fit(&data, layout, other, STEPS)?;
+            if model::total(&at) < model::total(&pass) {
+                (state, pass) = (other, at);
+            }
+        }
+        values = state.values;
+        noise.sd = noise_of(&windows, &pass, grounds.ready.simulated);
+        if ends(&windows, &pass, noise.sd, &mut until) {
+            windows = cut(grounds.whole, &until, most);
+        }
+    }
+    let (sd, start) = {
+        let (data, start) = shots.data(grounds, &windows, &values, noise.sd);
+        (data.sd, start)
+    };
+    let data = Data::new(&windows, &grounds.ready.settings, sd, grounds.engine);
+    let (state, _) = model::fit(&data, layout, start, STEPS)?;
+    let sd = data.sd;
+    Ok(OfModel { windows, sd, layout: layout.clone(), state, noise })
+}
+
+/// Every stretch whose start was found along, fitted at some values.
+struct Shots {
+    /// By trial and place among the whole windows.
+    known: HashMap<(usize, u64), Known>,
+}
+
+/// A stretch's start, how it moves with it, and whether it went as simulated.
+struct Known {
+    nuisances: Vec<f64>,
+    frozen: Frozen,
+    counts: bool,
+}
+
+impl Shots {
+    fn fitted(grounds: &Grounds, layout: &Layout, values: &[f64]) -> Result<Shots> {
+        let windows: Vec<Window> = grounds.whole.iter().filter(|w| w.kind == Kind::Shot).cloned().collect();
+        let sd = vec![grounds.ready.simulated; windows.len()];
+        let mut data = Data::new(&windows, &grounds.ready.settings, sd, grounds.engine);
+        let start = State::new(values.to_vec(), windows.iter().map(|w| w.nuisances.clone()).collect());
+        let nuisances = base::guessed(&data, grounds.observed, layout, &start)?;
+        let (state, pass) = model::fit(&data, layout, State { nuisances, ..start }, STEPS)?;
+        base::leave_astray(&mut data, &pass);
+        let latents: Vec<usize> = layout.slots.iter().filter_map(Slot::latent).collect();
+        let only = Layout::new(&latents, Vec::new(), 1);
+        let at = State::new(state.values[..latents.len()].to_vec(), state.nuisances.clone());
+        model::freeze(&mut data, &only, &at)?;
+        let frozen = std::mem::take(&mut data.frozen);
+        let known = windows.iter().zip(state.nuisances).zip(frozen).zip(&data.sd);
+        let known = known.map(|(((w, nuisances), frozen), sd)| {
+            ((w.trial, w.start.to_bits()), Known { nuisances, frozen, counts: sd.is_finite() })
+        });
+        Ok(Shots { known: known.collect() })
+    }
+
+    /// Windows as data, and where they start.
+    fn data<'a>(
+        &self,
+        grounds: &'a Grounds,
+        windows: &'a [Window],
+        values: &[f64],
+        simulated: f64,
+    ) -> (Data<'a>, State) {
+        let of = |w: &Window| self.known.get(&(w.trial, w.start.to_bits())).filter(|_| w.kind == Kind::Shot);
+        let scale = |w: &Window| match of(w) {
+            Some(known) if !known.counts => f64::INFINITY,
+            _ if w.kind.simulated() => simulated,
+            _ => grounds.ready.noise.sd,
+        };
+        let sd = windows.iter().map(scale).collect();
+        let mut data = Data::new(windows, &grounds.ready.settings, sd, grounds.engine);
+        data.frozen = windows.iter().map(|w| of(w).map(|k| k.frozen.clone()).unwrap_or_default()).collect();
+        let start = |w: &Window| of(w).map_or_else(|| w.nuisances.clone(), |k| k.nuisances.clone());
+        (data, State::new(values.to_vec(), windows.iter().map(start).collect()))
+    }
+}
+
+/// Beginnings of at most so many intervals that end before `until`, by trial, and the stretches after them.
+pub fn cut(all: &[Window], until: &[f64], most: usize) -> Vec<Window> {
+    let shortened = |w: &Window| {
+        if w.kind != Kind::Run {
+            return Some(w.clone());
+        }
+        let bodies = w.scene.bodies.len().max(1);
+        let mut points = w.points.clone();
+        points.truncate(most * bodies);
+        points.retain(|p| p.time < until[w.trial]);
+        let last = points.last()?.time;
+        let mut out = Window { points, ..w.clone() };
+        out.scene.steps =
+            ((last / w.scene.time_step).round() as u32 + u32::from(w.scene.observe_every == 1)).max(1);
+        Some(out)
+    };
+    let mut windows: Vec<Window> = all.iter().filter_map(shortened).collect();
+    leave_runs(&mut windows);
+    windows
+}
+
+/// Ends beginnings before the first observation that is off by more than noise; whether any was.
+fn ends(windows: &[Window], pass: &Pass, sd: f64, until: &mut [f64]) -> bool {
+    let mut ended = false;
+    for (window, left) in windows.iter().zip(&pass.residuals).filter(|(w, _)| w.kind == Kind::Run) {
+        let off = |(_, r): &(&_, &[f64])| r.iter().any(|r| r.is_nan() || r.abs() > OFF * sd);
+        let first = window.points.iter().zip(left.chunks_exact(2)).find(off);
+        if let Some((point, _)) = first {
+            until[window.trial] = until[window.trial].min(point.time - 1e-9);
+            ended = true;
+        }
+    }
+    ended
+}
+
+/// Noise of beginnings that are predicted, m, by their median residual; what was known before where there are none.
+fn noise_of(windows: &[Window], pass: &Pass, known: f64) -> f64 {
+    let runs = windows.iter().zip(&pass.residuals).filter(|(w, _)| w.kind == Kind::Run);
+    let all: Vec<f64> = runs.flat_map(|(_, left)| left).map(|r| r.abs()).filter(|r| r.is_finite()).collect();
+    // The median of a normal distribution's absolute value is 0.6745 of its deviation.
+    let own = median(&all) / 0.674_489_750_196;
+    if all.len() >= FEWEST { own.clamp(LEAST * known, known) } else { known }
+}
+
+/// Fewest residuals by which noise is told anew, and least share of what was known: beginnings at rest fit themselves.
+const FEWEST: usize = 100;
+const LEAST: f64 = 0.2;

@@ -1,0 +1,141 @@
+//! Where draws begin: near a fit, with a share from the prior, so that nothing the prior allows is out of reach.
+
+use nalgebra::{DMatrix, DVector};
+use rand::RngExt;
+use rand_distr::{Distribution, StandardNormal};
+
+use super::prior::Prior;
+use crate::rng::Stream;
+use crate::world::Sample;
+
+/// A multivariate Student t.
+#[derive(Clone, Debug)]
+pub struct Student {
+    centre: DVector<f64>,
+    /// Lower Cholesky factor of the scale matrix.
+    root: DMatrix<f64>,
+    log_scale: f64,
+}
+
+/// A mixture of a wide Student t about a fit and the prior.
+#[derive(Clone, Debug)]
+pub struct Reference {
+    near: Student,
+    prior: Prior,
+}
+
+/// Degrees of freedom: tails that no posterior's are wider than, as far as they matter.
+const FREEDOM: f64 = 5.0;
+/// Share of draws from the prior.
+const ANYWHERE: f64 = 0.1;
+/// Least scale along a direction, as a share of the prior's width: a fit may be surer than it has reason to.
+const LEAST: f64 = 1e-9;
+
+impl Student {
+    /// About a centre with a covariance as its scale matrix; directions without any get next to none. `unit`: a width of each
+    /// number by which small is told.
+    pub fn new(centre: DVector<f64>, scale: &DMatrix<f64>, unit: &[f64]) -> Student {
+        let d = centre.len();
+        let mut own = 0.5 * (scale + scale.transpose());
+        for (i, unit) in unit.iter().enumerate() {
+            own[(i, i)] += (LEAST * unit).powi(2);
+        }
+        let diagonal = || DMatrix::from_diagonal(&own.diagonal().map(|v| v.max(f64::MIN_POSITIVE).sqrt()));
+        let root = own.clone().cholesky().map_or_else(diagonal, |c| c.l());
+        let log_scale = root.diagonal().iter().map(|v| libm::log(*v)).sum::<f64>();
+        let pi = std::f64::consts::PI;
+        let half = 0.5 * (FREEDOM + d as f64);
+        let constant =
+            libm::lgamma(half) - libm::lgamma(0.5 * FREEDOM) - 0.5 * d as f64 * libm::log(FREEDOM * pi);
+        Student { centre, root, log_scale: constant - log_scale }
+    }
+
+    /// Lower factor of the scale matrix.
+    pub fn root(&self) -> &DMatrix<f64> {
+        &self.root
+    }
+
+    pub fn draw(&self, stream: &mut Stream) -> Sample {
+        let z = DVector::from_fn(self.centre.len(), |_, _| StandardNormal.sample(stream));
+        // Chi squared of five degrees, as a sum of squares.
+        let squares: f64 = (0..FREEDOM as usize)
+            .map(|_| {
+                let z: f64 = StandardNormal.sample(stream);
+                z * z
+            })
+            .sum();
+        let x = &self.centre + &self.root * z * (FREEDOM / squares).sqrt();
+        x.as_slice().to_vec()
+    }
+
+    pub fn log_density(&self, point: &[f64]) -> f64 {
+        let off = DVector::from_fn(self.centre.len(), |i, _| point[i] - self.centre[i]);
+        let Some(white) = self.root.solve_lower_triangular(&off) else { return f64::NEG_INFINITY };
+        let half = 0.5 * (FREEDOM + self.centre.len() as f64);
+        self.log_scale - half * libm::log1p(white.norm_squared() / FREEDOM)
+    }
+}
+
+impl Reference {
+    /// About a fit with a covariance, made `wider` times as wide; no direction is wider than what is believed of it.
+    pub fn new(fit: &[f64], covariance: &DMatrix<f64>, wider: f64, prior: &Prior) -> Reference {
+        let unit: Vec<f64> = prior.marginals().iter().map(|m| m.centre()[1]).collect();
+        // Where the data say less than the prior, the prior decides: harmonic sums keep what is known jointly.
+        let believed = DMatrix::from_diagonal(&DVector::from_fn(fit.len(), |i, _| unit[i].powi(-2)));
+        let told = covariance.clone().try_inverse();
+        let both = told.and_then(|told| (told + &believed).try_inverse());
+        let scale = both.unwrap_or_else(|| {
+            let own = |i: usize| (covariance[(i, i)].recip() + unit[i].powi(-2)).recip();
+            DMatrix::from_diagonal(&DVector::from_fn(fit.len(), |i, _| own(i)))
+        });
+        let near = Student::new(DVector::from_column_slice(fit), &(scale * wider.powi(2)), &unit);
+        Reference { near, prior: prior.clone() }
+    }
+
+    pub fn draw(&self, stream: &mut Stream) -> Sample {
+        if stream.random::<f64>() < ANYWHERE { self.prior.draw(stream) } else { self.near.draw(stream) }
+    }
+
+    pub fn log_density(&self, point: &[f64]) -> f64 {
+        let near = libm::log(1.0 - ANYWHERE) + self.near.log_density(point);
+        super::log_sum_exp([near, libm::log(ANYWHERE) + self.prior.log_density(point)])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimate::sampler::Marginal;
+    use crate::rng;
+
+    /// What is drawn is drawn as its density says: the mean of one over the density is the area, where it is bounded.
+    #[test]
+    fn a_density_is_of_its_draws() {
+        let prior = Prior::new(vec![Marginal::Uniform { low: -1.0, high: 2.0 }; 2]).unwrap();
+        let covariance = DMatrix::from_row_slice(2, 2, &[0.04, 0.03, 0.03, 0.05]);
+        let reference = Reference::new(&[0.5, 0.4], &covariance, 1.5, &prior);
+        let mut stream = rng::stream(9, "reference");
+        let n = 20_000;
+        let (mut within, mut area) = (0.0, 0.0);
+        for _ in 0..n {
+            let x = reference.draw(&mut stream);
+            if prior.allows(&x) {
+                within += 1.0;
+                area += (-reference.log_density(&x)).exp();
+            }
+        }
+        assert!((area / n as f64 - 9.0).abs() < 0.35, "{} for an area of 9", area / n as f64);
+        assert!(within / n as f64 > 0.9, "{within}");
+    }
+
+    /// What the data say nothing of is as wide as it is believed to be.
+    #[test]
+    fn nothing_is_wider_than_believed() {
+        let prior =
+            Prior::new(vec![Marginal::Normal { mean: 1.0, sd: 0.5, low: 0.0, high: 9.0 }; 2]).unwrap();
+        let covariance = DMatrix::from_row_slice(2, 2, &[1e8, 0.0, 0.0, 1e-6]);
+        let reference = Reference::new(&[1.0, 1.0], &covariance, 1.0, &prior);
+        let root = &reference.near.root;
+        assert!((root[(0, 0)] - 0.5).abs() < 1e-3 && (root[(1, 1)] - 1e-3).abs() < 1e-5, "{root}");
+    }
+}

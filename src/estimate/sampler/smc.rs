@@ -1,0 +1,394 @@
+//! Sequential Monte Carlo: particles go from a reference near the fit to the posterior by tempering.
+//!
+//! The densities pi_b are proportional to q^(1-b) (p L)^b with q the reference, p the prior and L the likelihood, b from 0 to 1;
+//! each next b is as large as leaves half of the particles' worth; particles are then drawn anew by their weights (systematically)
+//! and moved by Metropolis steps that leave pi_b as it is.
+//!
+//! Sources: Del Moral, Doucet and Jasra, J. R. Stat. Soc. B 68 (2006) 411 (sections 2.3 and 3.3.2); choice of the next temperature
+//! by effective sample size: Jasra et al., Scand. J. Stat. 38 (2011) 1.
+//!
+//! Differences from the source: moves are random walks and independent draws in turn, both scaled by where the particles stand; the
+//! last density is moved in until particles have forgotten where they stood; several independent runs tell how far the result can
+//! be trusted.
+
+use nalgebra::DMatrix;
+use rand::RngExt;
+use rand_distr::{Distribution, StandardNormal};
+use serde::{Deserialize, Serialize};
+
+use super::quality::{Quality, by_run, r_hat};
+use super::reference::{Reference, Student};
+use super::{Draws, Target, log_sum_exp, moments};
+use crate::error::{Error, Result, within};
+use crate::progress::Progress;
+use crate::rng::{self, Stream};
+use crate::world::Sample;
+
+/// Knobs of the method.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SmcConfig {
+    /// Particles of a run.
+    pub particles: usize,
+    /// Independent runs.
+    pub runs: usize,
+    /// Moves of every particle at a temperature.
+    pub moves: usize,
+    /// Most moves at the last one.
+    pub last_moves: usize,
+    pub seed: u64,
+}
+
+/// Share of the particles' worth that a step of the temperature leaves.
+const WORTH: f64 = 0.5;
+/// Correlation with where particles stood before, below which they have forgotten it.
+const FORGOTTEN: f64 = 0.3;
+/// Most temperatures: more than a reference that lies anywhere near needs.
+const TEMPERATURES: usize = 60;
+/// By how much an independent draw is wider than the particles.
+const WIDER: f64 = 1.1;
+
+impl SmcConfig {
+    /// Four runs, a thousand draws in all.
+    pub fn standard(seed: u64) -> SmcConfig {
+        SmcConfig { particles: 256, runs: 4, moves: 2, last_moves: 8, seed }
+    }
+
+    /// Errors name what is out of range.
+    pub fn validate(&self) -> Result<()> {
+        within("particles", self.particles as f64, 16.0, 100_000.0)?;
+        within("runs", self.runs as f64, 2.0, 64.0)?;
+        within("moves", self.moves as f64, 1.0, 1000.0)?;
+        within("last_moves", self.last_moves as f64, self.moves as f64, 1000.0).map(drop)
+    }
+}
+
+/// Draws from the posterior of a target, beginning near a reference. The result depends on the seed and not on how likelihoods are
+/// evaluated.
+pub fn smc(
+    target: &dyn Target,
+    reference: &Reference,
+    config: &SmcConfig,
+    progress: &dyn Progress,
+) -> Result<Draws> {
+    config.validate()?;
+    let mut runs = Vec::with_capacity(config.runs);
+    for number in 0..config.runs {
+        let stream = rng::stream(rng::derive(config.seed, "run", number as u64), "smc");
+        let mut run = Run { target, reference, config, stream, evaluations: 0, moved: [0, 0] };
+        let report = |at: f64| {
+            let done = (1000.0 * (number as f64 + at)) as u64;
+            progress.report("drawing from the posterior", done, 1000 * config.runs as u64)
+        };
+        runs.push(run.go(&report)?);
+    }
+    Ok(joined(runs))
+}
+
+/// A particle: where it stands and how likely that is.
+#[derive(Clone)]
+struct Particle {
+    at: Sample,
+    /// Log densities: of the reference, and of prior and likelihood together.
+    begun: f64,
+    wanted: f64,
+    likelihood: f64,
+}
+
+/// One run.
+struct Run<'a> {
+    target: &'a dyn Target,
+    reference: &'a Reference,
+    config: &'a SmcConfig,
+    stream: Stream,
+    evaluations: u64,
+    /// Moves that were proposed and taken.
+    moved: [u64; 2],
+}
+
+/// What a run ends with.
+struct Ended {
+    particles: Vec<Particle>,
+    log_evidence: f64,
+    effective: Vec<f64>,
+    evaluations: u64,
+    moved: [u64; 2],
+}
+
+impl Run<'_> {
+    fn go(&mut self, report: &dyn Fn(f64) -> Result<()>) -> Result<Ended> {
+        let drawn = (0..self.config.particles).map(|_| self.reference.draw(&mut self.stream)).collect();
+        let mut particles = self.weighed(drawn)?;
+        let (mut at, mut log_evidence) = (0.0, 0.0);
+        for _ in 0..TEMPERATURES {
+            report(at)?;
+            let next = next(&particles, at)?;
+            let (weights, gained) = weights(&particles, next - at);
+            (at, log_evidence) = (next, log_evidence + gained);
+            let spread = self.spread(&particles, &weights);
+            let (chosen, worth) = resampled(&particles, &weights, &mut self.stream);
+            particles = chosen;
+            if at < 1.0 {
+                for k in 0..self.config.moves {
+                    self.step(&mut particles, at, &spread, k)?;
+                }
+                continue;
+            }
+            let effective = self.settled(&mut particles, &spread, worth)?;
+            let (evaluations, moved) = (self.evaluations, self.moved);
+            return Ok(Ended { particles, log_evidence, effective, evaluations, moved });
+        }
+        let lost = "the posterior lies so far from the fit that tempering did not reach it; fit better first";
+        Err(Error::Failed(lost.into()))
+    }
+
+    /// Points with their densities; the likelihood is asked only where the prior allows them.
+    fn weighed(&mut self, points: Vec<Sample>) -> Result<Vec<Particle>> {
+        let prior = self.target.prior();
+        let allowed: Vec<Sample> = points.iter().filter(|p| prior.allows(p)).cloned().collect();
+        self.evaluations += allowed.len() as u64;
+        let mut likelihoods = self.target.log_likelihoods(&allowed)?.into_iter();
+        let particle = |at: Sample| {
+            let begun = self.reference.log_density(&at);
+            let likelihood = match prior.allows(&at) {
+                true => likelihoods.next().filter(|l| !l.is_nan()).unwrap_or(f64::NEG_INFINITY),
+                false => f64::NEG_INFINITY,
+            };
+            Particle { begun, wanted: prior.log_density(&at) + likelihood, likelihood, at }
+        };
+        Ok(points.into_iter().map(particle).collect())
+    }
+
+    /// How particles stand to each other: what moves are scaled by.
+    fn spread(&self, particles: &[Particle], weights: &[f64]) -> Spread {
+        let points: Vec<Sample> = particles.iter().map(|p| p.at.clone()).collect();
+        let (mean, covariance) = moments(&points, weights);
+        let unit: Vec<f64> = self.target.prior().marginals().iter().map(|m| m.centre()[1]).collect();
+        let d = mean.len().max(1) as f64;
+        let walk = &covariance * (2.38f64.powi(2) / d);
+        let independent = Student::new(mean.clone(), &(&covariance * WIDER.powi(2)), &unit);
+        let root = Student::new(mean, &walk, &unit);
+        Spread { independent, walk: root.root().clone() }
+    }
+
+    /// One move of every particle under pi_at: a random walk and an independent draw in turn.
+    fn step(&mut self, particles: &mut [Particle], at: f64, spread: &Spread, number: usize) -> Result<()> {
+        let independent = number.is_multiple_of(2);
+        let mut propose = |p: &Particle| match independent {
+            true => spread.independent.draw(&mut self.stream),
+            false => spread.walked(&p.at, &mut self.stream),
+        };
+        let proposed: Vec<Sample> = particles.iter().map(&mut propose).collect();
+        let proposed = self.weighed(proposed)?;
+        let density = |p: &Particle| (1.0 - at) * p.begun + at * p.wanted;
+        for (particle, other) in particles.iter_mut().zip(proposed) {
+            let mut ratio = density(&other) - density(particle);
+            if independent {
+                let of = |p: &Particle| spread.independent.log_density(&p.at);
+                ratio += of(particle) - of(&other);
+            }
+            let u: f64 = self.stream.random();
+            self.moved[0] += 1;
+            if other.wanted > f64::NEG_INFINITY && libm::log(u) < ratio {
+                self.moved[1] += 1;
+                *particle = other;
+            }
+        }
+        Ok(())
+    }
+
+    /// Moves particles at the last temperature until they have forgotten where they stood; how many independent draws each number's
+    /// values are worth then. `worth`: what the particles were worth before.
+    fn settled(&mut self, particles: &mut [Particle], spread: &Spread, worth: f64) -> Result<Vec<f64>> {
+        let before: Vec<Sample> = particles.iter().map(|p| p.at.clone()).collect();
+        let n = particles.len() as f64;
+        let d = before.first().map_or(0, Vec::len);
+        let mut kept = vec![1.0; d];
+        for k in 0..self.config.last_moves {
+            self.step(particles, 1.0, spread, k)?;
+            kept = (0..d).map(|i| correlation(&before, particles, i)).collect();
+            if k + 1 >= self.config.moves && kept.iter().all(|c| *c < FORGOTTEN) {
+                break;
+            }
+        }
+        // Particles of one ancestor are as much alike as they remember of it.
+        Ok(kept.iter().map(|c| n / (1.0 + (n / worth - 1.0).max(0.0) * c.max(0.0).powi(2))).collect())
+    }
+}
+
+/// What moves are scaled by.
+struct Spread {
+    independent: Student,
+    /// Lower factor of a random walk's covariance.
+    walk: DMatrix<f64>,
+}
+
+impl Spread {
+    fn walked(&self, from: &[f64], stream: &mut Stream) -> Sample {
+        let z = nalgebra::DVector::from_fn(from.len(), |_, _| StandardNormal.sample(stream));
+        let step = &self.walk * z;
+        from.iter().zip(step.iter()).map(|(x, s)| x + s).collect()
+    }
+}
+
+/// Log weights of a step of the temperature.
+fn log_weights(particles: &[Particle], by: f64) -> Vec<f64> {
+    let of = |p: &Particle| if p.wanted == f64::NEG_INFINITY { p.wanted } else { by * (p.wanted - p.begun) };
+    particles.iter().map(of).collect()
+}
+
+/// The next temperature: as high as leaves the particles worth enough.
+fn next(particles: &[Particle], at: f64) -> Result<f64> {
+    let wanted = WORTH * particles.iter().filter(|p| p.wanted > f64::NEG_INFINITY).count() as f64;
+    if wanted < 1.0 {
+        return Err(Error::Failed("no draw from the prior or about the fit is possible at all".into()));
+    }
+    let worth = |to: f64| {
+        let logs = log_weights(particles, to - at);
+        (2.0 * log_sum_exp(logs.iter().copied()) - log_sum_exp(logs.iter().map(|l| 2.0 * l))).exp()
+    };
+    if worth(1.0) >= wanted {
+        return Ok(1.0);
+    }
+    let (mut low, mut high) = (at, 1.0);
+    for _ in 0..50 {
+        let middle = 0.5 * (low + high);
+        if worth(middle) >= wanted { low = middle } else { high = middle }
+    }
+    Ok(high)
+}
+
+/// Weights that sum to 1, and the logarithm of their mean before.
+fn weights(particles: &[Particle], by: f64) -> (Vec<f64>, f64) {
+    let logs = log_weights(particles, by);
+    let sum = log_sum_exp(logs.iter().copied());
+    let weights = logs.iter().map(|l| libm::exp(l - sum)).collect();
+    (weights, sum - libm::log(particles.len() as f64))
+}
+
+/// Particles drawn by their weights, evenly; and how many different ones they are worth.
+fn resampled(particles: &[Particle], weights: &[f64], stream: &mut Stream) -> (Vec<Particle>, f64) {
+    let n = particles.len();
+    let offset: f64 = stream.random();
+    let mut counts = vec![0usize; n];
+    let (mut i, mut sum) = (0, weights[0]);
+    for k in 0..n {
+        let at = (k as f64 + offset) / n as f64;
+        while sum < at && i + 1 < n {
+            i += 1;
+            sum += weights[i];
+        }
+        counts[i] += 1;
+    }
+    let squares: usize = counts.iter().map(|c| c * c).sum();
+    let chosen =
+        particles.iter().zip(&counts).flat_map(|(p, c)| std::iter::repeat_n(p.clone(), *c)).collect();
+    (chosen, (n * n) as f64 / squares as f64)
+}
+
+/// How much a number still tells of where particles stood.
+fn correlation(before: &[Sample], after: &[Particle], number: usize) -> f64 {
+    let n = before.len() as f64;
+    let mean = |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>() / n;
+    let a = mean(&mut before.iter().map(|p| p[number]));
+    let b = mean(&mut after.iter().map(|p| p.at[number]));
+    let (mut ab, mut aa, mut bb) = (0.0, 0.0, 0.0);
+    for (p, q) in before.iter().zip(after) {
+        let (x, y) = (p[number] - a, q.at[number] - b);
+        ab += x * y;
+        aa += x * x;
+        bb += y * y;
+    }
+    if aa > 0.0 && bb > 0.0 { ab / (aa * bb).sqrt() } else { 1.0 }
+}
+
+/// All runs' particles, and how far they agree.
+fn joined(runs: Vec<Ended>) -> Draws {
+    let d = runs.first().map_or(0, |r| r.effective.len());
+    let sum = |k: usize| runs.iter().map(|r| r.moved[k]).sum::<u64>() as f64;
+    let accepted = sum(1) / sum(0).max(1.0);
+    let effective: Vec<f64> = (0..d).map(|i| runs.iter().map(|r| r.effective[i]).sum()).collect();
+    let evaluations = runs.iter().map(|r| r.evaluations).sum();
+    let log_evidence = runs.iter().map(|r| r.log_evidence).collect();
+    let (mut points, mut log_likelihoods, mut run) = (Vec::new(), Vec::new(), Vec::new());
+    for (number, ended) in runs.into_iter().enumerate() {
+        for particle in ended.particles {
+            points.push(particle.at);
+            log_likelihoods.push(particle.likelihood);
+            run.push(number);
+        }
+    }
+    let r_hat = (0..d).map(|i| r_hat(&by_run(&points, &run, i))).collect();
+    Draws {
+        points,
+        log_likelihoods,
+        run,
+        log_evidence,
+        evaluations,
+        quality: Quality { r_hat, effective, accepted },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimate::sampler::tests::{COVARIANCE, MEAN, Tilted};
+    use crate::progress::Silent;
+
+    fn reference(target: &Tilted, fit: [f64; 3], wider: f64) -> Reference {
+        let mut covariance = DMatrix::identity(3, 3) * 1e8;
+        for (i, j) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+            covariance[(i, j)] = COVARIANCE[i][j];
+        }
+        for k in 0..2 {
+            covariance[(2, k)] = 0.0;
+            covariance[(k, 2)] = 0.0;
+        }
+        Reference::new(&fit, &covariance, wider, target.prior())
+    }
+
+    /// Means, spreads and evidence of a density that is known, from a fit that is right and from one that is off.
+    #[test]
+    fn a_known_density_is_drawn_from() {
+        let target = Tilted::new();
+        for fit in [[MEAN[0], MEAN[1], 1.0], [1.3, 0.2, 3.0]] {
+            let reference = reference(&target, fit, 1.5);
+            let config = SmcConfig { particles: 1000, ..SmcConfig::standard(3) };
+            let draws = smc(&target, &reference, &config, &Silent).unwrap();
+            let weights = vec![1.0 / draws.points.len() as f64; draws.points.len()];
+            let (mean, covariance) = moments(&draws.points, &weights);
+            for i in 0..2 {
+                let sd = COVARIANCE[i][i].sqrt();
+                assert!((mean[i] - MEAN[i]).abs() < 0.1 * sd, "{fit:?} {mean}");
+                assert!((covariance[(i, i)].sqrt() / sd - 1.0).abs() < 0.1, "{fit:?} {covariance}");
+            }
+            let tilt = covariance[(0, 1)] / (covariance[(0, 0)] * covariance[(1, 1)]).sqrt();
+            assert!((tilt + 0.759).abs() < 0.05, "{tilt}");
+            // What nothing tells stays as it was believed.
+            assert!(
+                (mean[2] - 1.0).abs() < 0.06 && (covariance[(2, 2)].sqrt() - 0.48).abs() < 0.06,
+                "{mean}"
+            );
+            let evidence = log_sum_exp(draws.log_evidence.iter().copied()) - 4f64.ln();
+            assert!((evidence - Tilted::log_evidence()).abs() < 0.2, "{evidence}");
+            assert!(draws.quality.verdict().is_ok(), "{:?}", draws.quality);
+        }
+    }
+
+    #[test]
+    fn a_seed_decides_every_bit() {
+        let target = Tilted::new();
+        let reference = reference(&target, [0.5, 0.6, 1.0], 2.0);
+        let config = SmcConfig { particles: 64, ..SmcConfig::standard(8) };
+        let run = |seed| smc(&target, &reference, &SmcConfig { seed, ..config.clone() }, &Silent).unwrap();
+        assert_eq!(run(8), run(8));
+        assert_ne!(run(8).points, run(9).points);
+    }
+
+    #[test]
+    fn knobs_that_are_none_are_refused() {
+        let config = SmcConfig { runs: 1, ..SmcConfig::standard(0) };
+        assert!(config.validate().unwrap_err().to_string().contains("runs"));
+        assert!(SmcConfig { particles: 3, ..SmcConfig::standard(0) }.validate().is_err());
+    }
+}
