@@ -2,10 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use iplw::discover::posterior::{Document, PosteriorConfig, Sampler, posterior};
+use iplw::discover::posterior::{Document, PosteriorConfig, Wanted, posterior};
 use iplw::error::{Error, Result};
-use iplw::estimate::sampler::mcmc::McmcConfig;
-use iplw::estimate::sampler::smc::SmcConfig;
 use iplw::picture::plot::{Heatmap, heatmaps};
 use iplw::picture::report::{Block, Report, Section};
 use iplw::reality::Gathered;
@@ -51,7 +49,7 @@ pub struct Sampling {
     #[arg(long, default_value = "smc", help_heading = SAMPLING)]
     method: String,
     /// Draws in all.
-    #[arg(long, default_value_t = 1024, value_parser = clap::value_parser!(u64).range(64..=1_000_000), help_heading = SAMPLING)]
+    #[arg(long, default_value_t = 1024, value_parser = clap::value_parser!(u64).range(64..=100_000), help_heading = SAMPLING)]
     draws: u64,
     /// Take the model for complete: nothing is allowed for that trials share and the model lacks.
     #[arg(long, help_heading = SAMPLING)]
@@ -60,7 +58,7 @@ pub struct Sampling {
     #[arg(long, default_value = "auto", help_heading = SAMPLING)]
     engine: String,
     /// Seed of the draws.
-    #[arg(long = "posterior-seed", default_value_t = 0, help_heading = SAMPLING)]
+    #[arg(long, default_value_t = 0, help_heading = SAMPLING)]
     seed: u64,
 }
 
@@ -81,7 +79,7 @@ pub fn run(args: &Args) -> Result<()> {
         args.sampling.calibrate.iter().try_for_each(|n| factor_index(n).map(drop))?;
         scene.calibrate.clone_from(&args.sampling.calibrate);
     }
-    let config = args.sampling.config([(1.0, 0.5), (1.0, 0.5), (0.5, 0.25)])?;
+    let config = args.sampling.config()?;
     output::directory("--out", &args.out)?;
     let bar = output::Bar::new();
     let document = Document::new(&posterior(&scene, &trials, &config, &bar)?, &config);
@@ -106,44 +104,30 @@ pub fn told(out: &Path, document: &Document) -> String {
 }
 
 impl Sampling {
-    /// The configuration that the options ask for, `prior` standing where they say none.
-    pub fn config(&self, mut prior: [(f64, f64); 3]) -> Result<PosteriorConfig> {
-        for given in &self.prior {
+    /// The configuration that the options ask for.
+    fn config(&self) -> Result<PosteriorConfig> {
+        let believed = |given: &String| {
             let wrong =
                 || Error::input("--prior", format!("{given:?}"), "LATENT=MEAN:SD, such as friction=0.5:0.25");
             let (name, rest) = given.split_once('=').ok_or_else(wrong)?;
             let (mean, sd) = rest.split_once(':').ok_or_else(wrong)?;
             let number = |t: &str| t.trim().parse::<f64>().ok().filter(|v| v.is_finite()).ok_or_else(wrong);
-            prior[factor_index(name.trim())?] = (number(mean)?, number(sd)?);
-        }
+            Ok((name.trim().to_string(), [number(mean)?, number(sd)?]))
+        };
         let set = |text: &String| match text.trim() {
             "none" => Vec::new(),
             names => names.split('+').map(|n| n.trim().to_string()).collect(),
         };
-        let sets: Vec<Vec<String>> = self.sets.iter().map(set).collect();
-        let draws = self.draws as usize;
-        let sampler = match self.method.as_str() {
-            "smc" => {
-                let usual = SmcConfig::standard(self.seed);
-                Sampler::Smc(SmcConfig { particles: draws.div_ceil(usual.runs), ..usual })
-            }
-            "mcmc" => {
-                let usual = McmcConfig::standard(self.seed);
-                Sampler::Mcmc(McmcConfig { steps: draws.div_ceil(usual.chains).max(8), ..usual })
-            }
-            other => return Err(Error::input("--method", format!("{other:?}"), "smc or mcmc")),
-        };
-        let usual = PosteriorConfig::standard(self.seed);
-        let config = PosteriorConfig {
-            sets: if sets.is_empty() { usual.sets.clone() } else { sets },
-            prior,
-            discrepancy: !self.no_discrepancy,
-            sampler,
+        let wanted = Wanted {
+            sets: self.sets.iter().map(set).collect(),
+            prior: self.prior.iter().map(believed).collect::<Result<_>>()?,
+            method: Some(self.method.clone()),
+            draws: Some(self.draws as usize),
+            discrepancy: Some(!self.no_discrepancy),
             engine: Engine::from_name(&self.engine)?,
-            ..usual
+            seed: self.seed,
         };
-        config.validate()?;
-        Ok(config)
+        wanted.config()
     }
 }
 

@@ -7,6 +7,7 @@ mod worlds;
 mod coverage;
 mod discover;
 mod estimate;
+mod posterior;
 mod recorded;
 mod tracks;
 mod trials;

@@ -6,7 +6,7 @@
 //!    is integrated out; `prior`: what is believed of every number.
 //! 3. `estimate::sampler` draws, beginning near the fit.
 //! 4. Sets are weighed by how well each predicts launches from the others (`decide`); their evidence stands beside that.
-//!    `document`: all of it as it is written.
+//!    `document`: all of it as it is written; `wanted`: what people say they want.
 //!
 //! Sources: sequential Monte Carlo (Del Moral, Doucet and Jasra 2006), model discrepancy (Kennedy and O'Hagan 2001), stacking by
 //! bootstrapped predictive densities (Yao et al. 2018).
@@ -18,6 +18,7 @@ mod discrepancy;
 mod document;
 mod prior;
 mod reach;
+mod wanted;
 
 use serde::{Deserialize, Serialize};
 
@@ -47,6 +48,7 @@ use discrepancy::Kinds;
 pub use document::{Document, FORMAT};
 pub use prior::{Known, known};
 use reach::{Grounds, RUN, STAGES, cut, reached};
+pub use wanted::Wanted;
 
 /// What a posterior is asked for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

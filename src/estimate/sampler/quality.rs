@@ -130,7 +130,7 @@ mod tests {
         for r in [0.0, 0.5, 0.9] {
             let chain = |stream: &mut rng::Stream| {
                 let mut x: f64 = StandardNormal.sample(stream);
-                (0..2000)
+                (0..20_000)
                     .map(|_| {
                         let z: f64 = StandardNormal.sample(stream);
                         x = r * x + (1.0f64 - r * r).sqrt() * z;
@@ -139,7 +139,7 @@ mod tests {
                     .collect::<Vec<f64>>()
             };
             let chains: Vec<Vec<f64>> = (0..4).map(|_| chain(&mut stream)).collect();
-            let wanted = 8000.0 * (1.0 - r) / (1.0 + r);
+            let wanted = 80_000.0 * (1.0 - r) / (1.0 + r);
             let found = effective(&chains);
             assert!((found / wanted - 1.0).abs() < 0.2, "{r}: {found} for {wanted}");
             assert!(r_hat(&split(&chains)) < 1.03);

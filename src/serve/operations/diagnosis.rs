@@ -41,22 +41,7 @@ pub fn operations() -> Vec<Operation> {
 /// Queues a diagnosis.
 fn begin(app: &App, Body(body): Body<DiagnosisIn>, keep: Keep<JobOut>) -> Result<JobOut> {
     let (job, seed) = (body.job.clone(), body.seed.unwrap_or(0));
-    let (scene, csv, count) = match &job {
-        Some(id) => {
-            if body.scene.is_some() || body.ball.is_some() || body.trials.is_some() || body.reading.is_some()
-            {
-                return Err(Error::input(
-                    "job",
-                    "given beside scene, ball, trials or reading",
-                    "one or the other",
-                ));
-            }
-            let (scene, csv) = (trials::scene(app, id)?, trials::csv(app, id)?);
-            let count = trials_from_csv(&csv, &scene).map_err(|e| e.under("trials"))?.len();
-            (scene, csv, count)
-        }
-        None => sent(body, app.budget())?,
-    };
+    let (scene, csv, count) = asked(app, body)?;
     // What was asked for, without the data themselves.
     let config = json!({ "job": job, "scene": scene.name, "trials": count, "seed": seed });
     let plan = json(&Given { scene: scene.to_json(), trials: csv, seed })?;
@@ -64,7 +49,19 @@ fn begin(app: &App, Body(body): Body<DiagnosisIn>, keep: Keep<JobOut>) -> Result
     Ok(app.jobs().submit(new, &|job| keep(&job.into()))?.into())
 }
 
-/// The scene, the trials as CSV and their number, of what was sent.
+/// The scene, the trials as CSV and their number, of what was sent or of the job that measured them.
+pub(super) fn asked(app: &App, body: DiagnosisIn) -> Result<(Scene, String, usize)> {
+    let Some(id) = &body.job else { return sent(body, app.budget()) };
+    if body.scene.is_some() || body.ball.is_some() || body.trials.is_some() || body.reading.is_some() {
+        let allowed = "one or the other";
+        return Err(Error::input("job", "given beside scene, ball, trials or reading", allowed));
+    }
+    let (scene, csv) = (trials::scene(app, id)?, trials::csv(app, id)?);
+    let count = trials_from_csv(&csv, &scene).map_err(|e| e.under("trials"))?.len();
+    Ok((scene, csv, count))
+}
+
+/// The same of what was sent.
 fn sent(body: DiagnosisIn, budget: &dyn Budget) -> Result<(Scene, String, usize)> {
     let scene = body.scene.map(|s| s.0);
     let ball = body.ball.map(|b| Ball::from(b.0));

@@ -21,6 +21,7 @@ mod log;
 pub mod pack;
 mod physics;
 mod policy;
+mod posterior;
 mod rollout;
 mod sketch;
 mod space;
@@ -47,6 +48,7 @@ pub use physics::{LatentsIn, effects};
 pub use policy::{
     ActIn, Acted, EvaluateIn, LearnIn, Policies, PolicyOut, RankingIn, Scored, TrainIn, TrainingIn,
 };
+pub use posterior::PosteriorIn;
 pub use rollout::{BatchOut, RolloutIn};
 pub use sketch::{PlaceIn, Places, SimulateIn, Simulated};
 pub use strict::Object;

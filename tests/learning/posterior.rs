@@ -1,0 +1,99 @@
+//! What is known, from trials of hidden worlds: draws hold the truth, and say when the model lacks something.
+
+use iplw::discover::posterior::{Document, PosteriorConfig, Sampler, posterior};
+use iplw::estimate::sampler::mcmc::McmcConfig;
+use iplw::estimate::sampler::smc::SmcConfig;
+use iplw::experiment::random_trials;
+use iplw::progress::Silent;
+use iplw::reality::{HiddenConfig, HiddenWorld, Trial, settled, standard};
+use iplw::task::scene::EffectTerm;
+use iplw::task::{Scene, Split, family, split};
+
+/// Bowling seen with 5 mm of noise, velocities not; `damped`: with the paper's drag.
+fn measured(count: usize, seed: u64, damped: bool) -> (Scene, Vec<Trial>) {
+    let own = standard(family("bowling").unwrap());
+    let drag =
+        EffectTerm { name: "linear_drag".into(), parameters: [("c".to_string(), 0.223_143_551)].into() };
+    let effects = if damped { vec![drag] } else { Vec::new() };
+    let mut world = HiddenWorld::new(HiddenConfig { effects, noise: 0.005, seed, ..own }).unwrap();
+    let tasks = split(&family("bowling").unwrap().fold(0), Split::Train);
+    let trials = random_trials(&tasks, &mut world, count, seed, &Silent).unwrap();
+    let (mut scene, trials) = settled(&tasks[0].scene, trials).unwrap();
+    scene.calibrate = vec!["friction".into(), "restitution".into()];
+    (scene, trials)
+}
+
+fn config(sets: &[&[&str]], seed: u64) -> PosteriorConfig {
+    let sets = sets.iter().map(|set| set.iter().map(|n| n.to_string()).collect()).collect();
+    let sampler = Sampler::Smc(SmcConfig { particles: 64, ..SmcConfig::standard(seed) });
+    PosteriorConfig { sets, sampler, ..PosteriorConfig::standard(seed) }
+}
+
+/// By name: mean and standard deviation.
+fn known(document: &Document, name: &str) -> [f64; 2] {
+    let found = document.parameters.iter().find(|p| p.name == name);
+    let found = found.unwrap_or_else(|| panic!("no {name}"));
+    [found.mean, found.sd]
+}
+
+/// Within this share of itself and of the deviation's, both: draws are as near as they claim.
+fn near([mean, sd]: [f64; 2], truth: f64, share: f64) {
+    assert!((mean - truth).abs() < share * truth, "{mean} for {truth}");
+    assert!((mean - truth).abs() < 5.0 * sd, "{mean} +- {sd} for {truth}");
+    assert!(sd > 0.0 && sd < share * truth, "{sd}");
+}
+
+/// Latents and drag together; the same bits again, and the same numbers by Markov chains.
+#[test]
+fn draws_hold_what_is_hidden() {
+    let (scene, trials) = measured(14, 71, true);
+    let wanted = config(&[&["linear_drag"]], 3);
+    let found = posterior(&scene, &trials, &wanted, &Silent).unwrap();
+    let document = Document::new(&found, &wanted);
+    near(known(&document, "linear_drag.c"), 0.223_143_551, 0.01);
+    near(known(&document, "restitution"), 0.447_213_595, 0.01);
+    assert_eq!(document.columns["restitution"].len(), 256);
+    assert!(document.columns.values().flatten().all(|v| v.is_some_and(f64::is_finite)));
+    let read: Document = serde_json::from_str(&serde_json::to_string(&document).unwrap()).unwrap();
+    assert_eq!(read.columns, document.columns);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let again = pool.install(|| posterior(&scene, &trials, &wanted, &Silent)).unwrap();
+    assert_eq!(again.sets[0].draws, found.sets[0].draws, "the same bits on one thread");
+    let chains = Sampler::Mcmc(McmcConfig { chains: 8, warm_up: 50, steps: 50, seed: 3 });
+    let chained = PosteriorConfig { sampler: chains, ..wanted };
+    let chained = Document::new(&posterior(&scene, &trials, &chained, &Silent).unwrap(), &chained);
+    let ([a, sd], [b, _]) = (known(&document, "restitution"), known(&chained, "restitution"));
+    assert!((a - b).abs() < 3.0 * sd, "{a} by particles, {b} by chains, +- {sd}");
+}
+
+/// A model that lacks the drag is said to lack something, and weighs nothing beside one that has it.
+#[test]
+fn what_a_model_lacks_is_said() {
+    let (scene, trials) = measured(14, 72, true);
+    let wanted = config(&[&[], &["linear_drag"]], 4);
+    let found = posterior(&scene, &trials, &wanted, &Silent).unwrap();
+    let [plain, dragged] = &found.sets[..] else { panic!("two sets") };
+    assert!(dragged.weight > 0.99, "{}", dragged.weight);
+    assert!(plain.fields[0].1 < 0.01, "nothing lacks with probability {}", plain.fields[0].1);
+    assert!(dragged.fields[0].1 > 0.5, "{:?}", dragged.fields);
+    let document = Document::new(&found, &wanted);
+    assert!(document.columns["linear_drag.c"].iter().flatten().count() > 250);
+}
+
+#[test]
+fn what_cannot_be_known_is_said_or_refused() {
+    let (scene, trials) = measured(6, 73, false);
+    let scene = Scene { calibrate: vec!["density".into(), "restitution".into()], ..scene };
+    let wanted = config(&[&[]], 5);
+    let document = Document::new(&posterior(&scene, &trials, &wanted, &Silent).unwrap(), &wanted);
+    let density = document.parameters.iter().find(|p| p.name == "density").unwrap();
+    assert!(!density.identifiable && density.left > 0.8, "{density:?}");
+    let refused = |scene: &Scene, trials: &[Trial], wanted: &PosteriorConfig, name: &str| {
+        let error = posterior(scene, trials, wanted, &Silent).unwrap_err().to_string();
+        assert!(error.contains(name), "{error}");
+    };
+    let nothing = Scene { calibrate: Vec::new(), ..scene.clone() };
+    refused(&nothing, &trials, &wanted, "calibrate");
+    refused(&scene, &trials[..2], &wanted, "trials");
+    refused(&scene, &trials, &config(&[&["phlogiston"]], 0), "phlogiston");
+}
