@@ -175,10 +175,11 @@ fn whole(args: &Args, tasks: &[Task], family: &Family, config: PlanConfig) -> Re
         }
         beliefs.retain(|(name, _)| args.rows.iter().any(|r| r == name));
     }
-    let tasks = match split(tasks, Split::Test) {
-        none if none.is_empty() => tasks.to_vec(),
-        test => test,
-    };
+    let test = split(tasks, Split::Test);
+    let tasks = if test.is_empty() { tasks.to_vec() } else { test };
+    if tasks.is_empty() {
+        return Err(Error::input("--task", format!("{:?}", family.name), "a family with certified tasks"));
+    }
     let out = args.out.clone().unwrap_or_else(|| "plans".into());
     let setup = PlanningConfig { plan: config, hidden, predictions: args.predictions };
     let cells = Cells::new(&out, beliefs.len() * tasks.len())?;

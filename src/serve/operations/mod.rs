@@ -15,6 +15,7 @@ mod given;
 mod job;
 mod learning;
 mod measured;
+mod plan;
 mod policy;
 mod render;
 mod rounds;
@@ -38,7 +39,7 @@ use crate::error::Error;
 use crate::job::{Recipe, Recipes};
 
 /// A row a file.
-const FILES: [fn() -> Vec<Operation>; 21] = [
+const FILES: [fn() -> Vec<Operation>; 22] = [
     asked::operations,
     batch::operations,
     branch::operations,
@@ -50,6 +51,7 @@ const FILES: [fn() -> Vec<Operation>; 21] = [
     given::operations,
     job::operations,
     learning::operations,
+    plan::operations,
     policy::operations,
     render::operations,
     sketch::operations,
@@ -98,7 +100,7 @@ mod tests {
         assert_eq!(names.len(), OPERATIONS.len());
         let kinds: Vec<&str> = OPERATIONS.iter().filter_map(|o| o.job).map(|(kind, _)| kind).collect();
         assert_eq!(kinds.iter().collect::<BTreeSet<_>>().len(), kinds.len());
-        assert_eq!(kinds.len(), 6, "{kinds:?}");
+        assert_eq!(kinds.len(), 7, "{kinds:?}");
         assert!(operation("step_worlds").is_ok() && operation("metrics").is_err());
     }
 }
