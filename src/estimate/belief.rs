@@ -237,8 +237,8 @@ mod tests {
     fn a_prior_s_draws_are_within_bounds_and_spread_as_it_says() {
         let belief = Belief::prior(PRIOR, vec![effect::damping(0.8)], 4000, 3).unwrap();
         let of = |factor: usize| belief.draws().iter().map(move |d| d.latents.values()[factor].unwrap());
-        for factor in 0..3 {
-            let [low, high] = FACTORS[factor].bounds;
+        for (factor, row) in FACTORS.iter().enumerate() {
+            let [low, high] = row.bounds;
             assert!(of(factor).all(|v| (low..=high).contains(&v)));
         }
         let mean = of(1).sum::<f64>() / 4000.0;
