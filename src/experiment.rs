@@ -12,6 +12,7 @@ mod choice;
 mod config;
 pub mod extension;
 mod fit;
+pub mod planning;
 pub mod quickstart;
 mod report;
 pub mod sense;

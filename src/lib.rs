@@ -14,6 +14,7 @@
 //! | `estimate/` | trials -> latents, by the cross-entropy method; what performance asks of them |
 //! | `discover/` | measured minus simulated -> what the simulation lacks |
 //! | `policy/` | scoring actions; sole home of dfdx |
+//! | `plan/` | actions ranked by rollouts under what is believed |
 //! | `picture/` | scenes, films and plots as SVG and PNG |
 //! | `experiment` | the main path: explore -> measure -> estimate -> train -> transfer -> report |
 //! | `store/` `access/` `job/` | what lasts, who may do what, and work that takes long |
@@ -42,6 +43,7 @@ pub mod explore;
 pub mod job;
 pub mod json;
 pub mod picture;
+pub mod plan;
 pub mod policy;
 pub mod progress;
 pub mod reality;

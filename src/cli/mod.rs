@@ -18,6 +18,7 @@ mod outcomes;
 mod output;
 mod own;
 mod parse;
+mod plan;
 mod posterior;
 mod rollout;
 mod serve;
@@ -87,6 +88,8 @@ enum Command {
     Train(Computing<train::TrainArgs>),
     /// Try a policy in a hidden world.
     Evaluate(Computing<train::EvaluateArgs>),
+    /// Rank a task's actions by how likely they solve it under what is believed; of a family, try the orders in a hidden world.
+    Plan(Computing<plan::Args>),
     /// Find out what many actions do in every task of a family; writes NumPy arrays.
     Outcomes(Computing<outcomes::Args>),
     /// Compare agents over many families, from such tables: AUCCESS within and across families.
@@ -129,6 +132,7 @@ pub fn main() -> ExitCode {
         Command::Posterior(args) => args.run(posterior::run),
         Command::Train(args) => args.run(train::train_policy),
         Command::Evaluate(args) => args.run(train::evaluate_policy),
+        Command::Plan(args) => args.run(plan::run),
         Command::Outcomes(args) => args.run(outcomes::run),
         Command::Agents(args) => args.run(agents::run),
     };

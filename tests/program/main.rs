@@ -10,6 +10,7 @@ mod discover_cli;
 mod families;
 mod families_cli;
 mod import_cli;
+mod plan_cli;
 mod rooms;
 mod sources;
 mod tracks_cli;

@@ -672,6 +672,55 @@ fn bad_input_is_a_problem_that_names_it() {
         row("GET", "/v1/surfaces/surface-1", "", 404, missing, ""),
         row("GET", "/v1/surfaces/surface--1/picture", "", 404, missing, ""),
         row("DELETE", "/v1/surfaces/1", "", 404, missing, ""),
+        row("POST", "/v1/plans", "{}", 400, bad, ""),
+        row("POST", "/v1/plans", r#"{"task": "curling:000"}"#, 404, missing, ""),
+        row("POST", "/v1/plans", r#"{"task": "bowling:999"}"#, 404, missing, ""),
+        row("POST", "/v1/plans", r#"{"task": "bowling"}"#, 422, wrong, "task"),
+        row("POST", "/v1/plans", r#"{"task": "bowling:000", "draws": 0}"#, 422, wrong, "draws"),
+        row("POST", "/v1/plans", r#"{"task": "bowling:000", "actions": 1e9}"#, 422, wrong, "actions"),
+        row("POST", "/v1/plans", r#"{"task": "bowling:000", "perturb": -1}"#, 422, wrong, "perturb"),
+        row("POST", "/v1/plans", r#"{"task": "bowling:000", "seconds": -1}"#, 422, wrong, "seconds"),
+        row("POST", "/v1/plans", r#"{"task": "bowling:000", "engine": "warp"}"#, 422, wrong, "engine"),
+        row(
+            "POST",
+            "/v1/plans",
+            r#"{"task": "bowling:000", "latents": {"friction": -1}}"#,
+            422,
+            wrong,
+            "latents.friction",
+        ),
+        row(
+            "POST",
+            "/v1/plans",
+            r#"{"task": "bowling:000", "effects": [{"name": "magic"}]}"#,
+            422,
+            wrong,
+            "effects[0].name",
+        ),
+        row(
+            "POST",
+            "/v1/plans",
+            plan_under(json!({"friction": [0.5]}), "iplw.posterior/9"),
+            422,
+            wrong,
+            "belief.format",
+        ),
+        row(
+            "POST",
+            "/v1/plans",
+            plan_under(json!({"friction": [0.5, -1]}), "iplw.posterior/1"),
+            422,
+            wrong,
+            "belief.columns.friction[1]",
+        ),
+        row(
+            "POST",
+            "/v1/plans",
+            plan_under(json!({"grip": [0.5]}), "iplw.posterior/1"),
+            422,
+            wrong,
+            "belief.columns.grip",
+        ),
         row("POST", "/v1/diagnoses", "{}", 422, wrong, "scene"),
         row("POST", "/v1/diagnoses", r#"{"job": "job-99"}"#, 404, missing, ""),
         row("POST", "/v1/diagnoses", r#"{"job": "job-99", "trials": ""}"#, 422, wrong, "job"),
@@ -1137,6 +1186,53 @@ fn surfaces_are_found_kept_and_used() {
     let done = server.finish(&server.post("/v1/iplw", &unnamed, 202));
     assert_eq!(done["state"], "succeeded", "{done}");
     assert_eq!(server.get("/v1/surfaces")["surfaces"][0]["task"], "basketball");
+}
+
+/// A plan of a task under columns of draws.
+fn plan_under(columns: Value, format: &str) -> String {
+    let belief = json!({"format": format, "columns": columns, "effects": []});
+    json!({"task": "bowling:000", "belief": belief}).to_string()
+}
+
+/// Under the prior, one world and a posterior; a plan that runs out of rollouts says so.
+#[test]
+fn tasks_are_planned() {
+    let server = Running::start();
+    let small = |more: Value| {
+        let mut body = json!({"task": "basketball:003", "actions": 200, "draws": 6, "exact": 3, "seed": 4});
+        body.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
+        let done = server.finish(&server.post("/v1/plans", &body, 202));
+        assert_eq!(done["state"], "succeeded", "{done}");
+        done["result"].clone()
+    };
+    let posterior = json!({"format": "iplw.posterior/1", "seconds": 3.5,
+        "columns": {"friction": [0.2, 0.25, 0.2], "restitution": [0.7, 0.68, 0.71], "linear_drag.c": [0.22, null, 0.3]}});
+    let beliefs = [
+        (json!({}), "prior", 1024),
+        (
+            json!({"latents": {"friction": 0.2}, "effects": [{"name": "wind", "parameters": {"ax": 0.1}}]}),
+            "point",
+            1,
+        ),
+        (json!({"belief": posterior}), "posterior", 3),
+    ];
+    for (belief, source, draws) in beliefs {
+        let plan = small(belief);
+        assert_eq!(plan["format"], "iplw.plan/1");
+        assert_eq!(plan["belief"], json!({"source": source, "draws": draws}));
+        assert_eq!((&plan["complete"], &plan["candidates"]), (&json!(true), &json!(200)));
+        let rows = plan["actions"].as_array().unwrap();
+        assert_eq!(rows.len(), 100);
+        for row in &rows[..3] {
+            assert_eq!(row["draws"], 6);
+            assert!((0.0..=1.0).contains(&row["probability"].as_f64().unwrap()), "{row}");
+            assert!(row["standard_error"].as_f64().unwrap() > 0.0);
+        }
+        assert!(rows[3..].iter().all(|row| row["probability"].is_null()));
+    }
+    assert_eq!(small(json!({})), small(json!({})), "a seed's plan is one plan");
+    let few = small(json!({"rollouts": 50}));
+    assert_eq!((&few["complete"], &few["rollouts"]), (&json!(false), &json!(50 + 3 * 6)));
 }
 
 /// Trials sent, and trials that an estimation measured, are diagnosed as they are.

@@ -69,6 +69,8 @@ def test_budgets_are_kept(client: iplw.Client) -> None:
         (lambda c: c.policy("untrained").learn("nowhere"), 404, []),
         (lambda c: c.find_surface("bowlign"), 404, ["bowlign"]),
         (lambda c: c.diagnose(job="nowhere"), 404, ["nowhere"]),
+        (lambda c: c.plan("bowling:999"), 404, ["bowling:999"]),
+        (lambda c: c.plan("bowling:000", latents={}, belief={}), 422, ["latents", "belief"]),
         (lambda c: c.create_world("bowlign"), 404, ["bowlign", "bowling"]),
         (lambda c: c.create_world("bowling", latents={"friction": -1}), 422, ["friction", "-1"]),
         (lambda c: c.create_world("bowling", latents={"colour": 1}), 400, ["colour"]),
@@ -267,6 +269,15 @@ def test_baselines_and_what_the_simulation_lacks(client: iplw.Client, tmp_path: 
     scene = json.loads((tmp_path / "scene.json").read_text())
     again = client.diagnose(scene, (tmp_path / "trials.csv").read_text()).wait()
     assert again["verdict"] == diagnosis["verdict"]
+
+
+def test_tasks_are_planned(client: iplw.Client) -> None:
+    belief = {"format": "iplw.posterior/1", "columns": {"friction": [0.2, 0.25], "linear_drag.c": [0.22, None]}}
+    plan = client.plan("basketball:003", belief=belief, actions=100, draws=4, exact=2, seed=1).wait()
+    assert plan["format"] == "iplw.plan/1" and plan["belief"] == {"source": "posterior", "draws": 2}
+    assert plan["complete"] and all(0 <= row["probability"] <= 1 for row in plan["actions"][:2])
+    known = client.plan("basketball:003", latents={"friction": 0.2}, actions=100, draws=4, rollouts=10).wait()
+    assert known["belief"]["source"] == "point" and not known["complete"]
 
 
 def test_surfaces_are_listed_got_drawn_and_deleted(client: iplw.Client, tmp_path: Path) -> None:

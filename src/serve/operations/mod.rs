@@ -15,6 +15,7 @@ mod given;
 mod job;
 mod learning;
 mod measured;
+mod plan;
 mod policy;
 mod posterior;
 mod render;
@@ -39,7 +40,7 @@ use crate::error::Error;
 use crate::job::{Recipe, Recipes};
 
 /// A row a file.
-const FILES: [fn() -> Vec<Operation>; 22] = [
+const FILES: [fn() -> Vec<Operation>; 23] = [
     asked::operations,
     batch::operations,
     branch::operations,
@@ -51,6 +52,7 @@ const FILES: [fn() -> Vec<Operation>; 22] = [
     given::operations,
     job::operations,
     learning::operations,
+    plan::operations,
     policy::operations,
     posterior::operations,
     render::operations,
@@ -100,7 +102,7 @@ mod tests {
         assert_eq!(names.len(), OPERATIONS.len());
         let kinds: Vec<&str> = OPERATIONS.iter().filter_map(|o| o.job).map(|(kind, _)| kind).collect();
         assert_eq!(kinds.iter().collect::<BTreeSet<_>>().len(), kinds.len());
-        assert_eq!(kinds.len(), 7, "{kinds:?}");
+        assert_eq!(kinds.len(), 8, "{kinds:?}");
         assert!(operation("step_worlds").is_ok() && operation("metrics").is_err());
     }
 }

@@ -20,6 +20,7 @@ mod job;
 mod log;
 pub mod pack;
 mod physics;
+mod plan;
 mod policy;
 mod posterior;
 mod rollout;
@@ -45,6 +46,7 @@ pub use health::Health;
 pub use job::{Estimation, JobOut, Jobs, RealChoice, RealIn};
 pub use log::{LineOut, Log};
 pub use physics::{LatentsIn, effects};
+pub use plan::{Believing, PlanIn};
 pub use policy::{
     ActIn, Acted, EvaluateIn, LearnIn, Policies, PolicyOut, RankingIn, Scored, TrainIn, TrainingIn,
 };
