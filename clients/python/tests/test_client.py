@@ -69,6 +69,8 @@ def test_budgets_are_kept(client: iplw.Client) -> None:
         (lambda c: c.policy("untrained").learn("nowhere"), 404, []),
         (lambda c: c.find_surface("bowlign"), 404, ["bowlign"]),
         (lambda c: c.diagnose(job="nowhere"), 404, ["nowhere"]),
+        (lambda c: c.posterior(job="nowhere"), 404, ["nowhere"]),
+        (lambda c: c.posterior(ball={"radius": 0.02}, trials="t,x,y", draws=1), 422, ["draws"]),
         (lambda c: c.plan("bowling:999"), 404, ["bowling:999"]),
         (lambda c: c.plan("bowling:000", latents={}, belief={}), 422, ["latents", "belief"]),
         (lambda c: c.create_world("bowlign"), 404, ["bowlign", "bowling"]),
@@ -269,6 +271,25 @@ def test_baselines_and_what_the_simulation_lacks(client: iplw.Client, tmp_path: 
     scene = json.loads((tmp_path / "scene.json").read_text())
     again = client.diagnose(scene, (tmp_path / "trials.csv").read_text()).wait()
     assert again["verdict"] == diagnosis["verdict"]
+
+
+def test_what_is_known_is_drawn(client: iplw.Client) -> None:
+    noise = np.random.default_rng(5)
+    c, t = 0.3, np.linspace(0.0, 0.9, 24)
+    gone = (1 - np.exp(-c * t)) / c
+
+    def throw(vx: float, vy: float) -> Any:
+        x, y = vx * gone, (vy + 9.81 / c) * gone - 9.81 * t / c
+        return np.stack([t, x, y], axis=1) + noise.normal(0, 1e-3, (24, 3)) * [0, 1, 1]
+
+    throws = [throw(3 + 0.5 * k, 4 - 0.3 * k) for k in range(8)]
+    sets = [["linear_drag"], ["wind"]]
+    known = client.posterior(ball={"radius": 0.02}, trials=throws, sets=sets, draws=64, seed=1).wait()
+    assert known["format"] == "iplw.posterior/1" and known["sets"][0]["weight"] > 0.9
+    drawn = np.array([v for v in known["columns"]["linear_drag.c"] if v is not None])
+    assert abs(drawn.mean() - c) < 5 * drawn.std() and 0 < drawn.std() < 0.05
+    plan = client.plan("basketball:003", belief=known, actions=50, draws=4, exact=2, seed=1).wait()
+    assert plan["belief"]["source"] == "posterior"
 
 
 def test_tasks_are_planned(client: iplw.Client) -> None:
