@@ -5,24 +5,24 @@
 //! time on, and any values that come nearer are wrong ones. So beginnings grow in stages; from each fit, those that leave the noise
 //! end before they do, and stretches whose starts are found along take over from there.
 
+use std::cmp::Ordering;
 use std::collections::HashMap;
 
 use super::OfModel;
 use crate::discover::base;
 use crate::discover::fit::Fitted;
 use crate::discover::model::{self, Data, Frozen, Layout, Pass, Slot, State};
+use crate::discover::noise::Noise;
 use crate::discover::prepare::Ready;
 use crate::discover::stats::median;
 use crate::discover::survey;
-use crate::discover::window::{Kind, Window, leave_runs};
+use crate::discover::window::{Kind, Point, Window, leave_runs};
 use crate::error::Result;
 use crate::trajectory::Trajectory;
 use crate::world::Engine;
 
 /// Most intervals of beginnings, stage by stage.
 pub const STAGES: [usize; 3] = [8, 12, 16];
-/// The stage in which the whole range of values is searched again.
-const SURVEYED: usize = 1;
 /// Most intervals of a beginning at all.
 pub const RUN: usize = STAGES[2];
 /// Standard deviations of the noise that a prediction is off by where it is no longer one.
@@ -41,40 +41,48 @@ pub struct Grounds<'a> {
     pub seed: u64,
 }
 
-/// The model of a fit, beginnings as long as it predicts them.
+/// The model of a fit, beginnings as long as it predicts them. The fit may stand in a hollow of its own, which longer beginnings
+/// contradict: of it and of what is found over longer ones, whichever predicts most is taken (as RANSAC does: Fischler and Bolles,
+/// Commun. ACM 24 (1981) 381).
 pub fn reached(grounds: &Grounds, fit: &Fitted) -> Result<OfModel> {
     let layout = &fit.layout;
     let shots = Shots::fitted(grounds, layout, &fit.state.values)?;
-    let mut until = vec![f64::INFINITY; grounds.ready.settings.len()];
-    let (mut values, mut noise) = (fit.state.values.clone(), grounds.ready.noise);
-    noise.sd = grounds.ready.simulated;
-    let mut windows = Vec::new();
-    for (stage, most) in STAGES.into_iter().enumerate() {
-        windows = cut(grounds.whole, &until, most);
-        let (data, start) = shots.data(grounds, &windows, &values, noise.sd);
-        let (mut state, mut pass) = model::fit(&data, layout, start, STEPS)?;
-        if stage == SURVEYED && survey::possible(&data, layout) {
-            // Longer beginnings hold contacts that shorter ones did not, and the way downhill may lead elsewhere.
-            let other = survey::survey(&data, layout, &state, grounds.seed)?;
-            let (other, at) = model::fit(&data, layout, other, STEPS)?;
-            if model::total(&at) < model::total(&pass) {
-                (state, pass) = (other, at);
-            }
+    let mut best = shots.grown(grounds, layout, fit.state.values.clone())?;
+    for most in STAGES.into_iter().skip(1) {
+        let windows = cut(grounds.whole, &vec![f64::INFINITY; grounds.ready.settings.len()], most);
+        let (data, start) = shots.data(grounds, &windows, &best.values, best.noise);
+        if !survey::possible(&data, layout) {
+            break;
         }
-        values = state.values;
-        noise.sd = noise_of(&windows, &pass, grounds.ready.simulated);
-        if ends(&windows, &pass, noise.sd, &mut until) {
-            windows = cut(grounds.whole, &until, most);
+        let other = survey::survey(&data, layout, &start, grounds.seed)?;
+        let other = shots.grown(grounds, layout, other.values)?;
+        if other.predicted > best.predicted {
+            best = other;
         }
     }
+    let Grown { values, until, noise, .. } = best;
+    let windows = cut(grounds.whole, &until, RUN);
     let (sd, start) = {
-        let (data, start) = shots.data(grounds, &windows, &values, noise.sd);
+        let shots = Shots::fitted(grounds, layout, &values)?;
+        let (data, start) = shots.data(grounds, &windows, &values, noise);
         (data.sd, start)
     };
     let data = Data::new(&windows, &grounds.ready.settings, sd, grounds.engine);
     let (state, _) = model::fit(&data, layout, start, STEPS)?;
     let sd = data.sd;
+    let noise = Noise { sd: noise, ..grounds.ready.noise };
     Ok(OfModel { windows, sd, layout: layout.clone(), state, noise })
+}
+
+/// Values, and how far beginnings go that they predict.
+struct Grown {
+    values: Vec<f64>,
+    /// When each trial's beginning ends, s.
+    until: Vec<f64>,
+    /// Noise of an observed coordinate, m.
+    noise: f64,
+    /// Observations of beginnings that are predicted.
+    predicted: usize,
 }
 
 /// Every stretch whose start was found along, fitted at some values.
@@ -109,6 +117,33 @@ impl Shots {
             ((w.trial, w.start.to_bits()), Known { nuisances, frozen, counts: sd.is_finite() })
         });
         Ok(Shots { known: known.collect() })
+    }
+
+    /// Values fitted to beginnings that grow in stages, as far as they are predicted.
+    fn grown(&self, grounds: &Grounds, layout: &Layout, mut values: Vec<f64>) -> Result<Grown> {
+        let mut noise = grounds.ready.simulated;
+        let open = vec![f64::INFINITY; grounds.ready.settings.len()];
+        let mut until = open.clone();
+        for most in STAGES {
+            // What the last stage's values did not predict, this one's may.
+            until.clone_from(&open);
+            let all = cut(grounds.whole, &open, most);
+            let (data, start) = self.data(grounds, &all, &values, noise);
+            let shown = model::shown(&data, layout, &start)?;
+            ends(&all, &shown, noise, &mut until);
+            let windows = cut(grounds.whole, &until, most);
+            let (data, start) = self.data(grounds, &windows, &values, noise);
+            let (state, pass) = model::fit(&data, layout, start, STEPS)?;
+            values = state.values;
+            noise = noise_of(&windows, &pass, grounds.ready.simulated);
+        }
+        until.clone_from(&open);
+        let all = cut(grounds.whole, &open, RUN);
+        let (data, start) = self.data(grounds, &all, &values, noise);
+        ends(&all, &model::shown(&data, layout, &start)?, noise, &mut until);
+        let before = |w: &Window| w.points.iter().filter(|p| p.time < until[w.trial]).count();
+        let predicted = all.iter().filter(|w| w.kind == Kind::Run).map(before).sum();
+        Ok(Grown { values, until, noise, predicted })
     }
 
     /// Windows as data, and where they start.
@@ -154,18 +189,19 @@ pub fn cut(all: &[Window], until: &[f64], most: usize) -> Vec<Window> {
     windows
 }
 
-/// Ends beginnings before the first observation that is off by more than noise; whether any was.
-fn ends(windows: &[Window], pass: &Pass, sd: f64, until: &mut [f64]) -> bool {
-    let mut ended = false;
-    for (window, left) in windows.iter().zip(&pass.residuals).filter(|(w, _)| w.kind == Kind::Run) {
-        let off = |(_, r): &(&_, &[f64])| r.iter().any(|r| r.is_nan() || r.abs() > OFF * sd);
-        let first = window.points.iter().zip(left.chunks_exact(2)).find(off);
-        if let Some((point, _)) = first {
+/// Ends beginnings before the first observation that is off by more than noise, of what is shown by window.
+fn ends(windows: &[Window], shown: &[Vec<f64>], sd: f64, until: &mut [f64]) {
+    for (window, shown) in windows.iter().zip(shown).filter(|(w, _)| w.kind == Kind::Run) {
+        let off = |(point, at): &(&Point, &[f64])| {
+            // What is no number is far off, too.
+            let far =
+                |k: usize| (point.seen[k] - at[k]).abs().partial_cmp(&(OFF * sd)) != Some(Ordering::Less);
+            far(0) || far(1)
+        };
+        if let Some((point, _)) = window.points.iter().zip(shown.chunks_exact(2)).find(off) {
             until[window.trial] = until[window.trial].min(point.time - 1e-9);
-            ended = true;
         }
     }
-    ended
 }
 
 /// Noise of beginnings that are predicted, m, by their median residual; what was known before where there are none.
