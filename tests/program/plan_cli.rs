@@ -87,7 +87,7 @@ fn what_cannot_be_planned_is_refused() {
         (&["--task", "bowling:999"], "bowling:999"),
         (&["--task", "bowling:000", "--draws", "0"], "draws"),
         (&["--task", "bowling:000", "--perturb", "2"], "perturb"),
-        (&["--task", "bowling:000", "--seconds", "-1"], "--seconds"),
+        (&["--task", "bowling:000", "--seconds=-1"], "--seconds"),
         (&["--task", "bowling:000", "--belief", "nowhere.json"], "nowhere.json"),
         (&["--task", "bowling:000", "--belief", odd], "columns.friction[1]"),
         (&["--task", "bowling:000", "--belief", odd, "--prior"], "--prior"),

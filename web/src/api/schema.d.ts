@@ -392,6 +392,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/plans": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Ranks a task's actions by how likely they solve it under what is believed of the world. A job; its result is an
+         *     `iplw.plan/1` document: actions best first, those of trying everything, with probabilities from fresh draws.
+         */
+        post: operations["start_plan"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/v1/policies": {
         parameters: {
             query?: never;
@@ -1670,6 +1690,40 @@ export interface components {
         Places: {
             /** @description One for each action: why it cannot be placed, `null` where it can. */
             reasons: (string | null)[];
+        };
+        /**
+         * @description A task to plan, and what is believed of the world: the `belief` of a posterior, one world (`latents`, and `effects`), or, if
+         *     neither is given, the family's prior (and `effects`).
+         */
+        PlanIn: {
+            /** @description Actions looked at, up to 100,000; default 10,000. */
+            actions?: number | null;
+            /** @description An `iplw.posterior/1` document: equally likely draws as `columns`, of which only those and `effects` are read. */
+            belief?: Record<string, never> | null;
+            /** @description Worlds in which an action is tried, at most, up to 1000; and as many fresh ones for the best. Default 64. */
+            draws?: number | null;
+            /** @description Effects of the believed world. */
+            effects?: components["schemas"]["EffectIn"][] | null;
+            /** @description `auto`, or the name of an engine. */
+            engine?: string | null;
+            /** @description So many of the best are exact, and tried again under fresh draws: up to 100, default 10. */
+            exact?: number | null;
+            latents?: components["schemas"]["LatentsIn"] | null;
+            /**
+             * Format: double
+             * @description Most that a component of an action is moved in a copy, up to 1; default 0.002, and 0 tries actions as they are.
+             */
+            perturb?: number | null;
+            /** @description Most rollouts of the race; what is known by then is the answer. */
+            rollouts?: number | null;
+            /**
+             * Format: double
+             * @description Most seconds of the race, up to 3600; likewise, and the same request may then be answered differently.
+             */
+            seconds?: number | null;
+            seed?: number | null;
+            /** @description One task, `bowling:017`. */
+            task: string;
         };
         /** @description All policies. */
         Policies: {
@@ -4453,6 +4507,134 @@ export interface operations {
             };
             /** @description Unprocessable Entity */
             422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request's deadline has passed, or storage fails or is damaged */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    start_plan: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description Repeated under the same key, the request has no further effect and is answered the same */
+                "Idempotency-Key"?: string | null;
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["PlanIn"];
+            };
+        };
+        responses: {
+            /** @description Accepted */
+            202: {
+                headers: {
+                    /** @description Where the job is */
+                    Location?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["JobOut"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description No token, or none that is good */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The token may not act, or not from this page */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Unknown task */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body takes too long */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Payload Too Large */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A page sends a body of another type */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The server is not called so */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Too many waiting jobs */
+            429: {
                 headers: {
                     [name: string]: unknown;
                 };

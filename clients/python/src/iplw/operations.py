@@ -171,6 +171,15 @@ OPERATIONS: dict[str, Operation] = {
         takes=("application/json",),
         gives=("application/json",),
     ),
+    "start_plan": Operation(
+        method="POST",
+        path="/v1/plans",
+        status=202,
+        names=("actions", "belief", "draws", "effects", "engine", "exact", "latents", "perturb", "rollouts", "seconds", "seed", "task"),
+        takes=("application/json",),
+        gives=("application/json",),
+        keyed=True,
+    ),
     "list_policies": Operation(
         method="GET",
         path="/v1/policies",

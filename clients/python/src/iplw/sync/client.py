@@ -294,6 +294,49 @@ class Client:
         )
         return self._job(self._line.do(calls.post("start_diagnosis", body, key)))
 
+    def plan(
+        self,
+        task: str,
+        *,
+        belief: Mapping[str, Any] | None = None,
+        latents: Mapping[str, float] | None = None,
+        effects: Sequence[Mapping[str, Any]] | None = None,
+        actions: int | None = None,
+        draws: int | None = None,
+        perturb: float | None = None,
+        exact: int | None = None,
+        rollouts: int | None = None,
+        seconds: float | None = None,
+        engine: str | None = None,
+        seed: int | None = None,
+        key: str | None = None,
+    ) -> Job:
+        """Which actions of a task are the likeliest to solve it under what is believed of the world, as a job.
+
+        What is believed: `belief`, a posterior (an `iplw.posterior/1` document); or one world of `latents` and `effects`; or,
+        without either, the family's prior. `actions` are looked at, each in up to `draws` worlds and moved by up to `perturb`
+        (a share of its range); the best `exact` are those of trying everything, and get probabilities from fresh draws.
+        After `rollouts` or `seconds` the answer is what is known by then.
+
+        The result's `actions` are best first, each with `action`, `share`, `probability` and `standard_error`; `complete` says
+        whether the best are known for certain.
+        """
+        body = given(
+            task=task,
+            belief=belief,
+            latents=latents,
+            effects=effects,
+            actions=actions,
+            draws=draws,
+            perturb=perturb,
+            exact=exact,
+            rollouts=rollouts,
+            seconds=seconds,
+            engine=engine,
+            seed=seed,
+        )
+        return self._job(self._line.do(calls.post("start_plan", body, key)))
+
     def find_surface(
         self,
         task: str,
