@@ -526,6 +526,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/posteriors": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Draws what is known of latents and of effects' parameters from the posterior given measured trials. A job; its result
+         *     is an `iplw.posterior/1` document, draws as `columns`, which a plan takes as its `belief`.
+         */
+        post: operations["start_posterior"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/v1/simulate": {
         parameters: {
             query?: never;
@@ -1748,6 +1768,34 @@ export interface components {
             training: string;
             /** @description Version of the program that stored it. */
             version: string;
+        };
+        /** @description Measured trials, the simulation they are of, and what is to be known: latents and parameters of effects. */
+        PosteriorIn: {
+            ball?: components["schemas"]["BallIn"] | null;
+            /** @description Latents to be known, in place of the scene's `calibrate`. */
+            calibrate?: string[] | null;
+            /** @description Whether what trials share and the model lacks is allowed for; true if absent. */
+            discrepancy?: boolean | null;
+            /** @description Draws in all; 1024 if absent. */
+            draws?: number | null;
+            /** @description Id of an estimation: its trials so far are asked. */
+            job?: string | null;
+            /** @description `smc` (sequential Monte Carlo) or `mcmc` (Markov chains). */
+            method?: string | null;
+            /** @description Mean and standard deviation by latent; else 1 and 0.5, for restitution 0.5 and 0.25. */
+            prior?: {
+                [key: string]: number[];
+            } | null;
+            reading?: components["schemas"]["ReadingIn"] | null;
+            /** @description An `iplw.scene/1` document; `calibrate` names the latents to be known. */
+            scene?: Record<string, never> | null;
+            seed?: number | null;
+            /**
+             * @description Sets of effects by name, each a model of its own, weighed by how it predicts trials from the others; `[]` is the scene as it
+             *     is, which is the default.
+             */
+            sets?: string[][] | null;
+            trials?: components["schemas"]["TrialsIn"] | null;
         };
         /** @description What went wrong (`application/problem+json`, RFC 9457). */
         Problem: {
@@ -5569,6 +5617,143 @@ export interface operations {
             };
             /** @description Not the weights of a policy */
             422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request's deadline has passed, or storage fails or is damaged */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    start_posterior: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description Repeated under the same key, the request has no further effect and is answered the same */
+                "Idempotency-Key"?: string | null;
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: {
+            content: {
+                "application/json": components["schemas"]["PosteriorIn"];
+            };
+        };
+        responses: {
+            /** @description Accepted */
+            202: {
+                headers: {
+                    /** @description Where the job is */
+                    Location?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["JobOut"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description No token, or none that is good */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The token may not act, or not from this page */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Unknown job, latent or effect */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body takes too long */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A job without trials */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Payload Too Large */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A page sends a body of another type */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The server is not called so */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Too many waiting jobs */
+            429: {
                 headers: {
                     [name: string]: unknown;
                 };

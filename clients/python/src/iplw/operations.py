@@ -251,6 +251,15 @@ OPERATIONS: dict[str, Operation] = {
         takes=("application/octet-stream",),
         gives=("application/json",),
     ),
+    "start_posterior": Operation(
+        method="POST",
+        path="/v1/posteriors",
+        status=202,
+        names=("ball", "calibrate", "discrepancy", "draws", "job", "method", "prior", "reading", "scene", "seed", "sets", "trials"),
+        takes=("application/json",),
+        gives=("application/json",),
+        keyed=True,
+    ),
     "simulate": Operation(
         method="POST",
         path="/v1/simulate",

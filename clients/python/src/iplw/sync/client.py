@@ -294,6 +294,50 @@ class Client:
         )
         return self._job(self._line.do(calls.post("start_diagnosis", body, key)))
 
+    def posterior(
+        self,
+        scene: Mapping[str, Any] | None = None,
+        trials: Measured | None = None,
+        *,
+        ball: Mapping[str, float] | None = None,
+        reading: Mapping[str, Any] | None = None,
+        job: Job | str | None = None,
+        sets: Sequence[Sequence[str]] | None = None,
+        calibrate: Sequence[str] | None = None,
+        prior: Mapping[str, Sequence[float]] | None = None,
+        method: str | None = None,
+        draws: int | None = None,
+        discrepancy: bool | None = None,
+        seed: int | None = None,
+        key: str | None = None,
+    ) -> Job:
+        """What is known of latents and of effects' parameters, as a job: draws from the posterior given a scene and trials, or a
+        job's trials (as `diagnose` takes them).
+
+        `sets` of effects are models of their own, weighed by how they predict trials from the others; `[]` is the scene as it is.
+        `calibrate` names latents in place of the scene's; `prior` is a mean and a standard deviation by latent; `method` is `smc` or
+        `mcmc`.
+
+        The result (`iplw.posterior/1`) has `columns`, draws by name, ready for NumPy or `pandas.DataFrame(result["columns"])`, with `run`
+        (which independent run each draw is of), `parameters` with means and quantiles, `converged` and `warnings`. `plan` takes it as its
+        `belief`.
+        """
+        body = given(
+            scene=scene,
+            ball=ball,
+            trials=None if trials is None else texts(trials),
+            reading=reading,
+            job=calls.id_of(job),
+            sets=sets,
+            calibrate=calibrate,
+            prior=prior,
+            method=method,
+            draws=draws,
+            discrepancy=discrepancy,
+            seed=seed,
+        )
+        return self._job(self._line.do(calls.post("start_posterior", body, key)))
+
     def plan(
         self,
         task: str,
