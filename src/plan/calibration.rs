@@ -45,7 +45,7 @@ pub fn calibration(predictions: &[(f64, bool)]) -> Calibration {
         (count > 0).then(bin)
     };
     let bins: Vec<Bin> = (0..TENTHS).filter_map(bin).collect();
-    let apart = bins.iter().map(|b| b.count as f64 * (b.predicted - b.real).abs()).sum::<f64>();
+    let apart = bins.iter().fold(0.0, |sum, b| sum + b.count as f64 * (b.predicted - b.real).abs());
     Calibration { error: apart / predictions.len().max(1) as f64, bins }
 }
 
