@@ -20,7 +20,7 @@ use std::ops::Range;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-use super::density::Whitened;
+use super::whitened::Whitened;
 use crate::discover::field::Over;
 use crate::discover::gaussian::FREEDOM;
 use crate::estimate::sampler::log_sum_exp;

@@ -8,7 +8,6 @@
 use std::cmp::Ordering;
 use std::collections::HashMap;
 
-use super::OfModel;
 use crate::discover::base;
 use crate::discover::fit::Fitted;
 use crate::discover::model::{self, Data, Frozen, Layout, Pass, Slot, State};
@@ -29,6 +28,16 @@ pub const RUN: usize = STAGES[2];
 const OFF: f64 = 6.0;
 /// Steps of a fit between stages.
 const STEPS: usize = 6;
+
+/// What a set's model is fitted to, and where its fit stands.
+pub struct OfModel {
+    pub windows: Vec<Window>,
+    /// Scale of the residuals by window, m.
+    pub sd: Vec<f64>,
+    pub layout: Layout,
+    pub state: State,
+    pub noise: Noise,
+}
 
 /// What sets' models are fitted to.
 pub struct Grounds<'a> {

@@ -66,20 +66,7 @@ pub fn mcmc(
     config.validate()?;
     let mut stream = rng::stream(config.seed, "mcmc");
     let mut evaluations = 0;
-    let mut densities = |points: &[Sample]| -> Result<Vec<[f64; 2]>> {
-        let prior = target.prior();
-        let allowed: Vec<Sample> = points.iter().filter(|p| prior.allows(p)).cloned().collect();
-        evaluations += allowed.len() as u64;
-        let mut found = target.log_likelihoods(&allowed)?.into_iter();
-        let of = |p: &Sample| match prior.allows(p) {
-            true => {
-                let likelihood = found.next().filter(|l| !l.is_nan()).unwrap_or(f64::NEG_INFINITY);
-                [prior.log_density(p) + likelihood, likelihood]
-            }
-            false => [f64::NEG_INFINITY; 2],
-        };
-        Ok(points.iter().map(of).collect())
-    };
+    let mut densities = |points: &[Sample]| densities(target, points, &mut evaluations);
     let tried: Vec<Sample> = (0..TRIED * config.chains).map(|_| reference.draw(&mut stream)).collect();
     let found = densities(&tried)?;
     let best =
@@ -125,14 +112,36 @@ pub fn mcmc(
             taken = 0;
         }
     }
-    let d = unit.len();
-    let chains = |i: usize| split(&by_run(&points, &run, i));
-    let quality = Quality {
+    let accepted = moved as f64 / (config.steps * config.chains) as f64;
+    let quality = quality(&points, &run, accepted);
+    Ok(Draws { points, log_likelihoods, run, log_evidence: Vec::new(), evaluations, quality })
+}
+
+/// Log densities of points, and log likelihoods; the likelihood is asked only where the prior allows them.
+fn densities(target: &dyn Target, points: &[Sample], evaluations: &mut u64) -> Result<Vec<[f64; 2]>> {
+    let prior = target.prior();
+    let allowed: Vec<Sample> = points.iter().filter(|p| prior.allows(p)).cloned().collect();
+    *evaluations += allowed.len() as u64;
+    let mut found = target.log_likelihoods(&allowed)?.into_iter();
+    let of = |p: &Sample| match prior.allows(p) {
+        true => {
+            let likelihood = found.next().filter(|l| !l.is_nan()).unwrap_or(f64::NEG_INFINITY);
+            [prior.log_density(p) + likelihood, likelihood]
+        }
+        false => [f64::NEG_INFINITY; 2],
+    };
+    Ok(points.iter().map(of).collect())
+}
+
+/// How far chains can be trusted.
+fn quality(points: &[Sample], run: &[usize], accepted: f64) -> Quality {
+    let chains = |i: usize| split(&by_run(points, run, i));
+    let d = points.first().map_or(0, Vec::len);
+    Quality {
         r_hat: (0..d).map(|i| r_hat(&chains(i))).collect(),
         effective: (0..d).map(|i| effective(&chains(i))).collect(),
-        accepted: moved as f64 / (config.steps * config.chains) as f64,
-    };
-    Ok(Draws { points, log_likelihoods, run, log_evidence: Vec::new(), evaluations, quality })
+        accepted,
+    }
 }
 
 /// Lower factor of a random walk's covariance among points.
