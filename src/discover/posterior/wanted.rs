@@ -88,7 +88,7 @@ mod tests {
         refused(Wanted { draws: Some(3), ..Wanted::default() }, "draws");
         refused(Wanted { sets: vec![vec!["ether".into()]], ..Wanted::default() }, "ether");
         refused(Wanted { sets: vec![vec!["wind".into(); 2]], ..Wanted::default() }, "sets[0]");
-        refused(Wanted { prior: [("mass".to_string(), [1.0, 1.0])].into(), ..Wanted::default() }, "mass");
+        refused(Wanted { prior: [("grip".to_string(), [1.0, 1.0])].into(), ..Wanted::default() }, "grip");
         refused(
             Wanted { prior: [("friction".to_string(), [1.0, 0.0])].into(), ..Wanted::default() },
             "prior",
