@@ -70,7 +70,7 @@ def test_budgets_are_kept(client: iplw.Client) -> None:
         (lambda c: c.find_surface("bowlign"), 404, ["bowlign"]),
         (lambda c: c.diagnose(job="nowhere"), 404, ["nowhere"]),
         (lambda c: c.posterior(job="nowhere"), 404, ["nowhere"]),
-        (lambda c: c.posterior(ball={"radius": 0.02}, trials="t,x,y", draws=1), 422, ["draws"]),
+        (lambda c: c.posterior(ball={"radius": 0.02}, trials="t,x,y\n0,0,0\n", draws=1), 422, ["draws"]),
         (lambda c: c.plan("bowling:999"), 404, ["bowling:999"]),
         (lambda c: c.plan("bowling:000", latents={}, belief={}), 422, ["latents", "belief"]),
         (lambda c: c.create_world("bowlign"), 404, ["bowlign", "bowling"]),
