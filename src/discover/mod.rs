@@ -169,8 +169,7 @@ fn open<'a>(
     let layout = Layout::new(latents, Vec::new(), ready.names.len());
     let start = base::start(scene, &layout, windows);
     let observed: Vec<&Trajectory> = ready.kept.iter().map(|i| &trials[*i].observed).collect();
-    let scale = |w: &Window| if w.kind.simulated() { ready.simulated } else { ready.noise.sd };
-    let sd = windows.iter().map(scale).collect();
+    let sd = windows.iter().map(|w| ready.scale(w)).collect();
     let mut data = Data::new(windows, &ready.settings, sd, engine);
     if let Some(stepping) = ready.stepping {
         steps::allow(&mut data, &observed, &layout, &start, stepping)?;

@@ -42,6 +42,13 @@ pub struct Ready {
     pub stepping: Option<Stepping>,
 }
 
+impl Ready {
+    /// Scale of a window's residuals, m.
+    pub fn scale(&self, window: &Window) -> f64 {
+        if window.kind.simulated() { self.simulated } else { self.noise.sd }
+    }
+}
+
 /// Why trials tell nothing, and what to do.
 #[derive(Debug)]
 pub struct Lack {

@@ -3,14 +3,12 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Field, OfSet, Posterior, PosteriorConfig, Sampler};
+use crate::estimate::belief::POSTERIOR_FORMAT;
 use crate::estimate::sampler::{Marginal, Quality, log_sum_exp};
 use crate::rng;
 use crate::task::scene::EffectTerm;
 use rand::seq::SliceRandom;
 use std::collections::BTreeMap;
-
-/// Format of the document.
-pub const FORMAT: &str = "iplw.posterior/1";
 
 /// What is known, with everything that it was made from.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -119,7 +117,7 @@ impl Document {
         }
         let warnings = warnings(posterior);
         Document {
-            format: FORMAT.into(),
+            format: POSTERIOR_FORMAT.into(),
             version: env!("CARGO_PKG_VERSION").into(),
             config: config.clone(),
             seed: config.seed,

@@ -34,7 +34,7 @@ use crate::task::Scene;
 pub use config::{PosteriorConfig, Sampler};
 pub use density::Density;
 pub use discrepancy::Field;
-pub use document::{Document, FORMAT};
+pub use document::Document;
 use models::{Ask, Weighed, with_models};
 pub use prior::Known;
 pub use wanted::Wanted;

@@ -65,13 +65,8 @@ pub fn with_models<T>(
     let base = fitter.refined(opened.layout, opened.state)?;
     let base = base.ok_or_else(|| Error::Failed("the base model could not be scored".into()))?;
     let hunt = Hunt::new(scene, &fitter, &latents, config.seed);
-    let grounds = Grounds {
-        ready: &ready,
-        whole: &ready.whole,
-        observed: &opened.observed,
-        engine: config.engine,
-        seed: config.seed,
-    };
+    let grounds =
+        Grounds { ready: &ready, observed: &opened.observed, engine: config.engine, seed: config.seed };
     let (mut models, mut scores) = (Vec::new(), Vec::new());
     for (i, set) in config.sets.iter().enumerate() {
         progress.report("fitting sets of effects", i as u64, config.sets.len() as u64)?;

@@ -42,8 +42,6 @@ pub struct OfModel {
 /// What sets' models are fitted to.
 pub struct Grounds<'a> {
     pub ready: &'a Ready,
-    /// All windows: beginnings as long as can be foreseen, and every stretch whether or not a beginning shows it too.
-    pub whole: &'a [Window],
     /// By trial.
     pub observed: &'a [&'a Trajectory],
     pub engine: Engine,
@@ -58,7 +56,7 @@ pub fn reached(grounds: &Grounds, fit: &Fitted) -> Result<OfModel> {
     let shots = Shots::fitted(grounds, layout, &fit.state.values)?;
     let mut best = shots.grown(grounds, layout, fit.state.values.clone())?;
     for most in STAGES.into_iter().skip(1) {
-        let windows = cut(grounds.whole, &vec![f64::INFINITY; grounds.ready.settings.len()], most);
+        let windows = cut(&grounds.ready.whole, &vec![f64::INFINITY; grounds.ready.settings.len()], most);
         let (data, start) = shots.data(grounds, &windows, &best.values, best.noise);
         if !survey::possible(&data, layout) {
             break;
@@ -70,13 +68,10 @@ pub fn reached(grounds: &Grounds, fit: &Fitted) -> Result<OfModel> {
         }
     }
     let Grown { values, until, noise, .. } = best;
-    let windows = cut(grounds.whole, &until, RUN);
-    let (sd, start) = {
-        let shots = Shots::fitted(grounds, layout, &values)?;
-        let (data, start) = shots.data(grounds, &windows, &values, noise);
-        (data.sd, start)
-    };
-    let data = Data::new(&windows, &grounds.ready.settings, sd, grounds.engine);
+    let windows = cut(&grounds.ready.whole, &until, RUN);
+    let (mut data, start) = Shots::fitted(grounds, layout, &values)?.data(grounds, &windows, &values, noise);
+    // The last word on starts is of where the values are by now.
+    data.frozen.clear();
     let (state, _) = model::fit(&data, layout, start, STEPS)?;
     let sd = data.sd;
     let noise = Noise { sd: noise, ..grounds.ready.noise };
@@ -109,7 +104,8 @@ struct Known {
 
 impl Shots {
     fn fitted(grounds: &Grounds, layout: &Layout, values: &[f64]) -> Result<Shots> {
-        let windows: Vec<Window> = grounds.whole.iter().filter(|w| w.kind == Kind::Shot).cloned().collect();
+        let windows: Vec<Window> =
+            grounds.ready.whole.iter().filter(|w| w.kind == Kind::Shot).cloned().collect();
         let sd = vec![grounds.ready.simulated; windows.len()];
         let mut data = Data::new(&windows, &grounds.ready.settings, sd, grounds.engine);
         let start = State::new(values.to_vec(), windows.iter().map(|w| w.nuisances.clone()).collect());
@@ -136,18 +132,18 @@ impl Shots {
         for most in STAGES {
             // What the last stage's values did not predict, this one's may.
             until.clone_from(&open);
-            let all = cut(grounds.whole, &open, most);
+            let all = cut(&grounds.ready.whole, &open, most);
             let (data, start) = self.data(grounds, &all, &values, noise);
             let shown = model::shown(&data, layout, &start)?;
             ends(&all, &shown, noise, &mut until);
-            let windows = cut(grounds.whole, &until, most);
+            let windows = cut(&grounds.ready.whole, &until, most);
             let (data, start) = self.data(grounds, &windows, &values, noise);
             let (state, pass) = model::fit(&data, layout, start, STEPS)?;
             values = state.values;
             noise = noise_of(&windows, &pass, grounds.ready.simulated);
         }
         until.clone_from(&open);
-        let all = cut(grounds.whole, &open, RUN);
+        let all = cut(&grounds.ready.whole, &open, RUN);
         let (data, start) = self.data(grounds, &all, &values, noise);
         ends(&all, &model::shown(&data, layout, &start)?, noise, &mut until);
         let before = |w: &Window| w.points.iter().filter(|p| p.time < until[w.trial]).count();
