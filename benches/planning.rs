@@ -67,7 +67,7 @@ fn bare(task: &Task, belief: &Belief, count: usize) -> Result<f64, Error> {
     let rollouts: Vec<Rollout> = scenes
         .iter()
         .zip(belief.draws().iter().cycle())
-        .map(|(scene, w)| Rollout { scene, latents: w.latents, effects: &w.effects, stop: true })
+        .map(|(scene, w)| Rollout { latents: w.latents, effects: &w.effects, ..Rollout::of(scene) })
         .collect();
     let start = Instant::now();
     let mut left = count;

@@ -20,7 +20,7 @@ fn main() -> Result<()> {
     println!("restitution   rebound to, m   e^2 h, m");
     for e in [0.3, 0.6, 0.9] {
         let latents = Latents { restitution: Some(e), ..Latents::default() };
-        let rollout = Rollout { scene: &scene, latents, effects: &[], stop: true };
+        let rollout = Rollout { latents, ..Rollout::of(&scene) };
         let film = &simulate(&[rollout], Engine::Auto)?[0];
         let bounce = film.events.first().map_or(0.0, |c| c.time);
         let apex =

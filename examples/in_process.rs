@@ -60,9 +60,7 @@ fn step(catalogue: &Catalogue, batch: &[(Task, Action)]) -> Result<(usize, usize
         .iter()
         .zip(&placed)
         .filter_map(|((task, _), placement)| match placement {
-            Placement::Valid(scene) => {
-                Some((task, Rollout { scene, latents: prior(task), effects: &[], stop: true }))
-            }
+            Placement::Valid(scene) => Some((task, Rollout { latents: prior(task), ..Rollout::of(scene) })),
             Placement::Invalid(_) => None,
         })
         .unzip();

@@ -6,7 +6,7 @@
 use iplw::error::Error;
 use iplw::task::{Placement, Scene};
 use iplw::trajectory::Trajectory;
-use iplw::world::{Engine, Latents, Rollout, simulate};
+use iplw::world::{Engine, Rollout, simulate};
 
 /// What became of the bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -61,7 +61,7 @@ fn roll(scene: &Scene, steps: u32) -> Fate {
     let short = Scene { steps: scene.steps.min(steps), ..scene.clone() };
     let mut fate = Fate::Idle;
     for engine in [Engine::Lanes, Engine::Rapier] {
-        let rollout = Rollout { scene: &short, latents: Latents::default(), effects: &[], stop: true };
+        let rollout = Rollout::of(&short);
         match simulate(&[rollout], engine) {
             Ok(trajectories) => {
                 check_trajectory(&trajectories[0], &short, engine);

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use iplw::task::{Placement, Scene, family};
-use iplw::world::{Latents, Level, Rollout};
+use iplw::world::{Level, Rollout};
 
 /// Scenes from a file of JSON lines, or without one the bowling family's own.
 pub fn scenes(path: Option<&String>) -> Vec<Scene> {
@@ -18,7 +18,7 @@ pub fn scenes(path: Option<&String>) -> Vec<Scene> {
 
 /// Rollouts of the scenes as they are, to the last step.
 pub fn rollouts(scenes: &[Scene]) -> Vec<Rollout<'_>> {
-    let rollout = |scene| Rollout { scene, latents: Latents::default(), effects: &[], stop: false };
+    let rollout = |scene| Rollout { stop: false, ..Rollout::of(scene) };
     scenes.iter().map(rollout).collect()
 }
 

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use iplw::error::{Error, Result};
 use iplw::task::Scene;
 use iplw::trajectory::Trajectory;
-use iplw::world::{Engine, Latents, Rollout, chosen, simulate};
+use iplw::world::{Engine, Rollout, chosen, simulate};
 use serde_json::{Map, Value, json};
 
 use super::output;
@@ -42,7 +42,7 @@ pub fn run(args: &Args) -> Result<()> {
     for (i, line) in text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty()) {
         let place = format!("{name}:{}", i + 1);
         let scene = Scene::from_json(line).map_err(|e| at_line(e, &place))?;
-        let rollout = Rollout { scene: &scene, latents: Latents::default(), effects: &[], stop: true };
+        let rollout = Rollout::of(&scene);
         chosen(engine, &rollout).map_err(|e| at_line(e, &place))?;
         scenes.push(scene);
     }
@@ -50,10 +50,7 @@ pub fn run(args: &Args) -> Result<()> {
     file.as_deref().map_or(Ok(()), |path| output::file("--out", path))?;
     let mut results = String::new();
     for chunk in scenes.chunks(CHUNK) {
-        let rollouts: Vec<Rollout> = chunk
-            .iter()
-            .map(|scene| Rollout { scene, latents: Latents::default(), effects: &[], stop: true })
-            .collect();
+        let rollouts: Vec<Rollout> = chunk.iter().map(|scene| Rollout::of(scene)).collect();
         for (rollout, trajectory) in rollouts.iter().zip(simulate(&rollouts, engine)?) {
             let mut line = record(&trajectory);
             line["engine"] = json!(chosen(engine, rollout)?.name());

@@ -113,7 +113,7 @@ fn act(
     let mut rollouts = Vec::new();
     for (_, scene) in &trials {
         for (effects, latents) in &physics {
-            rollouts.push(Rollout { scene, latents: *latents, effects, stop: false });
+            rollouts.push(Rollout { latents: *latents, effects, stop: false, ..Rollout::of(scene) });
         }
     }
     let paths = simulate(&rollouts, config.engine)?;

@@ -79,7 +79,7 @@ fn thrown(wind: f64) -> (Scene, Trial) {
     )
     .unwrap();
     let term = EffectTerm { name: "wind".into(), parameters: [("ax".to_string(), wind)].into() };
-    let rollout = Rollout { scene: &scene, latents: Default::default(), effects: &[term], stop: false };
+    let rollout = Rollout { effects: &[term], stop: false, ..Rollout::of(&scene) };
     let observed = simulate(&[rollout], Engine::Lanes).unwrap().remove(0);
     (scene.clone(), Trial { name: String::new(), setting: None, scene, observed })
 }

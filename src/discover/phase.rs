@@ -64,7 +64,11 @@ pub fn align(windows: &mut [Window], trials: &[Trial], engine: Engine) -> Result
     let Some(stepping) = difference(&whole, engine)? else { return Ok(None) };
     let later = stepping.later;
     let step = |w: &usize| Scene { steps: 1, observe_every: 1, ..windows[*w].scene.clone() };
-    let after = rolled(&leaps.iter().map(step).collect::<Vec<_>>(), engine)?;
+    let steps: Vec<Scene> = leaps.iter().map(step).collect();
+    let usual = Default::default();
+    let rollouts: Vec<Rollout> =
+        leaps.iter().zip(&steps).map(|(w, scene)| windows[*w].rollout(scene, &usual)).collect();
+    let after = simulate(&rollouts, engine)?;
     for (w, after) in leaps.into_iter().zip(after) {
         let window = &mut windows[w];
         let observed = &trials[window.trial].observed;
@@ -104,7 +108,8 @@ fn difference(trials: &[&Trial], engine: Engine) -> Result<Option<Stepping>> {
     let observed: Vec<&Trajectory> = trials.iter().map(|t| &t.observed).collect();
     let Some(seen) = lag(&observed, gravity, step) else { return Ok(None) };
     let scenes: Vec<Scene> = trials.iter().take(TRIALS).map(|t| t.scene.clone()).collect();
-    let paths = rolled(&scenes, engine)?;
+    let usual = |scene| Rollout { stop: false, ..Rollout::of(scene) };
+    let paths = simulate(&scenes.iter().map(usual).collect::<Vec<_>>(), engine)?;
     let Some(own) = lag(&paths.iter().collect::<Vec<_>>(), gravity, step) else { return Ok(None) };
     let later = Lag { gravity: seen.gravity - own.gravity, rest: seen.rest - own.rest };
     Ok((NONE * step..MOST * step).contains(&later.gravity.abs()).then_some(Stepping { own, later }))
@@ -179,11 +184,6 @@ fn acceleration(track: &Track, times: &[f64], first: usize) -> Option<[f64; 2]> 
     let (x, y) = (halves(&track.vx), halves(&track.vy));
     let [whole, uneven] = [1.0, -1.0].map(|s| (x[1] + s * x[0]).hypot(y[1] + s * y[0]));
     (even && uneven < SMOOTH * whole).then(|| [(x[0] + x[1]) / time, (y[0] + y[1]) / time])
-}
-
-fn rolled(scenes: &[Scene], engine: Engine) -> Result<Vec<Trajectory>> {
-    let usual = |scene| Rollout { scene, latents: Default::default(), effects: &[], stop: false };
-    simulate(&scenes.iter().map(usual).collect::<Vec<_>>(), engine)
 }
 
 #[cfg(test)]

@@ -51,10 +51,7 @@ pub fn allow(
     let rollouts: Vec<Rollout> = scenes
         .iter()
         .enumerate()
-        .map(|(i, scene)| {
-            let (effects, latents) = &physics[i / each];
-            Rollout { scene, latents: *latents, effects, stop: false }
-        })
+        .map(|(i, scene)| data.windows[leaps[i / each]].rollout(scene, &physics[i / each]))
         .collect();
     let paths = simulate(&rollouts, data.engine)?;
     for (w, paths) in leaps.into_iter().zip(paths.chunks(each)) {
@@ -124,7 +121,7 @@ mod tests {
         let scene: Scene = serde_json::from_str(&text).unwrap();
         let [whole, fine] = [0, 2].map(|k| {
             let scene = &halved(&scene, k, own);
-            let usual = Rollout { scene, latents: Default::default(), effects: &[], stop: false };
+            let usual = Rollout { stop: false, ..Rollout::of(scene) };
             simulate(&[usual], Engine::Lanes).unwrap().remove(0)
         });
         mean_square(&whole, &fine).sqrt()

@@ -33,7 +33,7 @@ fn foreseen(scene: &Scene, engine: Engine) -> Result<f64> {
             p[0] += SMALLEST;
         }
     }
-    let usual = |scene| Rollout { scene, latents: Default::default(), effects: &[], stop: false };
+    let usual = |scene| Rollout { stop: false, ..Rollout::of(scene) };
     let paths = simulate(&scenes.iter().map(usual).collect::<Vec<_>>(), engine)?;
     let (own, moved) = (&paths[0], &paths[1..]);
     let pairs = || moved.iter().flat_map(|p| p.bodies.iter().zip(&own.bodies));

@@ -144,5 +144,5 @@ fn physics_of(samples: &[Sample], simulation: Simulation) -> Vec<(Latents, Vec<E
 }
 
 fn rollout<'a>(scene: &'a Scene, (latents, effects): &'a (Latents, Vec<EffectTerm>)) -> Rollout<'a> {
-    Rollout { scene, latents: *latents, effects, stop: false }
+    Rollout { latents: *latents, effects, stop: false, ..Rollout::of(scene) }
 }

@@ -174,7 +174,7 @@ fn ideal(
             progress.report("trying actions", done, total)?;
             let rollouts: Vec<Rollout> = scenes
                 .iter()
-                .map(|scene| Rollout { scene, latents: Latents::of(latents), effects, stop: true })
+                .map(|scene| Rollout { latents: Latents::of(latents), effects, ..Rollout::of(scene) })
                 .collect();
             of_task.push(simulate_map(&rollouts, config.engine, |_, t| t.solved())?);
         }

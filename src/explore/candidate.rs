@@ -51,10 +51,10 @@ pub fn candidates(
         let rollouts: Vec<Rollout> = chunk
             .iter()
             .map(|(_, _, scene)| Rollout {
-                scene,
                 latents: world.latents,
                 effects: &world.effects,
                 stop: false,
+                ..Rollout::of(scene)
             })
             .collect();
         let counts = simulate_map(&rollouts, world.engine, |i, t| {

@@ -186,10 +186,9 @@ impl<'a> Probe<'a> {
             let nominal: Vec<Rollout> = chunk
                 .iter()
                 .map(|scene| Rollout {
-                    scene,
                     latents: self.coordinates.latents(&self.centre),
                     effects: &self.world.effects,
-                    stop: true,
+                    ..Rollout::of(scene)
                 })
                 .collect();
             let trajectories = simulate_map(&nominal, self.world.engine, |_, t| t)?;
@@ -232,10 +231,10 @@ impl<'a> Probe<'a> {
             .iter()
             .flat_map(|(_, scene)| {
                 worlds.iter().map(move |(latents, effects)| Rollout {
-                    scene,
                     latents: *latents,
                     effects,
                     stop: false,
+                    ..Rollout::of(scene)
                 })
             })
             .collect();
@@ -362,7 +361,7 @@ mod tests {
             let run = |friction: f64, restitution: f64, steps: u32| {
                 let scene = Scene { steps, ..(*scene).clone() };
                 let latents = Latents::of([1.0, friction, restitution]);
-                let rollout = Rollout { scene: &scene, latents, effects: &[], stop: false };
+                let rollout = Rollout { latents, stop: false, ..Rollout::of(&scene) };
                 simulate(&[rollout], crate::world::Engine::Rapier).unwrap().remove(0)
             };
             let whole = run(0.5, 0.5, scene.steps);

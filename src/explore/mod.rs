@@ -170,7 +170,7 @@ mod tests {
                 let named = |c: &[&str]| c.iter().map(|c| c.to_string()).collect();
                 scene.carriers = carriers.map(named).or(scene.carriers.take());
             }
-            let rollout = |scene| Rollout { scene, latents: WORLD.latents, effects: &[], stop: false };
+            let rollout = |scene| Rollout { latents: WORLD.latents, stop: false, ..Rollout::of(scene) };
             let rollouts: Vec<Rollout> = scenes.iter().map(rollout).collect();
             let found = crate::world::simulate(&rollouts, Engine::Auto).unwrap();
             scenes.into_iter().zip(found).collect::<Vec<_>>()

@@ -73,7 +73,7 @@ impl<'a> Copies<'a> {
             .filter_map(|(scene, (_, k))| {
                 let world = self.worlds[*k];
                 let (latents, effects) = (world.latents, world.effects.as_slice());
-                Some(Rollout { scene: scene.as_deref()?, latents, effects, stop: true })
+                Some(Rollout { latents, effects, ..Rollout::of(scene.as_deref()?) })
             })
             .collect();
         let solved = simulate_within(budget, &rollouts, self.engine, |_, t| t.solved())?;

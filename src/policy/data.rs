@@ -222,7 +222,7 @@ struct Job {
 
 fn simulate(jobs: &[Job], effects: &[EffectTerm], engine: Engine) -> Result<Vec<bool>> {
     let rollouts: Vec<Rollout> =
-        jobs.iter().map(|j| Rollout { scene: &j.scene, latents: j.latents, effects, stop: true }).collect();
+        jobs.iter().map(|j| Rollout { latents: j.latents, effects, ..Rollout::of(&j.scene) }).collect();
     simulate_map(&rollouts, engine, |_, trajectory| trajectory.solved())
 }
 

@@ -64,7 +64,7 @@ pub fn outcomes(
         let rollouts: Vec<Rollout> = placed
             .iter()
             .flatten()
-            .map(|scene| Rollout { scene, latents: config.latents, effects: &config.effects, stop: true })
+            .map(|scene| Rollout { latents: config.latents, effects: &config.effects, ..Rollout::of(scene) })
             .collect();
         let mut solved = simulate_map(&rollouts, config.engine, |_, t| t.solved())?.into_iter();
         found.extend(placed.iter().map(|scene| match scene {
@@ -110,8 +110,7 @@ mod tests {
             let wanted = match task.place(action) {
                 Placement::Invalid(_) => INVALID,
                 Placement::Valid(scene) => {
-                    let rollout =
-                        Rollout { scene: &scene, latents: Latents::default(), effects: &[], stop: true };
+                    let rollout = Rollout::of(&scene);
                     let solved = simulate_map(&[rollout], Engine::Auto, |_, t| t.solved()).unwrap()[0];
                     if solved { SOLVED } else { UNSOLVED }
                 }

@@ -373,7 +373,7 @@ fn survives(
 fn solved(scenes: &[&Scene], physics: Physics) -> Result<Vec<bool>> {
     let rollouts: Vec<Rollout> = scenes
         .iter()
-        .map(|scene| Rollout { scene, latents: physics.latents, effects: physics.effects, stop: true })
+        .map(|scene| Rollout { latents: physics.latents, effects: physics.effects, ..Rollout::of(scene) })
         .collect();
     simulate_map(&rollouts, physics.engine, |_, t| t.solved())
 }

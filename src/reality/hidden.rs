@@ -118,7 +118,7 @@ impl HiddenWorld {
 
     /// How `scene` is rolled out here.
     fn rollout<'a>(&'a self, scene: &'a Scene) -> Rollout<'a> {
-        Rollout { scene, latents: self.config.latents, effects: &self.config.effects, stop: true }
+        Rollout { latents: self.config.latents, effects: &self.config.effects, ..Rollout::of(scene) }
     }
 
     /// Errors unless the budget covers `asked` more attempts.

@@ -147,7 +147,9 @@ impl World {
         let rollouts: Vec<Rollout> = placements
             .iter()
             .filter_map(|p| match p {
-                Placement::Valid(scene) => Some(Rollout { scene, latents, effects: &self.effects, stop }),
+                Placement::Valid(scene) => {
+                    Some(Rollout { latents, effects: &self.effects, stop, ..Rollout::of(scene) })
+                }
                 Placement::Invalid(_) => None,
             })
             .collect();
@@ -237,8 +239,7 @@ impl World {
             Placement::Invalid(_) => None,
         });
         let engine = placed.and_then(|scene| {
-            let rollout =
-                Rollout { scene: &scene, latents: Latents::default(), effects: &self.effects, stop: true };
+            let rollout = Rollout { effects: &self.effects, ..Rollout::of(&scene) };
             chosen(self.engine, &rollout).ok()
         });
         engine.unwrap_or(self.engine).name()

@@ -183,7 +183,7 @@ impl World {
         scene.interventions = snapshot.interventions.iter().filter(before).cloned().collect();
         scene.steps = snapshot.step.max(1);
         let (latents, stop) = (snapshot.latents, snapshot.stop);
-        let rollout = Rollout { scene: &scene, latents, effects: &self.effects, stop };
+        let rollout = Rollout { latents, effects: &self.effects, stop, ..Rollout::of(&scene) };
         let done = simulate_within(budget, &[rollout], self.engine, |_, t| t)?.pop().ok_or_else(lost)?;
         let mut done = unblocked(&scene, done).map_err(|reason| in_the_way(&reason))?;
         if snapshot.step == 0 {

@@ -58,7 +58,7 @@ impl World {
             Some(hidden) => lock(hidden).recall(budget, &scene, made.interactions)?,
             None => {
                 let rollout =
-                    Rollout { scene: &scene, latents: made.latents, effects: &self.effects, stop: true };
+                    Rollout { latents: made.latents, effects: &self.effects, ..Rollout::of(&scene) };
                 let done = simulate_within(budget, &[rollout], self.engine, |_, t| t)?.pop();
                 done.ok_or_else(|| Error::Failed("a rollout was lost".into()))?
             }

@@ -62,7 +62,7 @@ impl World {
         for (i, list) in lists.iter().enumerate().filter(|(_, list)| !list.is_empty()) {
             budget.look()?;
             placed.interventions.clone_from(list);
-            let rollout = Rollout { scene: &placed, latents, effects: &self.effects, stop: true };
+            let rollout = Rollout { latents, effects: &self.effects, ..Rollout::of(&placed) };
             chosen(self.engine, &rollout).map_err(|e| of_list(e, i))?;
         }
         Ok(())

@@ -191,7 +191,7 @@ fn attempt(
         .iter()
         .map(|v| {
             let world = &worlds[v.i];
-            let rollout = Rollout { scene: v.scene, latents: v.latents, effects: &world.effects, stop: true };
+            let rollout = Rollout { latents: v.latents, effects: &world.effects, ..Rollout::of(v.scene) };
             (world.engine, rollout)
         })
         .collect();

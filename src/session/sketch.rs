@@ -52,7 +52,7 @@ impl Sketch {
         }
         limits.affordable(&scene, 1, true)?;
         let rollout =
-            Rollout { scene: &scene, latents: self.latents, effects: &self.effects, stop: self.stop };
+            Rollout { latents: self.latents, effects: &self.effects, stop: self.stop, ..Rollout::of(&scene) };
         let engine = chosen(self.engine, &rollout)?.name();
         let done = simulate_within(budget, &[rollout], self.engine, |_, trajectory| trajectory)?.pop();
         let trajectory = done.ok_or_else(|| Error::Failed("a rollout was lost".into()))?;

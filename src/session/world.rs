@@ -266,5 +266,5 @@ fn runs(config: &WorldConfig) -> Result<()> {
         body.position.get_or_insert([0.0, 0.0]);
     }
     let effects = config.effects.as_deref().unwrap_or_default();
-    chosen(config.engine, &Rollout { scene: &scene, latents: config.latents, effects, stop: true }).map(drop)
+    chosen(config.engine, &Rollout { latents: config.latents, effects, ..Rollout::of(&scene) }).map(drop)
 }

@@ -41,6 +41,7 @@ pub fn prepare(rollout: &Rollout) -> Result<Prepared> {
         touches: laws.touches,
         goal: scene.goal.as_ref().map(|goal| GoalSpec::new(goal, scene)),
         stop: scene.stops_at_goal() && rollout.stop,
+        settled: rollout.settled && scene.goal.is_none() && scene.interventions.is_empty(),
         touch: bodies.iter().map(PreparedBody::touch).fold(f64::INFINITY, f64::min),
         own: [bodies.len(), statics.len()],
         changes: Vec::new(),

@@ -32,6 +32,8 @@ pub struct Prepared {
     pub goal: Option<GoalSpec>,
     /// Whether the rollout ends when the goal is reached.
     pub stop: bool,
+    /// Whether what touches at the start has long done so.
+    pub settled: bool,
     /// Gap up to which two surfaces count as touching in events and counts, m.
     pub touch: f64,
     /// How many of the bodies and statics are the scene's own; the others come in later.

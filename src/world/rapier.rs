@@ -18,6 +18,7 @@
 //! tolerances, and the speed cap is kept at 400 m/s whatever the unit.
 
 mod intervene;
+mod settle;
 
 use std::borrow::Cow;
 
@@ -50,20 +51,16 @@ pub fn run(prepared: &Prepared, budget: &dyn Budget) -> Result<Trajectory> {
     if let Some(blocked) = world.intervene(&mut prepared, 0, &states)? {
         return Ok(recorder.finish(0, blocked));
     }
+    if prepared.settled {
+        world.settle(&prepared, &states);
+    }
     let mut due = prepared.schedule.after(0);
     let steps_a_look = (WORK_A_LOOK / prepared.bodies.len().max(1)).max(1) as u32;
     for step in 1..=prepared.steps {
         if step % steps_a_look == 0 {
             budget.look()?;
         }
-        world.kick(&prepared, step - 1);
-        let before = world.velocities();
-        if prepared.touches.is_empty() {
-            world.physics.step();
-        } else {
-            world.physics.step_with_events(&Laws { prepared: &prepared }, &());
-            world.slow_what_rolls(&prepared);
-        }
+        let before = world.step(&prepared, step - 1);
         let states = world.states();
         if states.iter().zip(&prepared.bodies).any(|(s, own)| own.there && !s.is_finite()) {
             return Ok(recorder.finish(step - 1, End::Diverged));
@@ -184,6 +181,19 @@ impl World {
             self.statics[i].push(self.physics.colliders.insert(builder));
         }
         Ok(())
+    }
+
+    /// One time step after `step` others; the velocities that contacts met with.
+    fn step(&mut self, prepared: &Prepared, step: u32) -> Vec<(Vector, f32)> {
+        self.kick(prepared, step);
+        let before = self.velocities();
+        if prepared.touches.is_empty() {
+            self.physics.step();
+        } else {
+            self.physics.step_with_events(&Laws { prepared }, &());
+            self.slow_what_rolls(prepared);
+        }
+        before
     }
 
     /// Lets the motion effects act on every body, at its centre of mass.

@@ -75,7 +75,7 @@ fn misses(scene: &Scene, hidden: &Hidden, engine: Engine) -> f64 {
         scene
     };
     let scenes: Vec<Scene> = starts.iter().map(thrown).collect();
-    let rollout = |scene| Rollout { scene, latents: Latents::default(), effects: &[], stop: false };
+    let rollout = |scene| Rollout { stop: false, ..Rollout::of(scene) };
     let paths = simulate(&scenes.iter().map(rollout).collect::<Vec<_>>(), engine).unwrap();
     let off = |(path, seen): (&Trajectory, &Trial)| -> Vec<f64> {
         let ([path], [seen]) = (&path.bodies[..], &seen.observed.bodies[..]) else {
@@ -208,7 +208,7 @@ fn another_engines_steps_are_no_effect() {
         let throw = |i: u32| {
             let mut scene = scene.clone();
             scene.bodies[0].velocity = [f64::from(i % 4) - 2.0, 0.5 * f64::from(i)];
-            let rollout = Rollout { scene: &scene, latents: Latents::default(), effects, stop: false };
+            let rollout = Rollout { effects, stop: false, ..Rollout::of(&scene) };
             let observed = simulate(&[rollout], Engine::Rapier).unwrap().remove(0);
             Trial { name: i.to_string(), setting: None, scene, observed }
         };
@@ -348,7 +348,7 @@ fn a_report_keeps_its_form_and_the_extended_scene_rolls_out() {
     let excess = found.diagnosis.gain.held_out.as_ref().unwrap().excess_removed.unwrap();
     assert!(excess > 0.9, "{excess}");
     found.extended.validate().unwrap();
-    let rollout = Rollout { scene: &found.extended, latents: Latents::default(), effects: &[], stop: true };
+    let rollout = Rollout::of(&found.extended);
     let path = simulate(&[rollout], Engine::Auto).unwrap();
     assert!(path[0].times.len() > 1);
     assert!(!found.extended.effects.is_empty());

@@ -7,7 +7,7 @@ use iplw::task::Scene;
 use iplw::task::scene::{Body, EffectTerm, Shape, Static};
 use iplw::task::shape::{Disc, Polygon, Rectangle};
 use iplw::trajectory::Trajectory;
-use iplw::world::{Engine, Latents, Rollout, simulate};
+use iplw::world::{Engine, Rollout, simulate};
 
 const ENGINES: [Engine; 2] = [Engine::Lanes, Engine::Rapier];
 const G: f64 = 9.8;
@@ -263,7 +263,7 @@ fn shrinks(what: &str, engine: Engine, most: f64, rapier: f64, error: impl Fn(f6
 
 fn roll(scene: &Scene, engine: Engine) -> Trajectory {
     scene.validate().expect("a legal scene");
-    let rollout = Rollout { scene, latents: Latents::default(), effects: &[], stop: true };
+    let rollout = Rollout::of(scene);
     simulate(&[rollout], engine).expect("it simulates").remove(0)
 }
 

@@ -3,7 +3,7 @@
 use iplw::error::Error;
 use iplw::task::{Intervention, Scene};
 use iplw::trajectory::{End, Track, Trajectory};
-use iplw::world::{Engine, Latents, Rollout, simulate};
+use iplw::world::{Engine, Rollout, simulate};
 use serde_json::{Value, json};
 
 const G: f64 = 9.8;
@@ -84,7 +84,7 @@ fn lanes_with_changes_at_different_steps_do_not_disturb_each_other() {
             with(&scene, serde_json::from_value(list).unwrap())
         };
         let scenes: Vec<Scene> = (0..40).map(changed).collect();
-        let rollout = |scene| Rollout { scene, latents: Latents::default(), effects: &[], stop: true };
+        let rollout = |scene| Rollout::of(scene);
         let rollouts: Vec<Rollout> = scenes.iter().map(rollout).collect();
         let together = simulate(&rollouts, Engine::Lanes).unwrap();
         for (k, scene) in scenes.iter().enumerate() {
@@ -339,7 +339,7 @@ fn bad_interventions_are_errors_that_say_what_is_allowed() {
         (json!(vec![json!({"type": "remove", "at": 1, "body": "ball"}); 65]), "interventions"),
     ] {
         let wrong = with(&scene, serde_json::from_value(list.clone()).unwrap());
-        let rollout = Rollout { scene: &wrong, latents: Latents::default(), effects: &[], stop: true };
+        let rollout = Rollout::of(&wrong);
         match simulate(&[rollout], Engine::Auto) {
             Err(Error::Input(input)) => assert_eq!(input.field, field, "{list}"),
             other => panic!("{list}: {other:?}"),
@@ -348,7 +348,7 @@ fn bad_interventions_are_errors_that_say_what_is_allowed() {
     let nan =
         vec![Intervention::Impulse { at: 1.0, body: "ball".into(), impulse: [f64::NAN, 0.0], point: None }];
     let wrong = with(&scene, nan);
-    let rollout = Rollout { scene: &wrong, latents: Latents::default(), effects: &[], stop: true };
+    let rollout = Rollout::of(&wrong);
     assert!(simulate(&[rollout], Engine::Auto).is_err_and(|e| e.to_string().contains("impulse[0]")));
 }
 
@@ -367,6 +367,6 @@ fn with(scene: &Scene, interventions: Vec<Intervention>) -> Scene {
 
 fn roll(scene: &Scene, engine: Engine) -> Trajectory {
     scene.validate().unwrap();
-    let rollout = Rollout { scene, latents: Latents::default(), effects: &[], stop: true };
+    let rollout = Rollout::of(scene);
     simulate(&[rollout], engine).unwrap().remove(0)
 }

@@ -4,7 +4,7 @@ use iplw::task::Scene;
 use iplw::task::scene::{Body, ContactRules, FrictionRule, RestitutionRule, Shape, Static};
 use iplw::task::shape::{Disc, Halfspace, Rectangle};
 use iplw::trajectory::Trajectory;
-use iplw::world::{Engine, Latents, Rollout, simulate};
+use iplw::world::{Engine, Rollout, simulate};
 
 const ENGINES: [Engine; 2] = [Engine::Lanes, Engine::Rapier];
 const G: f64 = 9.8;
@@ -128,6 +128,6 @@ fn scene(bodies: Vec<Body>, seconds: f64, rules: ContactRules) -> Scene {
 
 fn roll(scene: &Scene, engine: Engine) -> Trajectory {
     scene.validate().unwrap();
-    let rollout = Rollout { scene, latents: Latents::default(), effects: &[], stop: true };
+    let rollout = Rollout::of(scene);
     simulate(&[rollout], engine).unwrap().remove(0)
 }

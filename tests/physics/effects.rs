@@ -6,7 +6,7 @@ use iplw::task::scene::{Body, EffectTerm, Goal, Shape, Static};
 use iplw::task::shape::{Disc, Rectangle, Segment};
 use iplw::task::{Placement, Scene, families, family};
 use iplw::trajectory::{Track, Trajectory};
-use iplw::world::{Engine, Latents, Level, Rollout, Settings, effect, observe, simulate, simulate_map_set};
+use iplw::world::{Engine, Level, Rollout, Settings, effect, observe, simulate, simulate_map_set};
 use proptest::prelude::*;
 
 const ENGINES: [Engine; 2] = [Engine::Lanes, Engine::Rapier];
@@ -997,7 +997,7 @@ fn term(name: &str, parameters: &[(&str, f64)]) -> EffectTerm {
 }
 
 fn rollout(scene: &Scene) -> Rollout<'_> {
-    Rollout { scene, latents: Latents::default(), effects: &[], stop: true }
+    Rollout::of(scene)
 }
 
 fn roll(scene: &Scene, engine: Engine) -> Trajectory {

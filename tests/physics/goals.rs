@@ -5,7 +5,7 @@ use iplw::task::geometry::polygon_contains;
 use iplw::task::scene::{Goal, Point};
 use iplw::task::solid::{Pieces, Solid};
 use iplw::trajectory::{End, Trajectory};
-use iplw::world::{Engine, Latents, Rollout, simulate};
+use iplw::world::{Engine, Rollout, simulate};
 
 /// A ball falls onto the floor, another onto that one, a box and a jar are thrown up and tumble; observed in every step.
 const SCENE: &str = r#"{"format": "iplw.scene/1", "time_step": 0.005, "steps": 400, "observe_every": 1,
@@ -63,7 +63,7 @@ fn what_follows_a_divergence_is_judged_as_it_is_alone() {
     };
     let calm = Scene { gravity: [0.0; 2], steps: 50, goal: Some(apart), ..falling.clone() };
     let scenes: Vec<&Scene> = [&falling; 40].into_iter().chain([&calm; 40]).collect();
-    let rollout = |scene| Rollout { scene, latents: Latents::default(), effects: &[], stop: true };
+    let rollout = |scene| Rollout::of(scene);
     let all = simulate(&scenes.into_iter().map(rollout).collect::<Vec<_>>(), Engine::Lanes).unwrap();
     assert!(all[..40].iter().all(|t| t.outcome.end == End::Diverged));
     let alone = roll(&calm, Engine::Lanes);
@@ -167,7 +167,7 @@ fn goals() -> Vec<Goal> {
 }
 
 fn roll(scene: &Scene, engine: Engine) -> Trajectory {
-    let rollout = Rollout { scene, latents: Latents::default(), effects: &[], stop: true };
+    let rollout = Rollout::of(scene);
     simulate(&[rollout], engine).unwrap().remove(0)
 }
 

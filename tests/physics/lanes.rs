@@ -5,7 +5,7 @@ use iplw::task::scene::{Body, Goal, Point, Shape, Static};
 use iplw::task::shape::{Compound, Disc, Halfspace, Piece, Polygon, Rectangle, Segment};
 use iplw::task::{Placement, Scene, families};
 use iplw::trajectory::{End, Trajectory};
-use iplw::world::{Engine, Latents, Level, Rollout, chosen, effect, simulate, simulate_map, simulate_map_at};
+use iplw::world::{Engine, Level, Rollout, chosen, effect, simulate, simulate_map, simulate_map_at};
 use proptest::prelude::*;
 
 #[test]
@@ -278,7 +278,7 @@ proptest! {
 }
 
 fn rollouts(scenes: &[Scene]) -> Vec<Rollout<'_>> {
-    let rollout = |scene| Rollout { scene, latents: Latents::default(), effects: &[], stop: true };
+    let rollout = |scene| Rollout::of(scene);
     scenes.iter().map(rollout).collect()
 }
 

@@ -14,5 +14,6 @@ mod goals;
 mod lanes;
 mod polygons;
 mod properties;
+mod settled;
 mod shapes;
 mod tasks;

@@ -4,7 +4,7 @@ use iplw::task::Scene;
 use iplw::task::scene::{Body, Goal, Shape, Static};
 use iplw::task::shape::{Compound, Disc, Halfspace, Piece, Polygon, Rectangle, Segment};
 use iplw::trajectory::Trajectory;
-use iplw::world::{Engine, Latents, Rollout, simulate};
+use iplw::world::{Engine, Rollout, simulate};
 
 const G: f64 = 9.8;
 
@@ -405,7 +405,7 @@ fn scene(bodies: Vec<Body>, statics: Vec<Static>, seconds: f64) -> Scene {
 
 fn roll(scene: &Scene) -> Trajectory {
     scene.validate().unwrap();
-    let rollout = Rollout { scene, latents: Latents::default(), effects: &[], stop: true };
+    let rollout = Rollout::of(scene);
     simulate(&[rollout], Engine::Lanes).unwrap().remove(0)
 }
 

@@ -7,7 +7,7 @@ use iplw::task::scene::{Body, Goal, Shape, Static};
 use iplw::task::shape::{Disc, Halfspace, Polygon, Rectangle, Segment};
 use iplw::task::{Placement, Scene, family};
 use iplw::trajectory::{Track, Trajectory};
-use iplw::world::{Engine, Latents, Rollout, simulate};
+use iplw::world::{Engine, Rollout, simulate};
 use proptest::prelude::*;
 use rand::RngExt;
 use rand::seq::SliceRandom;
@@ -166,7 +166,7 @@ fn roll(scene: &Scene, engine: Engine) -> Trajectory {
 }
 
 fn rollouts(scenes: &[Scene]) -> Vec<Rollout<'_>> {
-    let rollout = |scene| Rollout { scene, latents: Latents::default(), effects: &[], stop: true };
+    let rollout = |scene| Rollout::of(scene);
     scenes.iter().map(rollout).collect()
 }
 

@@ -4,7 +4,7 @@ use iplw::task::Scene;
 use iplw::task::scene::{Body, Goal, Shape, Static};
 use iplw::task::shape::{Disc, Halfspace};
 use iplw::trajectory::Trajectory;
-use iplw::world::{Engine, Latents, Rollout, simulate};
+use iplw::world::{Engine, Rollout, simulate};
 
 /// A ball falls on it, in either engine; the goal sees the touch, and the two engines the same touch.
 #[test]
@@ -84,6 +84,6 @@ fn fixed(name: &str, shape: Shape) -> Static {
 
 fn roll(scene: &Scene, engine: Engine) -> Trajectory {
     scene.validate().unwrap();
-    let rollout = Rollout { scene, latents: Latents::default(), effects: &[], stop: true };
+    let rollout = Rollout::of(scene);
     simulate(&[rollout], engine).unwrap().remove(0)
 }

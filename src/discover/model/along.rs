@@ -18,10 +18,8 @@ pub fn paths(data: &Data, layout: &Layout, state: &State) -> Result<Vec<Vec<[f64
     };
     let simulated: Vec<&Window> = data.windows.iter().filter(|w| w.kind.simulated()).collect();
     let runs: Vec<_> = windows().filter(|(_, w)| w.kind.simulated()).map(run).collect();
-    let rollouts: Vec<Rollout> = runs
-        .iter()
-        .map(|(scene, (effects, latents))| Rollout { scene, latents: *latents, effects, stop: false })
-        .collect();
+    let rollouts: Vec<Rollout> =
+        runs.iter().zip(&simulated).map(|((scene, physics), w)| w.rollout(scene, physics)).collect();
     let states = |i: usize, path| simulated[i].points.iter().map(|p| state_at(&path, p)).collect::<Vec<_>>();
     let mut simulated = simulate_map(&rollouts, data.engine, states)?.into_iter();
     let path = |(w, window): (usize, &Window)| {

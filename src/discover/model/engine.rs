@@ -56,7 +56,7 @@ pub fn simulated(data: &Data, layout: &Layout, state: &State, extras: &[Extra]) 
 struct Batch {
     scenes: Vec<Scene>,
     /// Window, scene, and what acts.
-    jobs: Vec<(usize, usize, Vec<EffectTerm>, Latents)>,
+    jobs: Vec<(usize, usize, (Vec<EffectTerm>, Latents))>,
 }
 
 impl Batch {
@@ -76,12 +76,12 @@ impl Batch {
         let (effects, latents) = physics(&state.values);
         let here = self.scenes.len();
         self.scenes.push(placed(window, nuisances));
-        self.jobs.push((w, here, effects.clone(), latents));
+        self.jobs.push((w, here, (effects.clone(), latents)));
         if frozen.is_none() {
             for (k, to) in (0..nuisances.len()).flat_map(|k| [(k, -1.0), (k, 1.0)]) {
                 let mut moved = nuisances.clone();
                 moved[k] += to * NUDGE[k % 5];
-                self.jobs.push((w, self.scenes.len(), effects.clone(), latents));
+                self.jobs.push((w, self.scenes.len(), (effects.clone(), latents)));
                 self.scenes.push(placed(window, &moved));
             }
         }
@@ -89,13 +89,12 @@ impl Batch {
         for (slot, end) in shared.iter().filter(unknown).flat_map(|s| [(s.slot, s.low), (s.slot, s.high)]) {
             let mut moved = state.values.clone();
             moved[slot] = end;
-            let (effects, latents) = physics(&moved);
-            self.jobs.push((w, here, effects, latents));
+            self.jobs.push((w, here, physics(&moved)));
         }
         for e in extras {
             let mut effects = effects.clone();
             effects.push(e.effect.at_clock(&e.values, window.start));
-            self.jobs.push((w, here, effects, latents));
+            self.jobs.push((w, here, (effects, latents)));
         }
     }
 
@@ -104,12 +103,7 @@ impl Batch {
         let rollouts: Vec<Rollout> = self
             .jobs
             .iter()
-            .map(|(_, scene, effects, latents)| Rollout {
-                scene: &self.scenes[*scene],
-                latents: *latents,
-                effects,
-                stop: false,
-            })
+            .map(|(w, scene, physics)| data.windows[*w].rollout(&self.scenes[*scene], physics))
             .collect();
         simulate_map(&rollouts, data.engine, |i, path| predicted(&data.windows[self.jobs[i].0], &path))
     }

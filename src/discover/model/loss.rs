@@ -22,12 +22,7 @@ pub fn losses(data: &Data, layout: &Layout, all: &[Vec<f64>], windows: &[usize])
     }
     let rollouts: Vec<Rollout> = physics
         .iter()
-        .map(|(w, (effects, latents))| Rollout {
-            scene: &data.windows[*w].scene,
-            latents: *latents,
-            effects,
-            stop: false,
-        })
+        .map(|(w, physics)| data.windows[*w].rollout(&data.windows[*w].scene, physics))
         .collect();
     let squares = simulate_map(&rollouts, data.engine, |i, path| {
         let w = physics[i].0;

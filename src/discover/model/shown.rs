@@ -18,13 +18,12 @@ pub fn shown(data: &Data, layout: &Layout, state: &State) -> Result<Vec<Vec<f64>
     let physics =
         |(_, window): &(usize, &Window)| layout.physics(&state.values, window.setting, window.start);
     let physics: Vec<_> = simulated.iter().map(physics).collect();
-    let rollouts = scenes.iter().zip(&physics).map(|(scene, (effects, latents))| Rollout {
-        scene,
-        latents: *latents,
-        effects,
-        stop: false,
-    });
-    let rollouts: Vec<Rollout> = rollouts.collect();
+    let rollouts: Vec<Rollout> = scenes
+        .iter()
+        .zip(&physics)
+        .zip(&simulated)
+        .map(|((scene, physics), (_, window))| window.rollout(scene, physics))
+        .collect();
     let by_engine = simulate_map(&rollouts, data.engine, |i, path| predicted(simulated[i].1, &path))?;
     let mut by_engine = by_engine.into_iter();
     let of = |(w, window): (usize, &Window)| match window.kind.simulated() {

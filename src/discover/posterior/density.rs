@@ -123,13 +123,12 @@ impl Density {
             physics.extend(points.iter().map(|p| self.layout.physics(p, window.setting, window.start)));
         }
         let n = points.len().max(1);
-        let rollouts = physics.iter().enumerate().map(|(i, (effects, latents))| Rollout {
-            scene: &self.windows[simulated[i / n]].scene,
-            latents: *latents,
-            effects,
-            stop: false,
-        });
-        let rollouts: Vec<Rollout> = rollouts.collect();
+        let of = |i: usize| &self.windows[simulated[i / n]];
+        let rollouts: Vec<Rollout> = physics
+            .iter()
+            .enumerate()
+            .map(|(i, physics)| of(i).window.rollout(&of(i).scene, physics))
+            .collect();
         let by_engine = simulate_map(&rollouts, self.engine, |i, path| {
             let kept = &self.windows[simulated[i / n]];
             kept.moved(&model::predicted(&kept.window, &path))

@@ -2,8 +2,10 @@
 
 use crate::discover::smooth::Smooth;
 use crate::task::Scene;
+use crate::task::scene::EffectTerm;
 use crate::trajectory::{Track, Trajectory};
 use crate::world::effect::{self, Active};
+use crate::world::{Latents, Rollout};
 
 /// What a window shows, and what of its start is a nuisance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -73,6 +75,8 @@ pub struct Window {
     pub scene: Scene,
     /// Clock time at the start, s.
     pub start: f64,
+    /// Whether it starts from a whole state in the middle of a trial, in which contacts have lasted for some time.
+    pub amid: bool,
     /// In order of time.
     pub points: Vec<Point>,
     /// Initial values of the nuisances, as [`Kind`] says.
@@ -122,8 +126,17 @@ impl Window {
     pub fn new(kind: Kind, scene: Scene, start: f64, points: Vec<Point>) -> Window {
         let own = effect::of_scene(&scene).unwrap_or_default();
         let nuisances = Vec::new();
-        let (trial, setting, surface, smooth) = (0, 0, None, None);
-        Window { trial, setting, kind, scene, start, points, nuisances, surface, own, smooth }
+        let (trial, setting, amid, surface, smooth) = (0, 0, false, None, None);
+        Window { trial, setting, kind, scene, start, amid, points, nuisances, surface, own, smooth }
+    }
+
+    /// How an engine rolls a scene of the window out: in the middle of a trial, contacts have lasted before.
+    pub fn rollout<'a>(
+        &self,
+        scene: &'a Scene,
+        (effects, latents): &'a (Vec<EffectTerm>, Latents),
+    ) -> Rollout<'a> {
+        Rollout { latents: *latents, effects, stop: false, settled: self.amid, ..Rollout::of(scene) }
     }
 
     /// Index of the observation that the window starts from, if it starts from one.

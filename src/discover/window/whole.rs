@@ -56,7 +56,8 @@ pub fn leaps(trial: &Trial, most: usize) -> Vec<Window> {
         let steps = time / scene.time_step;
         scene.steps = (steps - 1e-6).ceil().max(1.0) as u32;
         scene.observe_every = if (steps - steps.round()).abs() < 1e-6 { scene.steps } else { 1 };
-        Window::new(Kind::Leap, scene, start, points(observed, start, from + 1..from + 2))
+        let points = points(observed, start, from + 1..from + 2);
+        Window { amid: from > 0, ..Window::new(Kind::Leap, scene, start, points) }
     };
     spread((0..last).filter(|i| moves(observed, *i, 1)).collect(), most).map(leap).collect()
 }
@@ -153,7 +154,7 @@ mod tests {
                 "statics": [{"name": "floor", "shape": {"type": "halfspace", "normal": [0, 1], "offset": 0}}]}"#,
         )
         .unwrap();
-        let usual = Rollout { scene: &scene, latents: Default::default(), effects: &[], stop: false };
+        let usual = Rollout { stop: false, ..Rollout::of(&scene) };
         let observed = simulate(&[usual], Engine::Lanes).unwrap().remove(0);
         Trial { name: String::new(), setting: None, scene, observed }
     }
@@ -165,8 +166,8 @@ mod tests {
         let leaps = leaps(&trial, 3);
         assert_eq!(leaps.len(), 3, "no more than asked for");
         for w in leaps.into_iter().chain(run(&trial, 8)) {
-            let usual = Rollout { scene: &w.scene, latents: Default::default(), effects: &[], stop: false };
-            let path = simulate(&[usual], Engine::Lanes).unwrap().remove(0);
+            let usual = Default::default();
+            let path = simulate(&[w.rollout(&w.scene, &usual)], Engine::Lanes).unwrap().remove(0);
             for p in &w.points {
                 let i = path.times.iter().position(|t| (t - p.time).abs() < 1e-9).expect("an observation");
                 let track = &path.bodies[p.body];

@@ -8,6 +8,7 @@ use super::feed::Feed;
 use super::goal::GoalLanes;
 use super::intervene::intervene;
 use super::rest::{LOOK_EVERY, Snapshot};
+use super::settle::Settling;
 use super::state::State;
 use super::touching::Met;
 use crate::trajectory::{End, Trajectory};
@@ -52,6 +53,7 @@ pub fn run(feed: &mut dyn Feed, end_at_rest: bool, instructions: &dyn Instructio
         if batch.state.wild {
             gone = batch.end_diverged(feed);
         }
+        batch.settle();
         if !batch.state.fresh.is_empty() {
             batch.record_begun();
         }
@@ -103,6 +105,8 @@ struct Lane {
     /// What is known of its things, where there are interventions; and how many of them have happened.
     prepared: Option<Box<Prepared>>,
     changed: usize,
+    /// Where the first step is made again until contacts bear what they did.
+    settling: Option<Settling>,
 }
 
 impl Lane {
@@ -166,9 +170,12 @@ impl Batch {
             due: self.state.tick + f64::from(look),
             prepared: None,
             changed: 0,
+            settling: None,
         };
         new.recorder.observe(0, &starts(&prepared));
-        if !prepared.changes.is_empty() {
+        if prepared.settled {
+            new.settling = Some(Settling::new(prepared));
+        } else if !prepared.changes.is_empty() {
             new.prepared = Some(Box::new(prepared));
             new.due = self.state.tick + f64::from(new.next());
         }
@@ -190,6 +197,20 @@ impl Batch {
         }
         own.due = self.state.born[lane] + f64::from(own.next());
         None
+    }
+
+    /// Has first steps made again where contacts do not yet bear what they bore before.
+    fn settle(&mut self) {
+        for lane in 0..LANES {
+            let Some(own) = &mut self.lanes[lane] else { continue };
+            let Some(mut settling) = own.settling.take() else { continue };
+            if settling.back(&mut self.state, lane) {
+                own.settling = Some(settling);
+                own.due = self.state.tick + f64::from(own.next());
+                // A lane that begins again is not one at rest.
+                self.snapshot = None;
+            }
+        }
     }
 
     /// Leaves a lane empty.

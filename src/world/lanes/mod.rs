@@ -38,6 +38,7 @@ mod outline;
 mod piece;
 mod press;
 mod rest;
+mod settle;
 mod simd;
 mod solve;
 mod state;

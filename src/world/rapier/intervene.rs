@@ -72,7 +72,8 @@ impl World {
         Ok(())
     }
 
-    fn move_body(&mut self, prepared: &Prepared, i: usize, before: &State, after: &State) {
+    /// Tells rapier of a body's state after `before`.
+    pub(super) fn move_body(&mut self, prepared: &Prepared, i: usize, before: &State, after: &State) {
         let Some(body) = self.bodies[i].and_then(|handle| self.physics.bodies.get_mut(handle)) else {
             return;
         };
