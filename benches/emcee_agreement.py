@@ -11,6 +11,7 @@ the fit but where its walkers begin, and goes on until its draws are worth so ma
 
 import argparse
 import json
+import logging
 import sys
 import time
 from pathlib import Path
@@ -37,6 +38,8 @@ def main():
     parser.add_argument("--draws", type=int, default=4096, help="of the built-in sampler")
     parser.add_argument("--seed", type=int, default=1)
     asked = parser.parse_args()
+    # That a chain is short is looked at here.
+    logging.getLogger("emcee").setLevel(logging.ERROR)
     with iplw.Client(binary=asked.binary) as client:
         sys.exit(compare(client, asked))
 

@@ -12,7 +12,6 @@ use serde_json::{Value, json};
 use super::diagnosis::asked;
 use super::given::Given;
 use super::text::{json, text};
-use crate::budget::Budget;
 use crate::discover::posterior::{Likelihood, PosteriorConfig};
 use crate::error::{Error, Result};
 use crate::job::{New, Outcome, Work};
@@ -60,6 +59,8 @@ const TOGETHER: usize = 64;
 struct Plan {
     given: Given,
     config: PosteriorConfig,
+    /// Digest of both: what is kept goes by it, whoever asks.
+    key: String,
 }
 
 fn begin(app: &App, Body(body): Body<LikelihoodIn>, keep: Keep<JobOut>) -> Result<JobOut> {
@@ -76,7 +77,10 @@ fn begin(app: &App, Body(body): Body<LikelihoodIn>, keep: Keep<JobOut>) -> Resul
         "job": job, "scene": scene.name, "trials": count, "calibrate": scene.calibrate, "effects": config.sets[0],
         "prior": config.prior, "discrepancy": config.discrepancy, "seed": seed,
     });
-    let plan = json(&Plan { given: Given { scene: scene.to_json(), trials, seed }, config })?;
+    let given = Given { scene: scene.to_json(), trials, seed };
+    let key = digest(&SHA256, text(&(&given, &config))?.as_bytes());
+    let key = key.as_ref().iter().map(|b| format!("{b:02x}")).collect();
+    let plan = json(&Plan { given, config, key })?;
     let new = New { kind: KIND, config: &shown, plan: &plan, seed };
     Ok(app.jobs().submit(new, &|job| keep(&job.into()))?.into())
 }
@@ -101,9 +105,7 @@ fn work(base: &Arc<Base>, plan: &Value) -> Result<Work> {
 
 /// What a plan says, prepared unless it is there.
 fn prepared(base: &Base, plan: &Plan, progress: &dyn Progress) -> Result<Arc<Likelihood>> {
-    let key: String =
-        digest(&SHA256, text(plan)?.as_bytes()).as_ref().iter().map(|b| format!("{b:02x}")).collect();
-    base.likelihoods.get(&key, || {
+    base.likelihoods.get(&plan.key, || {
         let (scene, trials) = plan.given.read()?;
         let found = Likelihood::new(&scene, &trials, &plan.config, progress)?;
         let bytes = found.bytes();
