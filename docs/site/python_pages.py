@@ -17,7 +17,7 @@ PAGES: dict[str, tuple[str, str, list[str]]] = {
     "client": (
         "Client and worlds",
         "The connection to a server, and what a world can be asked for. `AsyncClient` and its handles (`AsyncWorld`, "
-        "`AsyncJob`, `AsyncAsking`, `AsyncPolicy`, `AsyncSurface`) have the same methods, awaited: `await "
+        "`AsyncJob`, `AsyncAsking`, `AsyncPolicy`, `AsyncSurface`, `AsyncLikelihood`) have the same methods, awaited: `await "
         "client.create_world(...)`, `await world.step(action)`, `async with`, `async for`. They are told here once. What is "
         "refused is a `Problem`; `ServerUnavailable` if nobody answers.",
         ["Client", "World", "Rollout", "Rollouts"],
@@ -28,9 +28,9 @@ PAGES: dict[str, tuple[str, str, list[str]]] = {
         ["Job", "Asking", "Proposal"],
     ),
     "policies": (
-        "Policies and surfaces",
+        "Policies, surfaces and likelihoods",
         "What jobs leave on the server.",
-        ["Policy", "Ranked", "Surface"],
+        ["Policy", "Ranked", "Surface", "Likelihood"],
     ),
     "errors": (
         "Errors",

@@ -16,6 +16,7 @@
 //! | `leave` | how long a request may go on |
 //! | `limits` | what is taken, and for how long |
 //! | `metrics` `log` | what happened: counters and times, a line for each request and job |
+//! | `prepared` | what takes long to prepare and is asked again and again |
 //! | `memory` | what the allocator keeps, and when it gives back |
 //! | `config` `signal` | how a server is run, and told to stop |
 //! | `fuzz` | what fuzzing reaches of all this |
@@ -47,6 +48,7 @@ mod memory;
 mod metrics;
 mod operation;
 mod operations;
+mod prepared;
 mod problem;
 mod runtime;
 mod shared;

@@ -12,8 +12,10 @@ use super::fair::Fair;
 use super::limits::Limits;
 use super::log::Log;
 use super::metrics::Metrics;
+use super::prepared::{Most, Prepared};
 use super::problem::explain;
 use crate::access::Keyring;
+use crate::discover::posterior::Likelihood;
 use crate::error::{Error, Result};
 use crate::job::{Recipes, Runner, RunnerConfig};
 use crate::session::{Catalogue, Registry, RegistryConfig};
@@ -31,6 +33,7 @@ pub struct Base {
     common: Common,
     pub worlds: Registry,
     pub store: Arc<Store>,
+    pub likelihoods: Prepared<Likelihood>,
 }
 
 /// The server's state.
@@ -59,6 +62,9 @@ pub struct Shared {
     made: AtomicU64,
     asked: AtomicU64,
 }
+
+/// Likelihoods that are kept ready.
+const LIKELIHOODS: Most = Most { things: 8, bytes: 256 << 20 };
 
 /// Connections over ZeroMQ at a time; more are hung up on.
 const MOST_PEERS: usize = 4096;
@@ -97,7 +103,8 @@ impl Shared {
         };
         let worlds = Registry::new(registry, &catalogue, store.clone())?;
         let common = Common { catalogue, metrics: Metrics::default(), clock: config.clock.clone() };
-        let base = Arc::new(Base { common, worlds, store: store.clone() });
+        let base =
+            Arc::new(Base { common, worlds, store: store.clone(), likelihoods: Prepared::new(LIKELIHOODS) });
         let log = config.log.clone();
         Ok(Shared {
             jobs: Runner::start(store, recipes(&base), runner, Box::new(move |row| log.job(row)))?,

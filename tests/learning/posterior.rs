@@ -1,6 +1,6 @@
 //! What is known, from trials of hidden worlds: draws hold the truth, and say when the model lacks something.
 
-use iplw::discover::posterior::{Document, PosteriorConfig, Sampler, posterior};
+use iplw::discover::posterior::{Document, Likelihood, PosteriorConfig, Sampler, posterior};
 use iplw::estimate::sampler::mcmc::McmcConfig;
 use iplw::estimate::sampler::smc::SmcConfig;
 use iplw::experiment::random_trials;
@@ -59,6 +59,21 @@ fn draws_hold_what_is_hidden() {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     let again = pool.install(|| posterior(&scene, &trials, &wanted, &Silent)).unwrap();
     assert_eq!(again.sets[0].draws, found.sets[0].draws, "the same bits on one thread");
+    let runs = &document.parameters[0].runs;
+    let mean = runs.iter().flatten().sum::<f64>() / runs.len() as f64;
+    assert!(runs.len() == 4 && (mean - document.parameters[0].mean).abs() < 1e-9 * mean, "{runs:?}");
+    // A sampler of one's own is told what these were drawn by.
+    let likelihood = Likelihood::new(&scene, &trials, &wanted, &Silent).unwrap();
+    assert_eq!(likelihood.names(), ["friction", "restitution", "linear_drag.c"]);
+    let drawn = &found.sets[0].draws;
+    assert_eq!(likelihood.log_likelihoods(&drawn.points).unwrap(), drawn.log_likelihoods);
+    assert_eq!(likelihood.log_likelihoods(&drawn.points[7..8]).unwrap(), drawn.log_likelihoods[7..8]);
+    let starts = likelihood.starts(9, 5).unwrap();
+    assert!(starts.iter().all(|p| likelihood.log_prior(p).is_finite()));
+    assert!(likelihood.log_likelihoods(&starts).unwrap().iter().all(|l| l.is_finite()));
+    let outside = vec![vec![-0.1, 0.4, 0.2], vec![0.7, 0.4]];
+    assert_eq!(likelihood.log_likelihoods(&outside).unwrap(), [f64::NEG_INFINITY; 2]);
+    assert!(outside.iter().all(|p| likelihood.log_prior(p) == f64::NEG_INFINITY));
     let chains = Sampler::Mcmc(McmcConfig { chains: 8, warm_up: 50, steps: 50, seed: 3 });
     let chained = PosteriorConfig { sampler: chains, ..wanted };
     let chained = Document::new(&posterior(&scene, &trials, &chained, &Silent).unwrap(), &chained);
@@ -96,4 +111,6 @@ fn what_cannot_be_known_is_said_or_refused() {
     refused(&nothing, &trials, &wanted, "calibrate");
     refused(&scene, &trials[..2], &wanted, "trials");
     refused(&scene, &trials, &config(&[&["phlogiston"]], 0), "phlogiston");
+    let two = Likelihood::new(&scene, &trials, &config(&[&[], &["wind"]], 0), &Silent);
+    assert!(two.err().unwrap().to_string().contains("sets"));
 }

@@ -10,6 +10,7 @@ mod fair;
 mod http;
 mod kept;
 mod kill;
+mod likelihood;
 mod limits;
 mod log;
 mod openapi;

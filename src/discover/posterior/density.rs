@@ -110,6 +110,13 @@ impl Density {
         (self.windows.len(), self.parts.len())
     }
 
+    /// Memory that it takes, without the windows' scenes, bytes.
+    pub fn bytes(&self) -> usize {
+        let windows = self.windows.iter().map(|k| k.by_position.len() + 4 * k.shown.len());
+        let parts = self.parts.iter().map(|p| p.left.len() + p.field.len());
+        size_of::<f64>() * (windows.chain(parts).sum::<usize>() + self.discrepancy.numbers())
+    }
+
     /// By point: what every part leaves there.
     fn left(&self, points: &[Sample]) -> Result<Vec<Vec<DVector<f64>>>> {
         let simulated: Vec<usize> =

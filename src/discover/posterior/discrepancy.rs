@@ -82,6 +82,11 @@ impl Discrepancy {
         found
     }
 
+    /// Numbers that it holds.
+    pub fn numbers(&self) -> usize {
+        self.kinds.iter().flat_map(|k| &k.parts).map(|(_, columns)| columns.len()).sum()
+    }
+
     /// Fields that are tried, none first.
     pub fn fields(&self) -> Vec<Field> {
         let of = |(k, strength, _): &(usize, f64, f64)| Field {

@@ -46,6 +46,9 @@ pub struct Parameter {
     pub prior: Marginal,
     pub mean: f64,
     pub sd: f64,
+    /// Mean of every independent run's draws; none of a run that has no draw of it.
+    #[serde(default)]
+    pub runs: Vec<Option<f64>>,
     /// 2.5, 5, 25, 50, 75, 95, 97.5 %.
     pub quantiles: [f64; 7],
     /// Share of the prior's standard deviation that is left: near 1, the trials tell nothing.
@@ -98,8 +101,7 @@ impl Document {
         let mut parameters: Vec<Parameter> = Vec::new();
         for (s, of) in posterior.sets.iter().enumerate() {
             for (k, number) in of.numbers.iter().enumerate() {
-                let name = column(&number.name, number.setting.as_deref());
-                let values = columns.entry(name).or_insert_with(|| vec![None; draws.len()]);
+                let values = columns.entry(number.column()).or_insert_with(|| vec![None; draws.len()]);
                 for (place, (set, draw)) in draws.iter().enumerate() {
                     if *set == s {
                         values[place] = Some(of.draws.points[*draw][k]);
@@ -107,12 +109,12 @@ impl Document {
                 }
             }
         }
+        let run: Vec<usize> = draws.iter().map(|(s, i)| posterior.sets[*s].draws.run[*i]).collect();
         for number in posterior.sets.iter().flat_map(|of| &of.numbers) {
             let known = parameters.iter().any(|p| p.name == number.name && p.setting == number.setting);
-            let values: Vec<f64> =
-                columns[&column(&number.name, number.setting.as_deref())].iter().flatten().copied().collect();
-            if !known && !values.is_empty() {
-                parameters.push(parameter(number, values));
+            let column = &columns[&number.column()];
+            if !known && column.iter().any(Option::is_some) {
+                parameters.push(parameter(number, column, &run));
             }
         }
         let warnings = warnings(posterior);
@@ -133,15 +135,10 @@ impl Document {
             effects: Vec::new(),
             columns,
             set: draws.iter().map(|d| d.0).collect(),
-            run: draws.iter().map(|(s, i)| posterior.sets[*s].draws.run[*i]).collect(),
+            run,
             log_likelihood: draws.iter().map(|(s, i)| posterior.sets[*s].draws.log_likelihoods[*i]).collect(),
         }
     }
-}
-
-/// Name of a column: the number's, and behind an @ its setting's.
-fn column(name: &str, setting: Option<&str>) -> String {
-    setting.map_or_else(|| name.to_string(), |s| format!("{name}@{s}"))
 }
 
 /// Draws of all sets, as many of each as it weighs: (set, draw). Of a single set all, in their order.
@@ -164,7 +161,14 @@ fn mixed(sets: &[OfSet], seed: u64) -> Vec<(usize, usize)> {
     out
 }
 
-fn parameter(number: &super::Known, mut values: Vec<f64>) -> Parameter {
+fn parameter(number: &super::Known, column: &[Option<f64>], run: &[usize]) -> Parameter {
+    let mut values: Vec<f64> = column.iter().flatten().copied().collect();
+    let of_run = |r: usize| {
+        let own = column.iter().zip(run).filter(|(_, own)| **own == r).filter_map(|(v, _)| *v);
+        let (n, sum) = own.fold((0usize, 0.0), |(n, sum), v| (n + 1, sum + v));
+        (n > 0).then(|| sum / n as f64)
+    };
+    let runs = (0..run.iter().max().map_or(0, |r| r + 1)).map(of_run).collect();
     let n = values.len() as f64;
     let mean = values.iter().sum::<f64>() / n;
     let sd = (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0)).sqrt();
@@ -184,6 +188,7 @@ fn parameter(number: &super::Known, mut values: Vec<f64>) -> Parameter {
         prior: number.prior,
         mean,
         sd,
+        runs,
         quantiles: QUANTILES.map(at),
         left,
         identifiable: left < UNTOLD,

@@ -4,7 +4,7 @@
 //!    `models`: they; `reach`: beginnings of trials, whose starts are known, go on as far as the model predicts them.
 //! 2. `density`: how likely the windows are at any values, about that fit; `discrepancy`: what launches share that the model lacks
 //!    is integrated out; `whitened`: coordinates in which that is plain; `prior`: what is believed of every number.
-//! 3. `estimate::sampler` draws, beginning near the fit.
+//! 3. `estimate::sampler` draws, beginning near the fit; `likelihood`: the same density for samplers of one's own.
 //! 4. Sets are weighed by how well each predicts launches from the others (`decide`); their evidence stands beside that.
 //!    `document`: all of it as it is written; `config`: what can be asked; `wanted`: what people
 //!    say they want.
@@ -18,13 +18,14 @@ mod config;
 mod density;
 mod discrepancy;
 mod document;
+mod likelihood;
 mod models;
 mod prior;
 mod reach;
 mod wanted;
 mod whitened;
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::estimate::sampler::Draws;
 use crate::estimate::sampler::mcmc::mcmc;
 use crate::estimate::sampler::smc::smc;
@@ -35,6 +36,7 @@ pub use config::{PosteriorConfig, Sampler};
 pub use density::Density;
 pub use discrepancy::Field;
 pub use document::Document;
+pub use likelihood::{LIKELIHOOD_FORMAT, Likelihood};
 use models::{Ask, Weighed, with_models};
 pub use prior::Known;
 pub use wanted::Wanted;
@@ -98,21 +100,5 @@ pub fn posterior(
             });
         }
         Ok(Posterior { sets, trials: [ready.kept.len(), trials.len()], noise })
-    })
-}
-
-/// The likelihood of a single set's model, with what each number of a point is and where the fit stood: for samplers of one's own.
-pub fn likelihood(
-    scene: &Scene,
-    trials: &[Trial],
-    config: &PosteriorConfig,
-    progress: &dyn Progress,
-) -> Result<(Density, Vec<Known>, Vec<f64>)> {
-    if config.sets.len() != 1 {
-        return Err(Error::input("sets", format!("{} sets", config.sets.len()), "one set of effects"));
-    }
-    with_models(scene, trials, config, progress, |models, ready| {
-        let (density, numbers, _, fit) = Ask { model: &models[0].model, ready, config }.likelihood()?;
-        Ok((density, numbers, fit))
     })
 }

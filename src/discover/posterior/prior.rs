@@ -20,6 +20,13 @@ pub struct Known {
     pub prior: Marginal,
 }
 
+impl Known {
+    /// Name of its column among draws: its own, and behind an @ its setting's.
+    pub fn column(&self) -> String {
+        self.setting.as_ref().map_or_else(|| self.name.clone(), |s| format!("{}@{s}", self.name))
+    }
+}
+
 /// Widest bounds that are taken for bounds; beyond, what is plausible decides.
 const WIDEST: f64 = 1e6;
 

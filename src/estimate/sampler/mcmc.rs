@@ -17,7 +17,8 @@ use serde::{Deserialize, Serialize};
 
 use super::quality::{Quality, by_run, effective, r_hat, split};
 use super::reference::{Reference, Student};
-use super::{Draws, Target, moments};
+use super::start::starts;
+use super::{Draws, Target, densities, moments};
 use crate::error::{Result, within};
 use crate::progress::Progress;
 use crate::rng;
@@ -39,8 +40,6 @@ pub struct McmcConfig {
 const ADAPTED: usize = 25;
 /// Share of steps taken that is aimed at (in one number 0.44, in many 0.234).
 const TAKEN: f64 = 0.3;
-/// Draws of which the most likely is where a chain begins.
-const TRIED: usize = 4;
 
 impl McmcConfig {
     /// 16 chains of 400 steps, the first half to warm up.
@@ -66,14 +65,8 @@ pub fn mcmc(
     config.validate()?;
     let mut stream = rng::stream(config.seed, "mcmc");
     let mut evaluations = 0;
-    let mut densities = |points: &[Sample]| densities(target, points, &mut evaluations);
-    let tried: Vec<Sample> = (0..TRIED * config.chains).map(|_| reference.draw(&mut stream)).collect();
-    let found = densities(&tried)?;
-    let best =
-        |c: usize| (0..TRIED).map(|k| TRIED * c + k).max_by(|a, b| found[*a][0].total_cmp(&found[*b][0]));
-    let first: Vec<usize> = (0..config.chains).filter_map(best).collect();
-    let mut at: Vec<Sample> = first.iter().map(|i| tried[*i].clone()).collect();
-    let mut density: Vec<[f64; 2]> = first.iter().map(|i| found[*i]).collect();
+    let first = starts(target, reference, config.chains, &mut stream, &mut evaluations)?;
+    let (mut at, mut density): (Vec<Sample>, Vec<[f64; 2]>) = first.into_iter().unzip();
     let unit: Vec<f64> = target.prior().marginals().iter().map(|m| m.centre()[1]).collect();
     let (mut walk, mut scale) = (walk(&at, &unit), 1.0);
     let (mut seen, mut taken, mut moved) = (Vec::new(), 0usize, 0u64);
@@ -86,7 +79,7 @@ pub fn mcmc(
             x.iter().zip(by.iter()).map(|(x, s)| x + s).collect()
         };
         let proposed: Vec<Sample> = at.iter().map(&mut propose).collect();
-        let there = densities(&proposed)?;
+        let there = densities(target, &proposed, &mut evaluations)?;
         let warm = step >= config.warm_up;
         for (c, (x, p)) in proposed.into_iter().zip(there).enumerate() {
             let u: f64 = stream.random();
@@ -115,22 +108,6 @@ pub fn mcmc(
     let accepted = moved as f64 / (config.steps * config.chains) as f64;
     let quality = quality(&points, &run, accepted);
     Ok(Draws { points, log_likelihoods, run, log_evidence: Vec::new(), evaluations, quality })
-}
-
-/// Log densities of points, and log likelihoods; the likelihood is asked only where the prior allows them.
-fn densities(target: &dyn Target, points: &[Sample], evaluations: &mut u64) -> Result<Vec<[f64; 2]>> {
-    let prior = target.prior();
-    let allowed: Vec<Sample> = points.iter().filter(|p| prior.allows(p)).cloned().collect();
-    *evaluations += allowed.len() as u64;
-    let mut found = target.log_likelihoods(&allowed)?.into_iter();
-    let of = |p: &Sample| match prior.allows(p) {
-        true => {
-            let likelihood = found.next().filter(|l| !l.is_nan()).unwrap_or(f64::NEG_INFINITY);
-            [prior.log_density(p) + likelihood, likelihood]
-        }
-        false => [f64::NEG_INFINITY; 2],
-    };
-    Ok(points.iter().map(of).collect())
 }
 
 /// How far chains can be trusted.

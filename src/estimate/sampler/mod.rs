@@ -1,14 +1,15 @@
 //! Draws from a posterior density that is evaluated in batches.
 //!
 //! [`prior`]: what is believed of each number beforehand. [`smc`]: sequential Monte Carlo from a reference near the fit;
-//! [`mcmc`]: Markov chains on the same density. [`quality`]: how far draws can be trusted. All of it is data in, data out: a
-//! [`Target`] says how likely points are, a seed decides every draw.
+//! [`mcmc`]: Markov chains on the same density, which begin where [`start`] says. [`quality`]: how far draws can be trusted. All of it
+//! is data in, data out: a [`Target`] says how likely points are, a seed decides every draw.
 
 pub mod mcmc;
 pub mod prior;
 pub mod quality;
 pub mod reference;
 pub mod smc;
+pub mod start;
 
 use nalgebra::{DMatrix, DVector};
 
@@ -25,6 +26,23 @@ pub trait Target: Sync {
 
     /// Log likelihoods of points that lie within the prior's bounds, in their order; the same for any batch.
     fn log_likelihoods(&self, points: &[Sample]) -> Result<Vec<f64>>;
+}
+
+/// Of every point: log density up to a constant, prior and likelihood together, and log likelihood. The likelihood is asked only where
+/// the prior allows points; elsewhere, and where it is no number, both are minus infinity.
+pub fn densities(target: &dyn Target, points: &[Sample], evaluations: &mut u64) -> Result<Vec<[f64; 2]>> {
+    let prior = target.prior();
+    let allowed: Vec<Sample> = points.iter().filter(|p| prior.allows(p)).cloned().collect();
+    *evaluations += allowed.len() as u64;
+    let mut found = target.log_likelihoods(&allowed)?.into_iter();
+    let of = |p: &Sample| match prior.allows(p) {
+        true => {
+            let likelihood = found.next().filter(|l| !l.is_nan()).unwrap_or(f64::NEG_INFINITY);
+            [prior.log_density(p) + likelihood, likelihood]
+        }
+        false => [f64::NEG_INFINITY; 2],
+    };
+    Ok(points.iter().map(of).collect())
 }
 
 /// Points drawn from a target, equally likely.
@@ -116,6 +134,17 @@ pub(crate) mod tests {
         let (mean, covariance) = moments(&points, &[0.25, 0.75]);
         assert_eq!(mean.as_slice(), [1.5, 4.0]);
         assert!((covariance[(0, 1)] - 1.5).abs() < 1e-12 && (covariance[(1, 0)] - 1.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn what_the_prior_forbids_is_not_asked() {
+        let (target, mut asked) = (Tilted::new(), 0);
+        let points =
+            vec![vec![0.4, 0.7, 1.0], vec![0.4, 1.1, 1.0], vec![f64::NAN, 0.7, 1.0], vec![0.5, 0.7, 1.0]];
+        let found = densities(&target, &points, &mut asked).unwrap();
+        assert_eq!((asked, found[1], found[2]), (2, [f64::NEG_INFINITY; 2], [f64::NEG_INFINITY; 2]));
+        assert_eq!(found[0], [target.prior.log_density(&points[0]), 0.0]);
+        assert!(found[3][1] < -1.0 && found[3][0] < found[0][0]);
     }
 
     #[test]

@@ -14,6 +14,7 @@ mod evaluation;
 mod given;
 mod job;
 mod learning;
+mod likelihood;
 mod measured;
 mod plan;
 mod policy;
@@ -40,7 +41,7 @@ use crate::error::Error;
 use crate::job::{Recipe, Recipes};
 
 /// A row a file.
-const FILES: [fn() -> Vec<Operation>; 23] = [
+const FILES: [fn() -> Vec<Operation>; 24] = [
     asked::operations,
     batch::operations,
     branch::operations,
@@ -52,6 +53,7 @@ const FILES: [fn() -> Vec<Operation>; 23] = [
     given::operations,
     job::operations,
     learning::operations,
+    likelihood::operations,
     plan::operations,
     policy::operations,
     posterior::operations,
@@ -102,7 +104,7 @@ mod tests {
         assert_eq!(names.len(), OPERATIONS.len());
         let kinds: Vec<&str> = OPERATIONS.iter().filter_map(|o| o.job).map(|(kind, _)| kind).collect();
         assert_eq!(kinds.iter().collect::<BTreeSet<_>>().len(), kinds.len());
-        assert_eq!(kinds.len(), 8, "{kinds:?}");
+        assert_eq!(kinds.len(), 9, "{kinds:?}");
         assert!(operation("step_worlds").is_ok() && operation("metrics").is_err());
     }
 }

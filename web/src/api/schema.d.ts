@@ -358,6 +358,63 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/likelihoods": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Prepares the likelihood that posteriors are drawn from, given measured trials, for a sampler of one's own. A job; its result
+         *     is an `iplw.likelihood/1` document that names the numbers of a point and what is believed of them.
+         */
+        post: operations["start_likelihood"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/likelihoods/{id}/evaluate": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * How likely the trials are at each of many points, and what is believed of each: the sum of the two logarithms is the log
+         *     posterior density but for a constant. A point's numbers are the same bits in whatever company it is asked.
+         */
+        post: operations["evaluate_likelihood"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/likelihoods/{id}/starts": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /** Points about the fit at which chains may begin: each is possible. */
+        post: operations["draw_starts"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/v1/limits": {
         parameters: {
             query?: never;
@@ -1174,6 +1231,16 @@ export interface components {
             /** @description A family (`bowling`) or one task (`bowling:017`). */
             task?: string | null;
         };
+        /** @description How likely trials are at each point. */
+        Densities: {
+            /**
+             * @description Natural logarithm of the likelihood; `null` (as an array: minus infinity) where it is zero or the prior does not allow the point.
+             *     Absent where the prior alone was asked for.
+             */
+            log_likelihood?: (number | null)[] | null;
+            /** @description Natural logarithm of the prior's density; `null` (as an array: minus infinity) where it does not allow the point. */
+            log_prior: (number | null)[];
+        };
         /**
          * @description Measured trials, and the simulation they are held against: `scene` (or `ball`) and `trials`, or the `job` that
          *     measured them.
@@ -1578,6 +1645,28 @@ export interface components {
             /** @description Id of a world of the policy's family; attempts are counted there. */
             world: string;
         };
+        /** @description Measured trials, the simulation they are of, and what a point is to be of: latents and parameters of effects. */
+        LikelihoodIn: {
+            ball?: components["schemas"]["BallIn"] | null;
+            /** @description Latents, in place of the scene's `calibrate`. */
+            calibrate?: string[] | null;
+            /** @description Whether what trials share and the model lacks is allowed for; true if absent. */
+            discrepancy?: boolean | null;
+            /** @description Effects by name, whose parameters are numbers of a point; without any the scene as it is. */
+            effects?: string[] | null;
+            /** @description Id of an estimation: its trials so far are asked. */
+            job?: string | null;
+            /** @description Mean and standard deviation by latent; else 1 and 0.5, for restitution 0.5 and 0.25. */
+            prior?: {
+                [key: string]: number[];
+            } | null;
+            reading?: components["schemas"]["ReadingIn"] | null;
+            /** @description An `iplw.scene/1` document; `calibrate` names the latents that are numbers of a point. */
+            scene?: Record<string, never> | null;
+            /** @description Of the fit. */
+            seed?: number | null;
+            trials?: components["schemas"]["TrialsIn"] | null;
+        };
         /** @description What a server takes, and for how long. */
         Limits: {
             /**
@@ -1744,6 +1833,15 @@ export interface components {
             seed?: number | null;
             /** @description One task, `bowling:017`. */
             task: string;
+        };
+        /** @description Points to be asked. */
+        PointsIn: {
+            /** @description Values of each of the numbers, by name; as many of each as there are points, 4096 at most. */
+            columns: {
+                [key: string]: number[];
+            };
+            /** @description Whether the prior alone is wanted, for which nothing is simulated. */
+            prior_only?: boolean;
         };
         /** @description All policies. */
         Policies: {
@@ -2107,6 +2205,19 @@ export interface components {
          * @enum {string}
          */
         SplitIn: "train" | "validation" | "test";
+        /** @description Points at which chains may begin. */
+        Starts: {
+            /** @description Values of each of the numbers, by name. */
+            columns: {
+                [key: string]: number[];
+            };
+        };
+        /** @description How many points are wanted to begin chains at. */
+        StartsIn: {
+            /** Format: int64 */
+            count: number;
+            seed?: number | null;
+        };
         /** @description Where the current episode stands. */
         StateOut: {
             /** @description Resets so far. */
@@ -4367,6 +4478,393 @@ export interface operations {
             };
             /** @description The job is no estimation */
             409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The server is not called so */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request's deadline has passed, or storage fails or is damaged */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    start_likelihood: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description Repeated under the same key, the request has no further effect and is answered the same */
+                "Idempotency-Key"?: string | null;
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: {
+            content: {
+                "application/json": components["schemas"]["LikelihoodIn"];
+            };
+        };
+        responses: {
+            /** @description Accepted */
+            202: {
+                headers: {
+                    /** @description Where the job is */
+                    Location?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["JobOut"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description No token, or none that is good */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The token may not act, or not from this page */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Unknown job, latent or effect */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body takes too long */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A job without trials */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Payload Too Large */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A page sends a body of another type */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The server is not called so */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Too many waiting jobs */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request's deadline has passed, or storage fails or is damaged */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    evaluate_likelihood: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["PointsIn"];
+            };
+        };
+        responses: {
+            /** @description OK */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Densities"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description No token, or none that is good */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The token may not act, or not from this page */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body takes too long */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The job is no likelihood, or not ready */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Payload Too Large */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A page sends a body of another type */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The server is not called so */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request's deadline has passed, or storage fails or is damaged */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    draw_starts: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["StartsIn"];
+            };
+        };
+        responses: {
+            /** @description OK */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Starts"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description No token, or none that is good */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The token may not act, or not from this page */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Not Found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body takes too long */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The job is no likelihood, or not ready */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Payload Too Large */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A page sends a body of another type */
+            415: {
                 headers: {
                     [name: string]: unknown;
                 };

@@ -15,11 +15,11 @@ The files, from the top down; each uses only those below it:
 | file | what |
 |---|---|
 | `envs`, `vector`, `fleet`, `video`, `registration`, `families` | Gymnasium's environments |
-| `aio`, `sync` | the client and its handles on worlds, jobs, policies, surfaces: written once, in `aio`; `generate.py` makes `sync` of it |
+| `aio`, `sync` | the client and its handles on worlds, jobs, policies, surfaces, likelihoods: written once, in `aio`; `generate.py` makes `sync` of it |
 | `runner` | the difference between the two: who does what blocks |
 | `plot`, `live` | figures by matplotlib; a job as it goes on, in a notebook |
 | `outcomes`, `results`, `trials`, `rows`, `scene`, `show` | what a notebook shows, and pandas takes, of what the server tells |
-| `calls`, `rollout`, `branching`, `film`, `ranked`, `proposal`, `measured`, `bar` | what is asked, and what answers mean; nothing here waits |
+| `calls`, `rollout`, `branching`, `film`, `ranked`, `proposal`, `likelihood`, `measured`, `bar` | what is asked, and what answers mean; nothing here waits |
 | `connect`, `http`, `zeromq`, `transport` | how a call goes to the server and back; `codec` and `frames` write it down |
 | `call`, `operations` | a call; the table of operations, which `generate.py` makes of the OpenAPI document |
 | `server`, `binary`, `errors` | a private server; where its program is; what all of them raise |
@@ -27,7 +27,7 @@ The files, from the top down; each uses only those below it:
 """
 
 from . import plot
-from .aio import AsyncAsking, AsyncBranch, AsyncClient, AsyncJob, AsyncPolicy, AsyncSurface, AsyncWorld
+from .aio import AsyncAsking, AsyncBranch, AsyncClient, AsyncJob, AsyncLikelihood, AsyncPolicy, AsyncSurface, AsyncWorld
 from .branching import BodyState
 from .errors import IplwError, JobCancelled, JobFailed, Problem, ServerUnavailable
 from .film import Film
@@ -39,7 +39,7 @@ from .results import Diagnosis, Estimate, Result, Score, Training
 from .rollout import Rollout, Rollouts
 from .rows import Rounds, Rows
 from .scene import Scene
-from .sync import Asking, Branch, Client, Job, Policy, Surface, World
+from .sync import Asking, Branch, Client, Job, Likelihood, Policy, Surface, World
 from .trials import Trials
 from .vector import PlacementVectorEnv, make_vec
 from .version import own_version
@@ -53,6 +53,7 @@ __all__ = [
     "AsyncBranch",
     "AsyncClient",
     "AsyncJob",
+    "AsyncLikelihood",
     "AsyncPolicy",
     "AsyncSurface",
     "AsyncWorld",
@@ -66,6 +67,7 @@ __all__ = [
     "Job",
     "JobCancelled",
     "JobFailed",
+    "Likelihood",
     "Outcomes",
     "PlacementVectorEnv",
     "Policy",

@@ -18,6 +18,7 @@ from ..runner import AsyncRunner
 from ..scene import Scene
 from .asking import AsyncAsking
 from .job import AsyncJob
+from .likelihood import AsyncLikelihood
 from .line import AsyncLine
 from .policy import AsyncPolicy
 from .surface import AsyncSurface
@@ -339,6 +340,44 @@ class AsyncClient:
             seed=seed,
         )
         return self._job(await self._line.do(calls.post("start_posterior", body, key)))
+
+    async def likelihood(
+        self,
+        scene: Mapping[str, Any] | None = None,
+        trials: Measured | None = None,
+        *,
+        ball: Mapping[str, float] | None = None,
+        reading: Mapping[str, Any] | None = None,
+        job: AsyncJob | str | None = None,
+        effects: Sequence[str] | None = None,
+        calibrate: Sequence[str] | None = None,
+        prior: Mapping[str, Sequence[float]] | None = None,
+        discrepancy: bool | None = None,
+        seed: int | None = None,
+        key: str | None = None,
+        progress: bool = False,
+        timeout: float | None = None,
+    ) -> AsyncLikelihood:
+        """What `posterior` draws from, for a sampler of your own: emcee, dynesty, a few lines of NumPy.
+
+        Takes what `posterior` takes, of a single set of `effects`, and waits until it is prepared (seconds; a bar with
+        `progress`, and as `AsyncJob.wait` until `timeout`). Asked again for the same, a server that still has it answers at once.
+        """
+        body = given(
+            scene=scene,
+            ball=ball,
+            trials=None if trials is None else texts(trials),
+            reading=reading,
+            job=calls.id_of(job),
+            effects=effects,
+            calibrate=calibrate,
+            prior=prior,
+            discrepancy=discrepancy,
+            seed=seed,
+        )
+        preparing = self._job(await self._line.do(calls.post("start_likelihood", body, key)))
+        await preparing.wait(progress, timeout)
+        return AsyncLikelihood(self._line, preparing.data)
 
     async def plan(
         self,

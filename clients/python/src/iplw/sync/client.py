@@ -19,6 +19,7 @@ from ..runner import Runner
 from ..scene import Scene
 from .asking import Asking
 from .job import Job
+from .likelihood import Likelihood
 from .line import Line
 from .policy import Policy
 from .surface import Surface
@@ -337,6 +338,44 @@ class Client:
             seed=seed,
         )
         return self._job(self._line.do(calls.post("start_posterior", body, key)))
+
+    def likelihood(
+        self,
+        scene: Mapping[str, Any] | None = None,
+        trials: Measured | None = None,
+        *,
+        ball: Mapping[str, float] | None = None,
+        reading: Mapping[str, Any] | None = None,
+        job: Job | str | None = None,
+        effects: Sequence[str] | None = None,
+        calibrate: Sequence[str] | None = None,
+        prior: Mapping[str, Sequence[float]] | None = None,
+        discrepancy: bool | None = None,
+        seed: int | None = None,
+        key: str | None = None,
+        progress: bool = False,
+        timeout: float | None = None,
+    ) -> Likelihood:
+        """What `posterior` draws from, for a sampler of your own: emcee, dynesty, a few lines of NumPy.
+
+        Takes what `posterior` takes, of a single set of `effects`, and waits until it is prepared (seconds; a bar with
+        `progress`, and as `Job.wait` until `timeout`). Asked again for the same, a server that still has it answers at once.
+        """
+        body = given(
+            scene=scene,
+            ball=ball,
+            trials=None if trials is None else texts(trials),
+            reading=reading,
+            job=calls.id_of(job),
+            effects=effects,
+            calibrate=calibrate,
+            prior=prior,
+            discrepancy=discrepancy,
+            seed=seed,
+        )
+        preparing = self._job(self._line.do(calls.post("start_likelihood", body, key)))
+        preparing.wait(progress, timeout)
+        return Likelihood(self._line, preparing.data)
 
     def plan(
         self,
