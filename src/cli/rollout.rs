@@ -50,7 +50,7 @@ pub fn run(args: &Args) -> Result<()> {
     file.as_deref().map_or(Ok(()), |path| output::file("--out", path))?;
     let mut results = String::new();
     for chunk in scenes.chunks(CHUNK) {
-        let rollouts: Vec<Rollout> = chunk.iter().map(|scene| Rollout::of(scene)).collect();
+        let rollouts: Vec<Rollout> = chunk.iter().map(Rollout::of).collect();
         for (rollout, trajectory) in rollouts.iter().zip(simulate(&rollouts, engine)?) {
             let mut line = record(&trajectory);
             line["engine"] = json!(chosen(engine, rollout)?.name());

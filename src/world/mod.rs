@@ -328,7 +328,7 @@ mod tests {
                 scenes.push(*placed);
             }
         }
-        let rollout = |scene| Rollout::of(scene);
+        let rollout = Rollout::of;
         let rollouts: Vec<Rollout> = scenes.iter().map(rollout).collect();
         let run = |end_at_rest| {
             let settings = Settings { level: Level::best(), end_at_rest };

@@ -278,7 +278,7 @@ proptest! {
 }
 
 fn rollouts(scenes: &[Scene]) -> Vec<Rollout<'_>> {
-    let rollout = |scene| Rollout::of(scene);
+    let rollout = Rollout::of;
     scenes.iter().map(rollout).collect()
 }
 

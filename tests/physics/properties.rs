@@ -166,7 +166,7 @@ fn roll(scene: &Scene, engine: Engine) -> Trajectory {
 }
 
 fn rollouts(scenes: &[Scene]) -> Vec<Rollout<'_>> {
-    let rollout = |scene| Rollout::of(scene);
+    let rollout = Rollout::of;
     scenes.iter().map(rollout).collect()
 }
 
