@@ -2,7 +2,7 @@
 
     iplw measure --task bowling --effect linear_drag:c=0.223 --noise 0.005 --trials 50 --seed 1 --out measured
     pip install emcee
-    python benches/emcee_agreement.py target/release/iplw measured --effects linear_drag
+    PYTHONPATH=clients/python/src python benches/emcee_agreement.py target/release/iplw measured --effects linear_drag
 
 Prints means and standard deviations of both, how far they are apart, and what each cost; fails where means differ by more than
 0.1 standard deviations or standard deviations by more than 10 %. emcee (Foreman-Mackey et al., PASP 125 (2013) 306) knows nothing of

@@ -164,7 +164,6 @@ def test_without_msgpack_it_is_the_same(likelihood: iplw.Likelihood, monkeypatch
         ({"effects": ["ether"]}, 404, ["ether"]),
         ({"effects": ["wind", "wind"]}, 422, ["effects", "twice"]),
         ({"prior": {"friction": [1, 0]}}, 422, ["prior"]),
-        ({"trials": "t,x,y\n0,0,0\n"}, 422, ["trials"]),
         ({"job": "nowhere", "ball": None, "trials": None}, 404, ["nowhere"]),
     ],
 )
@@ -173,6 +172,11 @@ def test_refusals_say_what_is_wrong(client: iplw.Client, more: dict[str, Any], s
         client.likelihood(**{**ASKED, **more})
     assert caught.value.status == status
     assert all(word in str(caught.value) for word in words), str(caught.value)
+
+
+def test_trials_that_tell_nothing_are_refused_while_it_is_prepared(client: iplw.Client) -> None:
+    with pytest.raises(iplw.JobFailed, match="`trials` is 0 of 1 trials"):
+        client.likelihood(**{**ASKED, "trials": "t,x,y\n0,0,0\n"})
 
 
 def test_too_many_or_too_few_starts(likelihood: iplw.Likelihood) -> None:

@@ -33,7 +33,7 @@ class Job(Handle):
 
     @property
     def kind(self) -> str:
-        """What it does: `iplw`, `diagnose`, `train`, `learn`, `evaluate`, `surface`."""
+        """What it does: `iplw`, `diagnose`, `train`, `learn`, `evaluate`, `surface`, `posterior`, `likelihood`, `plan`."""
         return str(self.data["kind"])
 
     @property
