@@ -121,7 +121,7 @@ fn finest(windows: &[Window]) -> f64 {
 /// Noise of what an engine simulates, m.
 fn run_noise(windows: &[Window]) -> Option<f64> {
     if window::leaping(windows) {
-        // Whole states are seen where nothing errs; a contact that goes on at an observation restarts cold.
+        // Whole states are seen where nothing errs; what a contact bears at an observation is not.
         return Some(COLD);
     }
     let mut series: Vec<Vec<f64>> = Vec::new();

@@ -13,7 +13,7 @@ use crate::task::Scene;
 use crate::trajectory::{Track, Trajectory};
 use crate::world::{Rollout, simulate};
 
-/// What a contact that restarts cold errs by, m.
+/// What a leap errs by at least, m: what contacts bear that go on at its start is not seen, and found only nearly.
 pub const COLD: f64 = 1e-3;
 /// Steps are halved so many times.
 const HALVINGS: i32 = 2;

@@ -328,8 +328,7 @@ mod tests {
                 scenes.push(*placed);
             }
         }
-        let rollout = Rollout::of;
-        let rollouts: Vec<Rollout> = scenes.iter().map(rollout).collect();
+        let rollouts: Vec<Rollout> = scenes.iter().map(Rollout::of).collect();
         let run = |end_at_rest| {
             let settings = Settings { level: Level::best(), end_at_rest };
             simulate_map_set(settings, &rollouts, Engine::Lanes, |_, t| t).unwrap()

@@ -84,8 +84,7 @@ fn lanes_with_changes_at_different_steps_do_not_disturb_each_other() {
             with(&scene, serde_json::from_value(list).unwrap())
         };
         let scenes: Vec<Scene> = (0..40).map(changed).collect();
-        let rollout = Rollout::of;
-        let rollouts: Vec<Rollout> = scenes.iter().map(rollout).collect();
+        let rollouts: Vec<Rollout> = scenes.iter().map(Rollout::of).collect();
         let together = simulate(&rollouts, Engine::Lanes).unwrap();
         for (k, scene) in scenes.iter().enumerate() {
             let alone = roll(scene, Engine::Lanes);

@@ -63,8 +63,7 @@ fn what_follows_a_divergence_is_judged_as_it_is_alone() {
     };
     let calm = Scene { gravity: [0.0; 2], steps: 50, goal: Some(apart), ..falling.clone() };
     let scenes: Vec<&Scene> = [&falling; 40].into_iter().chain([&calm; 40]).collect();
-    let rollout = Rollout::of;
-    let all = simulate(&scenes.into_iter().map(rollout).collect::<Vec<_>>(), Engine::Lanes).unwrap();
+    let all = simulate(&scenes.into_iter().map(Rollout::of).collect::<Vec<_>>(), Engine::Lanes).unwrap();
     assert!(all[..40].iter().all(|t| t.outcome.end == End::Diverged));
     let alone = roll(&calm, Engine::Lanes);
     assert_eq!((alone.outcome.end, alone.outcome.steps), (End::Goal, 1));

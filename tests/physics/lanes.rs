@@ -278,8 +278,7 @@ proptest! {
 }
 
 fn rollouts(scenes: &[Scene]) -> Vec<Rollout<'_>> {
-    let rollout = Rollout::of;
-    scenes.iter().map(rollout).collect()
+    scenes.iter().map(Rollout::of).collect()
 }
 
 /// Scenes of every family and of our own, damped and not, some with goals reached early.

@@ -166,8 +166,7 @@ fn roll(scene: &Scene, engine: Engine) -> Trajectory {
 }
 
 fn rollouts(scenes: &[Scene]) -> Vec<Rollout<'_>> {
-    let rollout = Rollout::of;
-    scenes.iter().map(rollout).collect()
+    scenes.iter().map(Rollout::of).collect()
 }
 
 prop_compose! {

@@ -9,8 +9,8 @@ use ring::digest::{SHA256, digest};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::diagnosis::asked;
 use super::given::Given;
+use super::posterior::asked_about;
 use super::text::{json, text};
 use crate::discover::posterior::{Likelihood, PosteriorConfig};
 use crate::error::{Error, Result};
@@ -22,7 +22,6 @@ use crate::serve::operation::{ACT, Body, Id, Keep, Operation, post};
 use crate::serve::shared::Base;
 use crate::serve::wire::{Densities, JobOut, LikelihoodIn, PointsIn, Starts, StartsIn};
 use crate::store::JobState;
-use crate::world::latent::factor_index;
 
 /// What can be asked about how likely trials are.
 pub fn operations() -> Vec<Operation> {
@@ -67,12 +66,7 @@ fn begin(app: &App, Body(body): Body<LikelihoodIn>, keep: Keep<JobOut>) -> Resul
     let (given, wanted, calibrate) = body.parts();
     let config = wanted.config().map_err(named)?;
     let (job, seed) = (given.job.clone(), config.seed);
-    let (mut scene, trials, count) = asked(app, given)?;
-    if let Some(latents) = calibrate {
-        latents.iter().try_for_each(|name| factor_index(name).map(drop))?;
-        scene.calibrate = latents;
-        scene.validate().map_err(|e| e.under("scene"))?;
-    }
+    let (scene, trials, count) = asked_about(app, given, calibrate)?;
     let shown = json!({
         "job": job, "scene": scene.name, "trials": count, "calibrate": scene.calibrate, "effects": config.sets[0],
         "prior": config.prior, "discrepancy": config.discrepancy, "seed": seed,

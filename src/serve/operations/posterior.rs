@@ -15,7 +15,8 @@ use crate::json::from_value;
 use crate::serve::app::App;
 use crate::serve::operation::{ACT, Body, Keep, Operation, post};
 use crate::serve::shared::Base;
-use crate::serve::wire::{JobOut, PosteriorIn};
+use crate::serve::wire::{DiagnosisIn, JobOut, PosteriorIn};
+use crate::task::Scene;
 use crate::world::latent::factor_index;
 
 /// What can be asked about what is known.
@@ -46,16 +47,26 @@ fn begin(app: &App, Body(body): Body<PosteriorIn>, keep: Keep<JobOut>) -> Result
     let (given, wanted, calibrate) = body.parts();
     let config = wanted.config()?;
     let (job, seed) = (given.job.clone(), config.seed);
+    let (scene, trials, count) = asked_about(app, given, calibrate)?;
+    let shown = json!({"job": job, "scene": scene.name, "trials": count, "calibrate": scene.calibrate, "config": config, "seed": seed});
+    let plan = json(&Plan { given: Given { scene: scene.to_json(), trials, seed }, config })?;
+    let new = New { kind: KIND, config: &shown, plan: &plan, seed };
+    Ok(app.jobs().submit(new, &|job| keep(&job.into()))?.into())
+}
+
+/// What was sent or measured, as [`asked`] has it, with the latents that are to be known in place of the scene's.
+pub(super) fn asked_about(
+    app: &App,
+    given: DiagnosisIn,
+    calibrate: Option<Vec<String>>,
+) -> Result<(Scene, String, usize)> {
     let (mut scene, trials, count) = asked(app, given)?;
     if let Some(latents) = calibrate {
         latents.iter().try_for_each(|name| factor_index(name).map(drop))?;
         scene.calibrate = latents;
         scene.validate().map_err(|e| e.under("scene"))?;
     }
-    let shown = json!({"job": job, "scene": scene.name, "trials": count, "calibrate": scene.calibrate, "config": config, "seed": seed});
-    let plan = json(&Plan { given: Given { scene: scene.to_json(), trials, seed }, config })?;
-    let new = New { kind: KIND, config: &shown, plan: &plan, seed };
-    Ok(app.jobs().submit(new, &|job| keep(&job.into()))?.into())
+    Ok((scene, trials, count))
 }
 
 /// The work of a posterior: begun again, it does everything again, and finds the same.

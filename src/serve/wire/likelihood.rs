@@ -8,11 +8,11 @@ use utoipa::ToSchema;
 use super::array::{Array, Data};
 use super::bulk::Bulk;
 use super::diagnosis::{BallIn, DiagnosisIn, ReadingIn, TrialsIn};
+use super::posterior::PosteriorIn;
 use super::strict::Object;
 use crate::discover::posterior::Wanted;
 use crate::error::{Error, Result};
 use crate::task::Scene;
-use crate::world::Engine;
 use crate::world::Sample;
 
 /// Measured trials, the simulation they are of, and what a point is to be of: latents and parameters of effects.
@@ -48,16 +48,25 @@ pub struct LikelihoodIn {
 impl LikelihoodIn {
     /// The trials and their scene, what is wanted, and the latents that are to be known in place of the scene's.
     pub fn parts(self) -> (DiagnosisIn, Wanted, Option<Vec<String>>) {
-        let LikelihoodIn { scene, ball, trials, reading, job, seed, .. } = self;
-        let wanted = Wanted {
-            sets: vec![self.effects.unwrap_or_default()],
-            prior: self.prior.unwrap_or_default(),
-            discrepancy: self.discrepancy,
-            engine: Engine::Auto,
-            seed: seed.unwrap_or(0),
-            ..Wanted::default()
-        };
-        (DiagnosisIn { scene, ball, trials, reading, job, seed }, wanted, self.calibrate)
+        let LikelihoodIn { scene, ball, trials, reading, job, effects, calibrate, prior, discrepancy, seed } =
+            self;
+        let sets = Some(vec![effects.unwrap_or_default()]);
+        let (method, draws) = (None, None);
+        PosteriorIn {
+            scene,
+            ball,
+            trials,
+            reading,
+            job,
+            sets,
+            calibrate,
+            prior,
+            method,
+            draws,
+            discrepancy,
+            seed,
+        }
+        .parts()
     }
 }
 

@@ -143,11 +143,6 @@ impl State {
 
     /// Pairs that touch from here on begin to.
     pub fn forget_touches(&mut self, lane: usize, which: impl Fn(&Met) -> bool) {
-        let met = self
-            .pairs
-            .iter_mut()
-            .map(|pair| &mut pair.met)
-            .chain(self.near.iter_mut().map(|near| &mut near.met));
-        met.filter(|met| which(met)).for_each(|met| met.last_touch[lane] = NEVER_TOUCHED);
+        self.all_met_mut().filter(|met| which(met)).for_each(|met| met.last_touch[lane] = NEVER_TOUCHED);
     }
 }

@@ -97,9 +97,7 @@ fn begin_again(state: &mut State, lane: usize, prepared: &Prepared) {
         state.bodies[i].rolling[lane] = 0.0;
     }
     state.forget_touches(lane, |_| true);
-    let State { pairs, near, .. } = state;
-    let met = pairs.iter_mut().map(|p| &mut p.met).chain(near.iter_mut().map(|n| &mut n.met));
-    met.for_each(|met| met.begins[lane] = 0.0);
+    state.all_met_mut().for_each(|met| met.begins[lane] = 0.0);
     state.born[lane] = state.tick;
 }
 

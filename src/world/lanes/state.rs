@@ -241,6 +241,11 @@ impl State {
         self.pairs.iter().map(|p| &p.met).chain(self.near.iter().map(|n| &n.met))
     }
 
+    /// The same, to be changed.
+    pub fn all_met_mut(&mut self) -> impl Iterator<Item = &mut Met> {
+        self.pairs.iter_mut().map(|p| &mut p.met).chain(self.near.iter_mut().map(|n| &mut n.met))
+    }
+
     /// Steps that a lane's rollout has made.
     #[inline]
     pub fn step_of(&self, lane: usize) -> u32 {
