@@ -15,6 +15,7 @@
 //! | `discover/` | measured minus simulated -> what the simulation lacks |
 //! | `policy/` | scoring actions; sole home of dfdx |
 //! | `plan/` | actions ranked by rollouts under what is believed |
+//! | `design/` | which experiment would tell the most about a question |
 //! | `picture/` | scenes, films and plots as SVG and PNG |
 //! | `experiment` | the main path: explore -> measure -> estimate -> train -> transfer -> report |
 //! | `store/` `access/` `job/` | what lasts, who may do what, and work that takes long |
@@ -34,6 +35,7 @@
 
 pub mod access;
 pub mod budget;
+pub mod design;
 pub mod discover;
 pub mod distribution;
 pub mod error;

@@ -4,6 +4,7 @@ mod agents;
 mod along;
 mod cells;
 mod computing;
+mod design;
 mod diagnose;
 mod effects;
 mod estimate;
@@ -84,6 +85,8 @@ enum Command {
     Diagnose(Computing<diagnose::Args>),
     /// Draw what is known of latents and effects from the posterior, given measured trials.
     Posterior(Computing<posterior::Args>),
+    /// Say which experiment would tell the most about a question: latents, effects, or whether plans work.
+    Design(Computing<design::Args>),
     /// Train a policy in simulation; writes its weights.
     Train(Computing<train::TrainArgs>),
     /// Try a policy in a hidden world.
@@ -130,6 +133,7 @@ pub fn main() -> ExitCode {
         Command::Surface(args) => args.run(surface::run),
         Command::Diagnose(args) => args.run(diagnose::run),
         Command::Posterior(args) => args.run(posterior::run),
+        Command::Design(args) => args.run(design::run),
         Command::Train(args) => args.run(train::train_policy),
         Command::Evaluate(args) => args.run(train::evaluate_policy),
         Command::Plan(args) => args.run(plan::run),

@@ -21,6 +21,14 @@ pub fn effect(text: &str) -> Result<EffectTerm> {
     Ok(term)
 }
 
+/// A set of effects, their names joined by `+`; `none` is an empty one.
+pub fn set(text: &str) -> Vec<String> {
+    match text.trim() {
+        "none" => Vec::new(),
+        names => names.split('+').map(|n| n.trim().to_string()).collect(),
+    }
+}
+
 /// Tasks of a family, or the single task `family:number`.
 pub fn tasks(name: &str) -> Result<(Vec<Task>, &'static Family)> {
     let family = family(name.split(':').next().unwrap_or(name))?;

@@ -11,7 +11,7 @@ use iplw::world::Engine;
 use iplw::world::latent::factor_index;
 
 use super::layout::laid_out;
-use super::{output, tracks};
+use super::{output, parse, tracks};
 
 /// Draws what is known of a scene's latents, and of effects' parameters, from the posterior given measured trials: how sure it
 /// is, how the numbers go together, and whether anything is left that the model lacks (draws allow for that).
@@ -114,12 +114,8 @@ impl Sampling {
             let number = |t: &str| t.trim().parse::<f64>().ok().filter(|v| v.is_finite()).ok_or_else(wrong);
             Ok((name.trim().to_string(), [number(mean)?, number(sd)?]))
         };
-        let set = |text: &String| match text.trim() {
-            "none" => Vec::new(),
-            names => names.split('+').map(|n| n.trim().to_string()).collect(),
-        };
         let wanted = Wanted {
-            sets: self.sets.iter().map(set).collect(),
+            sets: self.sets.iter().map(|s| parse::set(s)).collect(),
             prior: self.prior.iter().map(believed).collect::<Result<_>>()?,
             method: Some(self.method.clone()),
             draws: Some(self.draws as usize),

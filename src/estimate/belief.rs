@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::{Error, Result, within};
 use crate::rng;
 use crate::task::scene::EffectTerm;
+use crate::world::effect::Role;
 use crate::world::latent::{FACTORS, clamp};
 use crate::world::{EffectParameter, Latents, effect};
 
@@ -106,6 +107,21 @@ impl Belief {
         Ok(Belief { source: Source::Prior, draws: draws.collect() })
     }
 
+    /// `count` draws of the prior with one of several sets of effects each, in turn: parameters as large as they usually are, within bounds.
+    /// Errors name an effect that no size can be drawn of, since it depends on the scene where it acts.
+    pub fn of_sets(prior: [(f64, f64); 3], sets: &[Vec<String>], count: usize, seed: u64) -> Result<Belief> {
+        let mut belief = Belief::prior(prior, Vec::new(), count, seed)?;
+        let mut stream = rng::stream(seed, "belief effects");
+        for (i, draw) in belief.draws.iter_mut().enumerate() {
+            let Some(set) = sets.get(i % sets.len().max(1)) else { break };
+            for name in set {
+                draw.effects.push(usual(name, &mut stream)?);
+            }
+        }
+        belief.draws.iter().take(sets.len()).try_for_each(|draw| effect::check(&draw.effects))?;
+        Ok(belief)
+    }
+
     /// The draws of a posterior's document (`iplw.posterior/1`).
     pub fn from_json(text: &str) -> Result<Belief> {
         Belief::of_document(crate::json::parse(text)?)
@@ -158,6 +174,28 @@ impl Belief {
         order.shuffle(&mut rng::stream(seed, "belief order"));
         order
     }
+}
+
+/// An effect with amplitudes as large as they usually are.
+fn usual(name: &str, stream: &mut rng::Stream) -> Result<EffectTerm> {
+    let effect = effect::find(name)?;
+    let mut parameters = BTreeMap::new();
+    for parameter in effect.parameters {
+        if parameter.role != Role::Amplitude {
+            let allowed = format!(
+                "effects without a place, time or shape: {}.{} is not known before anything was measured",
+                effect.name, parameter.name
+            );
+            return Err(Error::input("sets", format!("{name:?}"), allowed));
+        }
+        let [low, high] = parameter.bounds;
+        let normal =
+            Normal::new(parameter.neutral, parameter.size).map_err(|e| Error::Failed(e.to_string()))?;
+        let mut drawn = (0..MOST_REDRAWN).map(|_| normal.sample(stream));
+        let value = drawn.find(|v| (low..=high).contains(v)).unwrap_or(parameter.neutral);
+        parameters.insert(parameter.name.to_string(), value);
+    }
+    Ok(EffectTerm { name: effect.name.into(), parameters })
 }
 
 /// What the numbers of a column are.
@@ -278,6 +316,24 @@ mod tests {
             second.effects[0].parameters,
             BTreeMap::from([("ax".into(), 1.5), ("period".into(), 2.0)])
         );
+    }
+
+    #[test]
+    fn sets_take_turns_and_their_effects_have_sizes() {
+        let sets = [vec![], vec!["linear_drag".to_string()], vec!["wind".into(), "lift".into()]];
+        let belief = Belief::of_sets(PRIOR, &sets, 300, 4).unwrap();
+        let with = |set: &[String]| {
+            let own = |d: &&Believed| d.effects.iter().map(|e| &e.name).eq(set);
+            belief.draws().iter().filter(own).count()
+        };
+        assert_eq!(sets.each_ref().map(|s| with(s)), [100; 3]);
+        let drags: Vec<f64> =
+            belief.draws().iter().skip(1).step_by(3).map(|d| d.effects[0].parameters["c"]).collect();
+        assert!(drags.iter().all(|c| *c >= 0.0) && drags.windows(2).any(|w| w[0] != w[1]));
+        let refused =
+            |name: &str| Belief::of_sets(PRIOR, &[vec![name.to_string()]], 9, 4).unwrap_err().to_string();
+        assert!(refused("sticky_patch").contains("sticky_patch.x_min"), "{}", refused("sticky_patch"));
+        assert!(refused("ether").contains("ether"));
     }
 
     #[test]

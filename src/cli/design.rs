@@ -1,0 +1,148 @@
+//! `iplw design`: which experiment would tell the most about a question.
+
+use std::path::{Path, PathBuf};
+
+use iplw::design::{DesignConfig, DesignDocument, Question, design, document};
+use iplw::error::{Error, Result};
+use iplw::estimate::Belief;
+use iplw::estimate::belief::PRIOR_DRAWS;
+use iplw::task::{DEFAULT_FAMILY, Split, Task, split};
+use iplw::world::Engine;
+
+use super::layout::laid_out;
+use super::{output, parse};
+
+/// Says which experiment would tell the most about a question, and why: candidate actions are done in simulation in worlds drawn from
+/// what is believed, and ranked by the information that what would be seen is expected to bring.
+#[derive(clap::Args)]
+#[command(after_long_help = EXAMPLES)]
+pub struct Args {
+    /// A family, on whose training tasks actions are looked for, or one task such as bowling:017.
+    #[arg(long, default_value = DEFAULT_FAMILY)]
+    task: String,
+    /// latents (how large they are, and effects' parameters), effects (which of the belief's sets the world has), success (whether
+    /// what is planned for the test tasks solves them).
+    #[arg(long, default_value = "latents")]
+    question: String,
+    /// What is believed: draws of a posterior (`iplw.posterior/1`). Else the family's prior.
+    #[arg(long, value_name = "FILE", conflicts_with = "sets")]
+    belief: Option<PathBuf>,
+    /// Of the prior: a set of effects that the world may have, joined by +, as large as they usually are; repeated, sets are equally
+    /// likely. `none` is the scene as it is, which is the default.
+    #[arg(long = "set", value_name = "EFFECTS")]
+    sets: Vec<String>,
+    /// Standard deviation with which a position is seen, m.
+    #[arg(long, default_value_t = 0.005)]
+    noise: f64,
+    /// Experiments to choose, together.
+    #[arg(long, default_value_t = 1)]
+    batch: usize,
+    /// Random actions that are looked at.
+    #[arg(long)]
+    candidates: Option<usize>,
+    /// So many of the best are looked at closely.
+    #[arg(long)]
+    shortlist: Option<usize>,
+    /// Worlds in which the best are looked at.
+    #[arg(long)]
+    worlds: Option<usize>,
+    /// Copies of an action whose spread counts as noise.
+    #[arg(long)]
+    copies: Option<usize>,
+    /// Most that a component of an action, in [0, 1], is moved in a copy, as by a trembling hand.
+    #[arg(long, default_value_t = iplw::reality::certify::PERTURBATION)]
+    perturb: f64,
+    /// Engine that simulates: auto, rapier or lanes.
+    #[arg(long, default_value = "auto")]
+    engine: String,
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Directory for design.json.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Print the result as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  What to measure first, to know friction and restitution:
+    iplw design --task bowling
+  Is it air that holds balls back, or rolling?
+    iplw design --task bowling --question effects --set none --set linear_drag --set rolling_resistance
+  Five experiments that together tell whether plans for the test tasks will work, after a posterior:
+    iplw design --task bowling --question success --belief known/posterior.json --batch 5 --out next";
+
+pub fn run(args: &Args) -> Result<()> {
+    let (tasks, family) = parse::tasks(&args.task)?;
+    let config = config(args)?;
+    let belief = match &args.belief {
+        Some(path) => {
+            let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, e))?;
+            Belief::from_json(&text).map_err(|e| e.at(path.display()))?
+        }
+        None => {
+            let sets: Vec<Vec<String>> = args.sets.iter().map(|s| parse::set(s)).collect();
+            Belief::of_sets(family.prior, &sets, PRIOR_DRAWS, args.seed)?
+        }
+    };
+    args.out.as_deref().map_or(Ok(()), |out| output::directory("--out", out))?;
+    let (training, asked) = parts(&tasks);
+    let bar = output::Bar::new();
+    let found = design(&training, &asked, &belief, &config, &bar)?;
+    bar.clear();
+    let document = document(&found, &config);
+    let text = laid_out(&document)? + "\n";
+    if let Some(out) = &args.out {
+        output::write_whole(&out.join("design.json"), text.as_bytes())?;
+    }
+    output::print(&if args.json { text } else { told(&document, args.out.as_deref()) })
+}
+
+/// Tasks that are acted on, and those whose success is asked about; of one task, itself.
+fn parts(tasks: &[Task]) -> (Vec<Task>, Vec<Task>) {
+    let part = |of: Split| {
+        let own = split(tasks, of);
+        if tasks.len() > 1 && !own.is_empty() { own } else { tasks.to_vec() }
+    };
+    (part(Split::Train), part(Split::Test))
+}
+
+fn config(args: &Args) -> Result<DesignConfig> {
+    let usual = DesignConfig::standard(Question::from_name(&args.question)?, args.seed);
+    let config = DesignConfig {
+        candidates: args.candidates.unwrap_or(usual.candidates),
+        shortlist: args.shortlist.unwrap_or(usual.shortlist.max(args.batch)),
+        worlds: [usual.worlds[0], args.worlds.unwrap_or(usual.worlds[1])],
+        copies: args.copies.unwrap_or(usual.copies),
+        perturb: args.perturb,
+        noise: args.noise,
+        batch: args.batch,
+        engine: Engine::from_name(&args.engine)?,
+        ..usual
+    };
+    config.validate()?;
+    Ok(config)
+}
+
+/// For a terminal.
+fn told(d: &DesignDocument, out: Option<&Path>) -> String {
+    let mut text = format!("{} candidates, {} rollouts\n", d.candidates, d.rollouts);
+    for (i, e) in d.experiments.iter().enumerate() {
+        let action = e.action.iter().map(|v| format!("{v:.4}")).collect::<Vec<_>>().join(", ");
+        text += &format!(
+            "{}. {} [{action}]: {:.2} +- {:.2} nats{}\n   {}\n",
+            i + 1,
+            e.task,
+            e.gain.information,
+            e.gain.standard_error,
+            e.adds.filter(|_| i > 0).map_or(String::new(), |a| format!(", {a:+.2} over those before")),
+            e.reason
+        );
+    }
+    if d.experiments.len() > 1 {
+        text += &format!("together {:.2} +- {:.2} nats\n", d.together.information, d.together.standard_error);
+    }
+    text + &out.map_or(String::new(), |out| format!("design: {}\n", out.join("design.json").display()))
+}

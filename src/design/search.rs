@@ -1,0 +1,152 @@
+//! A design: candidates, a first look at all, a close one at the best, and of those the batch that tells most together.
+
+use super::config::DesignConfig;
+use super::gain::{Gain, Labels, over};
+use super::look::{Candidate, Search};
+use super::narrowed::{Narrowed, narrowed};
+use super::question::Question;
+use super::shown::Hand;
+use super::told::Told;
+use super::worlds::{Worlds, worlds};
+use crate::error::{Error, Result};
+use crate::estimate::Belief;
+use crate::explore;
+use crate::progress::Progress;
+use crate::rng;
+use crate::task::{Task, ValidAction};
+
+/// What was found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Design {
+    /// The batch, in the order in which it was chosen; then the others that were looked at closely, the most telling first.
+    pub experiments: Vec<Experiment>,
+    /// How many of them are the batch.
+    pub batch: usize,
+    /// Of the batch together.
+    pub together: Gain,
+    /// Sets of effects of the belief, and how likely each is.
+    pub sets: Vec<(Vec<String>, f64)>,
+    /// Candidates that were looked at.
+    pub candidates: usize,
+    pub rollouts: usize,
+}
+
+/// An action, and what it would tell.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Experiment {
+    /// Id of its task.
+    pub task: String,
+    pub action: ValidAction,
+    /// What it tells by itself.
+    pub gain: Gain,
+    /// What it adds to those of the batch before it, nats; of the batch only.
+    pub adds: Option<f64>,
+    /// How far latents and parameters would be known.
+    pub expected: Vec<Narrowed>,
+    /// What happens, over worlds: contacts begun between movable bodies, and seconds that bodies spend on surfaces, of all bodies together.
+    pub collisions: f64,
+    pub rolling: f64,
+}
+
+/// Which actions on `tasks` would tell the most about the question, under a belief; `asked`: the tasks whose success is asked about, where
+/// it is. Same seed, same bits, on any number of threads.
+pub fn design(
+    tasks: &[Task],
+    asked: &[Task],
+    belief: &Belief,
+    config: &DesignConfig,
+    progress: &dyn Progress,
+) -> Result<Design> {
+    config.validate()?;
+    let [first, close] = config.worlds;
+    let evenly = config.question == Question::Effects;
+    let drawn = |count| worlds(belief, count, evenly, config.seed);
+    answerable(&drawn(close), config)?;
+    let hand = Hand { copies: config.copies, perturb: config.perturb, seed: config.seed };
+    let mut stream = rng::stream(config.seed, "design candidates");
+    let mut copied = Vec::with_capacity(config.candidates);
+    for (task, action, _) in explore::draw(tasks, config.candidates, &mut stream)? {
+        copied.extend(hand.copied(&tasks[task], &action)?.map(|c| (task, action, c)));
+    }
+    if copied.is_empty() {
+        let allowed = "actions that can be placed a little aside, too: a smaller `perturb`";
+        return Err(Error::input("perturb", config.perturb, allowed));
+    }
+    let mut search = Search { config, belief, asked, planned: Vec::new(), rollouts: 0, progress };
+    let look = search.look("first look", &copied, &drawn(first))?;
+    let mut order: Vec<usize> = (0..copied.len()).collect();
+    order.sort_by(|a, b| look[*b].1.information.total_cmp(&look[*a].1.information).then(a.cmp(b)));
+    order.truncate(config.shortlist);
+    let mut shortlist: Vec<Candidate> = Vec::with_capacity(order.len());
+    let mut rest: Vec<Option<Candidate>> = copied.into_iter().map(Some).collect();
+    shortlist.extend(order.iter().filter_map(|i| rest[*i].take()));
+    let closely = drawn(close);
+    let found = search.look("close look", &shortlist, &closely)?;
+    let labels = search.labels(&closely)?;
+    let (chosen, together) = batch(&found, &labels, config.batch);
+    let happens = search.happens(tasks, &shortlist, &closely)?;
+    let mut after: Vec<usize> =
+        (0..shortlist.len()).filter(|i| !chosen.iter().any(|(c, _)| c == i)).collect();
+    after.sort_by(|a, b| found[*b].1.information.total_cmp(&found[*a].1.information).then(a.cmp(b)));
+    let all = chosen.iter().map(|(i, adds)| (*i, Some(*adds))).chain(after.into_iter().map(|i| (i, None)));
+    let experiment = |(i, adds): (usize, Option<f64>)| Experiment {
+        task: tasks[shortlist[i].0].id.clone(),
+        action: shortlist[i].1.clone(),
+        gain: found[i].1,
+        adds,
+        expected: narrowed(&found[i].0, &closely.worlds),
+        collisions: happens[i][0],
+        rolling: happens[i][1],
+    };
+    Ok(Design {
+        experiments: all.map(experiment).collect(),
+        batch: chosen.len(),
+        together,
+        sets: closely.sets.iter().cloned().zip(closely.weights.iter().copied()).collect(),
+        candidates: look.len(),
+        rollouts: search.rollouts,
+    })
+}
+
+/// Errors where a question has no two answers among a belief's draws.
+fn answerable(worlds: &Worlds, config: &DesignConfig) -> Result<()> {
+    let refused = |value: String, allowed: &str| Err(Error::input("belief", value, allowed));
+    if worlds.worlds.len() < 8 {
+        return refused(
+            format!("{} draws", worlds.worlds.len()),
+            "at least 8 draws: a posterior, or a prior",
+        );
+    }
+    if config.question == Question::Effects && worlds.sets.len() < 2 {
+        return refused(
+            "one set of effects".into(),
+            "draws of two sets or more (`--set` of iplw posterior, repeated)",
+        );
+    }
+    Ok(())
+}
+
+/// The batch, each the one that adds most to those before it, and what they tell together.
+fn batch(found: &[(Told, Gain)], labels: &[Labels], size: usize) -> (Vec<(usize, f64)>, Gain) {
+    let mut chosen: Vec<(usize, f64)> = Vec::with_capacity(size);
+    let (mut sum, mut known): (Option<Told>, Gain) = (None, Gain::default());
+    while chosen.len() < size.min(found.len()) {
+        let with = |i: usize| match &sum {
+            Some(sum) => sum.and(&found[i].0),
+            None => found[i].0.clone(),
+        };
+        let left = (0..found.len()).filter(|i| !chosen.iter().any(|(c, _)| c == i));
+        let best = left.fold(None, |best: Option<(usize, Gain)>, i| {
+            let own = over(&with(i), labels);
+            match best {
+                Some((_, b)) if b.information >= own.information => best,
+                _ => Some((i, own)),
+            }
+        });
+        let Some((i, own)) = best else { break };
+        sum = Some(with(i));
+        chosen.push((i, own.information - known.information));
+        known = own;
+    }
+    (chosen, known)
+}

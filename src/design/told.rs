@@ -1,0 +1,190 @@
+//! How likely what one world shows is in another.
+//!
+//! What worlds show differs along few directions beyond the noise: their principal components. In those, world j's density is normal
+//! about what it shows, with the camera's noise and what a trembling hand makes of it, widened to a kernel so that a world between
+//! two draws is as likely as they are. Kernels are shrunk towards their group's mean by as much as they are widened, so that a group
+//! as a whole is as wide as its draws (West 1993).
+//!
+//! Differences from the source: kernels' covariance is the group's in all principal components, and its width Silverman's
+//! (1986, equation 4.14) for as many dimensions.
+
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn, SymmetricEigen};
+use rand_distr::{Distribution, StandardNormal};
+
+use super::shown::Shown;
+use crate::rng::Stream;
+
+/// Most principal components.
+const MOST: usize = 16;
+/// Variance of a component, as a share of the noise's, below which it tells nothing.
+const SLIGHT: f64 = 0.02;
+
+/// Log densities between the worlds of a candidate; those of several candidates add up.
+#[derive(Clone, Debug)]
+pub struct Told {
+    /// (worlds, worlds): of what world i shows, in the kernel of world j.
+    components: DMatrix<f64>,
+    /// Of what world i shows, in world i.
+    own: Vec<f64>,
+    /// (components, worlds): what each world shows, seen once, in principal components.
+    pub seen: DMatrix<f64>,
+}
+
+impl Told {
+    /// Nothing told yet.
+    pub fn nothing(worlds: usize) -> Told {
+        Told {
+            components: DMatrix::zeros(worlds, worlds),
+            own: vec![0.0; worlds],
+            seen: DMatrix::zeros(0, worlds),
+        }
+    }
+
+    /// Both, seen one after the other.
+    pub fn and(&self, other: &Told) -> Told {
+        let (a, b) = (&self.seen, &other.seen);
+        let seen = DMatrix::from_fn(a.nrows() + b.nrows(), a.ncols(), |r, c| {
+            if r < a.nrows() { a[(r, c)] } else { b[(r - a.nrows(), c)] }
+        });
+        Told {
+            components: &self.components + &other.components,
+            own: self.own.iter().zip(&other.own).map(|(a, b)| a + b).collect(),
+            seen,
+        }
+    }
+
+    pub fn worlds(&self) -> usize {
+        self.own.len()
+    }
+
+    /// Log density of what world `i` shows, in the kernel of world `j`.
+    pub fn component(&self, i: usize, j: usize) -> f64 {
+        self.components[(i, j)]
+    }
+
+    /// Log density of what world `i` shows, in world `i`.
+    pub fn own(&self, i: usize) -> f64 {
+        self.own[i]
+    }
+}
+
+/// Densities between worlds; `groups`: by world, whose kernels it shares; `noise`: of a coordinate, m.
+pub fn told(shown: &Shown, groups: &[usize], noise: f64, stream: &mut Stream) -> Told {
+    let (n, worlds) = shown.mean.shape();
+    let trembled: Vec<DVector<f64>> = shown.spread.iter().map(variances).collect();
+    let scale = scales(&trembled, noise, n);
+    let centre = shown.mean.column_mean();
+    let white = |m: &DMatrix<f64>| DMatrix::from_fn(n, worlds, |t, j| (m[(t, j)] - centre[t]) / scale[t]);
+    let mean = white(&shown.mean);
+    let Some(basis) = principal(&mean) else { return Told::nothing(worlds) };
+    let mut held = white(&shown.held);
+    for mut column in held.column_iter_mut() {
+        for (t, value) in column.iter_mut().enumerate() {
+            let sample: f64 = StandardNormal.sample(stream);
+            *value += sample * noise / scale[t];
+        }
+    }
+    let (places, seen) = (basis.tr_mul(&mean), basis.tr_mul(&held));
+    let noises: Vec<DMatrix<f64>> =
+        (0..worlds).map(|j| noise_of(&basis, &shown.spread[j], &trembled[j], &scale, noise)).collect();
+    let kernels = kernels(&places, groups);
+    let mut told = Told::nothing(worlds);
+    for j in 0..worlds {
+        let Kernel { shrunk, mean, covariance } = &kernels[groups[j]];
+        let place = mean + (places.column(j) - mean) * *shrunk;
+        let (Some(own), Some(kernel)) =
+            (Cholesky::new(noises[j].clone()), Cholesky::new(&noises[j] + covariance))
+        else {
+            return Told::nothing(worlds);
+        };
+        told.own[j] = log_density(&own, &(seen.column(j) - places.column(j)));
+        for i in 0..worlds {
+            told.components[(i, j)] = log_density(&kernel, &(seen.column(i) - &place));
+        }
+    }
+    Told { seen, ..told }
+}
+
+/// By coordinate, the variance over copies, m^2.
+fn variances(spread: &DMatrix<f64>) -> DVector<f64> {
+    DVector::from_iterator(spread.nrows(), spread.row_iter().map(|r| r.norm_squared()))
+}
+
+/// By coordinate, the deviation that is to be expected of it: noise, and the median of what hands make of it, m.
+fn scales(trembled: &[DVector<f64>], noise: f64, n: usize) -> Vec<f64> {
+    let of = |t: usize| {
+        let mut all: Vec<f64> = trembled.iter().map(|v| v[t]).collect();
+        all.sort_by(f64::total_cmp);
+        (noise * noise + all[all.len() / 2]).sqrt()
+    };
+    (0..n).map(of).collect()
+}
+
+/// Directions along which worlds differ by more than the noise, (n, components); `None` where they do not.
+fn principal(white: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let degrees = (white.ncols() - 1).max(1) as f64;
+    let eigen = SymmetricEigen::new(white.tr_mul(white));
+    let mut order: Vec<usize> = (0..eigen.eigenvalues.len()).collect();
+    order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
+    order.retain(|k| eigen.eigenvalues[*k] / degrees > SLIGHT);
+    order.truncate(MOST);
+    let columns: Vec<DVector<f64>> =
+        order.iter().map(|k| white * eigen.eigenvectors.column(*k) / eigen.eigenvalues[*k].sqrt()).collect();
+    (!columns.is_empty()).then(|| DMatrix::from_columns(&columns))
+}
+
+/// Covariance in principal components of what is seen of a world: camera and hand.
+///
+/// What copies differ by counts twice, once as far as they differ together and once coordinate by coordinate: so few copies do not
+/// know all directions in which a hand may tremble.
+fn noise_of(
+    basis: &DMatrix<f64>,
+    spread: &DMatrix<f64>,
+    trembled: &DVector<f64>,
+    scale: &[f64],
+    noise: f64,
+) -> DMatrix<f64> {
+    let alone = DMatrix::from_fn(basis.nrows(), basis.ncols(), |t, r| {
+        basis[(t, r)] * (noise * noise + trembled[t]).sqrt() / scale[t]
+    });
+    let white = DMatrix::from_fn(spread.nrows(), spread.ncols(), |t, k| spread[(t, k)] / scale[t]);
+    let together = basis.tr_mul(&white);
+    alone.tr_mul(&alone) + &together * together.transpose()
+}
+
+/// What the draws of a group are widened by.
+struct Kernel {
+    /// How far draws stay from the group's mean, in [0, 1].
+    shrunk: f64,
+    mean: DVector<f64>,
+    covariance: DMatrix<f64>,
+}
+
+fn kernels(places: &DMatrix<f64>, groups: &[usize]) -> Vec<Kernel> {
+    let dimensions = places.nrows();
+    let count = groups.iter().max().map_or(0, |g| g + 1);
+    let of = |group: usize| {
+        let own: Vec<DVector<f64>> = (0..places.ncols())
+            .filter(|j| groups[*j] == group)
+            .map(|j| places.column(j).into_owned())
+            .collect();
+        let n = own.len().max(1) as f64;
+        let mean = own.iter().fold(DVector::zeros(dimensions), |sum, p| sum + p) / n;
+        let scatter = own.iter().fold(DMatrix::zeros(dimensions, dimensions), |sum, p| {
+            let apart = p - &mean;
+            sum + &apart * apart.transpose()
+        });
+        let d = dimensions as f64;
+        let width = libm::pow(4.0 / (d + 2.0) / n, 1.0 / (d + 4.0)).min(1.0);
+        let covariance = scatter * (width * width / (n - 1.0).max(1.0));
+        Kernel { shrunk: (1.0 - width * width).sqrt(), mean, covariance }
+    };
+    (0..count).map(of).collect()
+}
+
+fn log_density(covariance: &Cholesky<f64, Dyn>, apart: &DVector<f64>) -> f64 {
+    let l = covariance.l_dirty();
+    let log_det: f64 = l.diagonal().iter().map(|v| libm::log(*v)).sum();
+    let white = l.solve_lower_triangular(apart).map_or(f64::INFINITY, |w| w.norm_squared());
+    -log_det - 0.5 * white
+}
