@@ -12,6 +12,7 @@ mod choice;
 mod config;
 pub mod extension;
 mod fit;
+pub mod grounding;
 pub mod planning;
 pub mod quickstart;
 mod report;

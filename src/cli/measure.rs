@@ -1,14 +1,15 @@
 //! `iplw measure`: trials from a hidden world, as files.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use iplw::error::Result;
-use iplw::reality::{HiddenWorld, Reality, settled, standard, trials_to_csv};
-use iplw::task::{Split, split};
+use iplw::design::{DESIGN_FORMAT, DesignDocument};
+use iplw::error::{Error, Result};
+use iplw::reality::{HiddenWorld, Reality, Trial, settled, standard, trials_to_csv};
+use iplw::task::{Split, Task, split};
 
 use super::{output, parse};
 
-/// Random actions on the task's training part are carried out in a hidden world and observed. The scene that is
+/// Random actions on the task's training part, or those of a design, are carried out in a hidden world and observed. The scene that is
 /// written is the simulation's: nominal latents, none of the hidden effects. Each trial is a setting of its own,
 /// since what is placed differs between trials.
 #[derive(clap::Args)]
@@ -23,9 +24,12 @@ pub struct Args {
     /// More of the hidden world: `damping=0.8,density=..,friction=..,restitution=..,engine=..`.
     #[arg(long, default_value = "")]
     real: String,
-    /// Number of trials.
-    #[arg(long, default_value_t = 50)]
+    /// Number of random trials.
+    #[arg(long, default_value_t = 50, conflicts_with = "design")]
     trials: usize,
+    /// Instead of random actions, the experiments of a design (`iplw design --out`, its design.json).
+    #[arg(long, value_name = "FILE")]
+    design: Option<PathBuf>,
     /// Standard deviation of position noise, m.
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     noise: f64,
@@ -50,7 +54,10 @@ pub fn run(args: &Args) -> Result<()> {
     let training = if tasks.len() > 1 { split(&tasks, Split::Train) } else { tasks };
     output::directory("--out", &args.out)?;
     let bar = output::Bar::new();
-    let trials = iplw::experiment::random_trials(&training, &mut world, args.trials, args.seed, &bar)?;
+    let trials = match &args.design {
+        Some(path) => designed(path, &training, &mut world)?,
+        None => iplw::experiment::random_trials(&training, &mut world, args.trials, args.seed, &bar)?,
+    };
     bar.clear();
     let (scene, named) = settled(&training[0].scene, trials)?;
     output::write_whole(&args.out.join("trials.csv"), trials_to_csv(&named).as_bytes())?;
@@ -62,4 +69,29 @@ pub fn run(args: &Args) -> Result<()> {
         args.out.join("trials.csv").display()
     );
     Ok(())
+}
+
+/// The experiments of a design, carried out.
+fn designed(path: &Path, tasks: &[Task], world: &mut HiddenWorld) -> Result<Vec<Trial>> {
+    let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, e))?;
+    let design: DesignDocument = iplw::json::parse(&text).map_err(|e| e.at(path.display()))?;
+    if design.format != DESIGN_FORMAT {
+        let error = Error::input("format", format!("{:?}", design.format), format!("{DESIGN_FORMAT:?}"));
+        return Err(error.at(path.display()));
+    }
+    let mut trials = Vec::with_capacity(design.experiments.len());
+    for (i, experiment) in design.experiments.iter().enumerate() {
+        let field = |name: &str| format!("experiments[{i}].{name}");
+        let task = tasks.iter().find(|t| t.id == experiment.task).ok_or_else(|| {
+            Error::input(field("task"), format!("{:?}", experiment.task), "a training task of --task")
+        })?;
+        let action = task.actions().validate(&experiment.action).map_err(|e| e.under(&field("action")))?;
+        for attempt in world.measure(task, &[action])? {
+            if let Err(reason) = &attempt.placement {
+                return Err(Error::input(field("action"), reason, "an action that can be placed"));
+            }
+            trials.extend(attempt.into_trial(format!("{}/{}", task.id, trials.len())));
+        }
+    }
+    Ok(trials)
 }

@@ -101,7 +101,7 @@ mod tests {
     use nalgebra::DMatrix;
 
     use super::super::shown::Shown;
-    use super::super::told::told;
+    use super::super::told::{Alike, told};
     use super::*;
     use crate::rng;
     use rand_distr::{Distribution, StandardNormal};
@@ -115,6 +115,14 @@ mod tests {
         (Shown { held: mean.clone(), mean, spread }, numbers)
     }
 
+    /// What is told of one group of worlds, in noise of unit variance.
+    fn told_of(shown: &Shown, numbers: &[f64], seed: u64) -> Told {
+        let numbers: Vec<Vec<f64>> = numbers.iter().map(|v| vec![*v]).collect();
+        let groups = vec![0; numbers.len()];
+        let alike = Alike { groups: &groups, numbers: &numbers };
+        told(shown, alike, 1.0, &mut rng::stream(seed, "noise"))
+    }
+
     /// A number of unit variance seen through slopes b in noise of unit variance: I = log(1 + b.b) / 2.
     #[test]
     fn a_straight_world_s_information_is_what_it_should_be() {
@@ -122,9 +130,8 @@ mod tests {
             let wanted = 0.5 * (1.0 + slopes.iter().map(|b| b * b).sum::<f64>()).ln();
             let found: Vec<f64> = (0..8)
                 .map(|seed| {
-                    let (shown, _) = straight(200, &slopes, seed);
-                    gain(&told(&shown, &[0; 200], 1.0, &mut rng::stream(seed, "noise")), &Labels::Own)
-                        .information
+                    let (shown, numbers) = straight(200, &slopes, seed);
+                    gain(&told_of(&shown, &numbers, seed), &Labels::Own).information
                 })
                 .collect();
             let mean = found.iter().sum::<f64>() / 8.0;
@@ -150,7 +157,8 @@ mod tests {
             let sign = |j: usize| if of[j] == 0 { -d } else { d };
             let mean = DMatrix::from_fn(1, 400, |_, j| sign(j));
             let shown = Shown { held: mean.clone(), mean, spread: vec![DMatrix::zeros(1, 3); 400] };
-            let told = told(&shown, &of, 1.0, &mut rng::stream(3, "noise"));
+            let alike = Alike { groups: &of, numbers: &vec![vec![]; 400] };
+            let told = told(&shown, alike, 1.0, &mut rng::stream(3, "noise"));
             let found = gain(&told, &Labels::Shared { of, weights: vec![0.5, 0.5] });
             let error = (found.information - wanted).abs();
             assert!(error < 3.0 * found.standard_error + 0.01, "{d}: {found:?} for {wanted}");
@@ -161,22 +169,30 @@ mod tests {
     /// What a trembling hand does to a coordinate hides what a world does to it.
     #[test]
     fn chaos_is_no_information() {
-        let (shown, _) = straight(100, &[5.0, 5.0], 1);
+        let (shown, numbers) = straight(100, &[5.0, 5.0], 1);
         let mut stream = rng::stream(2, "tremble");
         let mut tremble = || 100.0 * Distribution::<f64>::sample(&StandardNormal, &mut stream);
         let spread = (0..100).map(|_| DMatrix::from_fn(2, 4, |_, _| tremble() / 2.0)).collect();
         let held = shown.held.map(|v| v + tremble());
         let chaotic = Shown { held, spread, ..shown.clone() };
-        let of = |shown: &Shown| {
-            gain(&told(shown, &[0; 100], 1.0, &mut rng::stream(3, "noise")), &Labels::Own).information
-        };
+        let of = |shown: &Shown| gain(&told_of(shown, &numbers, 3), &Labels::Own).information;
         assert!(of(&shown) > 1.5 && of(&chaotic) < 0.2, "{} {}", of(&shown), of(&chaotic));
+    }
+
+    /// What worlds show that does not follow their numbers tells nothing of them: a wild function of a number is noise.
+    #[test]
+    fn what_is_not_smooth_is_no_information() {
+        let (shown, numbers) = straight(100, &[5.0, 5.0], 1);
+        let wild = DMatrix::from_fn(2, 100, |t, j| 50.0 * (1e4 * numbers[j] + t as f64).sin());
+        let wild = Shown { mean: wild.clone(), held: wild, ..shown };
+        let found = gain(&told_of(&wild, &numbers, 3), &Labels::Own).information;
+        assert!(found < 0.3, "{found}");
     }
 
     #[test]
     fn an_answer_that_no_other_world_gives_tells_nothing() {
-        let (shown, _) = straight(20, &[2.0], 1);
-        let told = told(&shown, &[0; 20], 1.0, &mut rng::stream(3, "noise"));
+        let (shown, numbers) = straight(20, &[2.0], 1);
+        let told = told_of(&shown, &numbers, 3);
         let mut of = vec![0; 20];
         of[3] = 1;
         assert_eq!(gain(&told, &Labels::Shared { of, weights: vec![0.95, 0.05] }), Gain::default());

@@ -60,7 +60,7 @@ impl Search<'_> {
             let own = seen.into_par_iter().enumerate().map(|(i, shown)| {
                 let seed = rng::derive(self.config.seed, stage, (first + i) as u64);
                 let mut noise = rng::stream(seed, "design noise");
-                let told = told(&shown, &worlds.groups, self.config.noise, &mut noise);
+                let told = told(&shown, worlds.alike(), self.config.noise, &mut noise);
                 let gain = over(&told, &labels);
                 (told, gain)
             });

@@ -5,8 +5,11 @@
 //! two draws is as likely as they are. Kernels are shrunk towards their group's mean by as much as they are widened, so that a group
 //! as a whole is as wide as its draws (West 1993).
 //!
+//! Where a world is a point of its numbers (latents, effects' parameters), what can be told of them is what follows them smoothly: a
+//! group's worlds are fitted by a polynomial of their numbers, and what that leaves, each world foretold from the others, is noise as much as the camera's.
+//!
 //! Differences from the source: kernels' covariance is the group's in all principal components, and its width Silverman's
-//! (1986, equation 4.14) for as many dimensions.
+//! (1986, equation 4.14) for as many dimensions. Densities are Student's, so that one world that went another way does not decide.
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, SymmetricEigen};
 use rand_distr::{Distribution, StandardNormal};
@@ -18,13 +21,17 @@ use crate::rng::Stream;
 const MOST: usize = 16;
 /// Variance of a component, as a share of the noise's, below which it tells nothing.
 const SLIGHT: f64 = 0.02;
+/// Worlds that there must be for every function of their numbers.
+const ENOUGH: usize = 3;
+/// Degrees of freedom of densities.
+const FREEDOM: f64 = 8.0;
 
 /// Log densities between the worlds of a candidate; those of several candidates add up.
 #[derive(Clone, Debug)]
 pub struct Told {
     /// (worlds, worlds): of what world i shows, in the kernel of world j.
     components: DMatrix<f64>,
-    /// Of what world i shows, in world i.
+    /// Of what world i shows, where its numbers say that it should be.
     own: Vec<f64>,
     /// (components, worlds): what each world shows, seen once, in principal components.
     pub seen: DMatrix<f64>,
@@ -62,14 +69,24 @@ impl Told {
         self.components[(i, j)]
     }
 
-    /// Log density of what world `i` shows, in world `i`.
+    /// Log density of what world `i` shows, where its numbers say that it should be.
     pub fn own(&self, i: usize) -> f64 {
         self.own[i]
     }
 }
 
-/// Densities between worlds; `groups`: by world, whose kernels it shares; `noise`: of a coordinate, m.
-pub fn told(shown: &Shown, groups: &[usize], noise: f64, stream: &mut Stream) -> Told {
+/// Worlds that are alike but for their numbers.
+#[derive(Clone, Copy)]
+pub struct Alike<'a> {
+    /// By world, the number of its group.
+    pub groups: &'a [usize],
+    /// By world, its numbers; as many in every world of a group.
+    pub numbers: &'a [Vec<f64>],
+}
+
+/// Densities between worlds; `noise`: of a coordinate, m.
+pub fn told(shown: &Shown, alike: Alike, noise: f64, stream: &mut Stream) -> Told {
+    let groups = alike.groups;
     let (n, worlds) = shown.mean.shape();
     let trembled: Vec<DVector<f64>> = shown.spread.iter().map(variances).collect();
     let scale = scales(&trembled, noise, n);
@@ -88,16 +105,17 @@ pub fn told(shown: &Shown, groups: &[usize], noise: f64, stream: &mut Stream) ->
     let noises: Vec<DMatrix<f64>> =
         (0..worlds).map(|j| noise_of(&basis, &shown.spread[j], &trembled[j], &scale, noise)).collect();
     let kernels = kernels(&places, groups);
+    let follow = follow(&places, alike);
     let mut told = Told::nothing(worlds);
     for j in 0..worlds {
         let Kernel { shrunk, mean, covariance } = &kernels[groups[j]];
         let place = mean + (places.column(j) - mean) * *shrunk;
         let (Some(own), Some(kernel)) =
-            (Cholesky::new(noises[j].clone()), Cholesky::new(&noises[j] + covariance))
+            (Cholesky::new(&noises[j] + &follow.left[groups[j]]), Cholesky::new(&noises[j] + covariance))
         else {
             return Told::nothing(worlds);
         };
-        told.own[j] = log_density(&own, &(seen.column(j) - places.column(j)));
+        told.own[j] = log_density(&own, &(seen.column(j) - follow.foretold.column(j)));
         for i in 0..worlds {
             told.components[(i, j)] = log_density(&kernel, &(seen.column(i) - &place));
         }
@@ -182,9 +200,61 @@ fn kernels(places: &DMatrix<f64>, groups: &[usize]) -> Vec<Kernel> {
     (0..count).map(of).collect()
 }
 
+/// Where worlds' numbers say that they should be.
+struct Follow {
+    /// (components, worlds): each foretold from the others of its group.
+    foretold: DMatrix<f64>,
+    /// By group, the covariance of what that leaves.
+    left: Vec<DMatrix<f64>>,
+}
+
+fn follow(places: &DMatrix<f64>, alike: Alike) -> Follow {
+    let dimensions = places.nrows();
+    let count = alike.groups.iter().max().map_or(0, |g| g + 1);
+    let mut found =
+        Follow { foretold: places.clone(), left: vec![DMatrix::zeros(dimensions, dimensions); count] };
+    for group in 0..count {
+        let own: Vec<usize> = (0..alike.groups.len()).filter(|j| alike.groups[*j] == group).collect();
+        let numbers: Vec<&[f64]> = own.iter().map(|j| alike.numbers[*j].as_slice()).collect();
+        let basis = polynomial(&numbers).qr().q();
+        let place = |i: usize, r: usize| places[(r, own[i])];
+        let targets = DMatrix::from_fn(own.len(), dimensions, place);
+        let fitted = &basis * basis.tr_mul(&targets);
+        for (i, j) in own.iter().enumerate() {
+            // Residuals of a fit without the world itself.
+            let without = 1.0 / (1.0 - basis.row(i).norm_squared()).max(1e-6);
+            let apart = (targets.row(i) - fitted.row(i)).transpose() * without;
+            found.foretold.set_column(*j, &(places.column(*j) - &apart));
+            found.left[group] += &apart * apart.transpose() / own.len() as f64;
+        }
+    }
+    found
+}
+
+/// Functions of numbers, (worlds, functions): one, each number, and where there are worlds enough products of two.
+fn polynomial(numbers: &[&[f64]]) -> DMatrix<f64> {
+    let (n, d) = (numbers.len(), numbers.first().map_or(0, |p| p.len()));
+    let mean: Vec<f64> = (0..d).map(|k| numbers.iter().map(|p| p[k]).sum::<f64>() / n as f64).collect();
+    let apart = |i: usize, k: usize| numbers[i][k] - mean[k];
+    let scale = |k: usize| (0..n).map(|i| apart(i, k).powi(2)).sum::<f64>().sqrt() / (n as f64).sqrt();
+    let varied: Vec<(usize, f64)> = (0..d).map(|k| (k, scale(k))).filter(|(_, s)| *s > 0.0).collect();
+    let straight = 1 + varied.len();
+    let bent = straight + varied.len() * (varied.len() + 1) / 2;
+    let mut columns = vec![DVector::from_element(n, 1.0)];
+    columns.extend(varied.iter().map(|(k, s)| DVector::from_fn(n, |i, _| apart(i, *k) / s)));
+    if n >= ENOUGH * bent {
+        for a in 1..straight {
+            columns.extend((1..=a).map(|b| columns[a].component_mul(&columns[b])).collect::<Vec<_>>());
+        }
+    }
+    columns.truncate(n.saturating_sub(1).max(1));
+    DMatrix::from_columns(&columns)
+}
+
+/// Student's density with [`FREEDOM`] degrees, without what is the same for every covariance.
 fn log_density(covariance: &Cholesky<f64, Dyn>, apart: &DVector<f64>) -> f64 {
     let l = covariance.l_dirty();
     let log_det: f64 = l.diagonal().iter().map(|v| libm::log(*v)).sum();
     let white = l.solve_lower_triangular(apart).map_or(f64::INFINITY, |w| w.norm_squared());
-    -log_det - 0.5 * white
+    -log_det - 0.5 * (FREEDOM + apart.len() as f64) * libm::log1p(white / FREEDOM)
 }

@@ -1,12 +1,16 @@
 //! The draws that stand for a belief.
 
+use super::told::Alike;
 use crate::estimate::{Belief, Believed};
+use crate::task::scene::EffectTerm;
 
 /// Worlds of a belief, and the set of effects that each has.
 pub struct Worlds<'a> {
     pub worlds: Vec<&'a Believed>,
     /// By world, the number of its set.
     pub groups: Vec<usize>,
+    /// By world, its latents and effects' parameters; as many in every world of a set.
+    pub numbers: Vec<Vec<f64>>,
     /// By set, how likely it is.
     pub weights: Vec<f64>,
     /// By set, the names of its effects.
@@ -27,6 +31,7 @@ pub fn worlds(belief: &Belief, count: usize, evenly: bool, seed: u64) -> Worlds<
     let mut found = Worlds {
         worlds: Vec::new(),
         groups: Vec::new(),
+        numbers: Vec::new(),
         weights: (0..sets.len())
             .map(|s| numbers.iter().filter(|n| **n == s).count() as f64 / numbers.len() as f64)
             .collect(),
@@ -37,9 +42,25 @@ pub fn worlds(belief: &Belief, count: usize, evenly: bool, seed: u64) -> Worlds<
             taken[*set] += 1;
             found.worlds.push(world);
             found.groups.push(*set);
+            found.numbers.push(numbers_of(world));
         }
     }
     found
+}
+
+impl Worlds<'_> {
+    /// What told worlds are alike in.
+    pub fn alike(&self) -> Alike<'_> {
+        Alike { groups: &self.groups, numbers: &self.numbers }
+    }
+}
+
+/// Latents, and parameters in the order of effects' and their names; what a world leaves to the scene is 0 in it.
+fn numbers_of(world: &Believed) -> Vec<f64> {
+    let mut effects: Vec<&EffectTerm> = world.effects.iter().collect();
+    effects.sort_by(|a, b| a.name.cmp(&b.name));
+    let latents = world.latents.values().map(|v| v.unwrap_or(0.0));
+    latents.into_iter().chain(effects.iter().flat_map(|e| e.parameters.values().copied())).collect()
 }
 
 /// The sets of effects of a belief's draws, in the order of their names.

@@ -158,6 +158,16 @@ impl Belief {
         Ok(Belief { source: Source::Posterior, draws })
     }
 
+    /// Of draws that a posterior's document was read to before.
+    pub fn of_draws(draws: Vec<Believed>) -> Result<Belief> {
+        within("draws", draws.len() as f64, 1.0, MOST_DRAWS as f64)?;
+        for draw in &draws {
+            draw.latents.validate()?;
+            effect::check(&draw.effects)?;
+        }
+        Ok(Belief { source: Source::Posterior, draws })
+    }
+
     /// Where it came from.
     pub fn source(&self) -> Source {
         self.source

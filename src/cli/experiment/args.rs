@@ -28,9 +28,10 @@ pub struct RunArgs {
 /// against real interactions. `latents`: policies from latents estimated on 10,000 random real trajectories beside
 /// every baseline, learning on in the real world. The name of a family (`bowling`, say): jump start of every strategy
 /// over 10 rounds of 50 interactions. `harder`: real worlds with wind, quadratic drag, a sticky patch, another engine.
+/// `grounding`: 5 and 20 interactions spent one way or another, what is known by them, and what plans under it are worth.
 #[derive(clap::Args)]
 pub struct ExperimentArgs {
-    /// quickstart, strategies, latents, harder or the name of a family.
+    /// quickstart, strategies, latents, harder, grounding or the name of a family.
     pub name: String,
     /// A family (`iplw tasks` lists them).
     #[arg(long, default_value = DEFAULT_FAMILY)]
@@ -54,6 +55,16 @@ pub struct ExperimentArgs {
     /// Of `strategies`: the hidden worlds, damped, no-drag or both.
     #[arg(long, default_value = "both")]
     pub hidden: String,
+    /// Of `grounding`: ways to spend interactions, probing (what tells most of the latents), success (what tells most of whether plans
+    /// work), acting (the best planned attempt) or a strategy; `random,informative,probing,success,acting` if not given.
+    #[arg(long, value_delimiter = ',')]
+    pub ways: Option<Vec<String>>,
+    /// Of `grounding`: the hidden world, over the family's own: `damping=0.8,density=..,friction=..,restitution=..,engine=..`.
+    #[arg(long)]
+    pub real: Option<String>,
+    /// Of `grounding`: effects whose parameters are to be known beside the latents, joined by +, or none; linear_drag if not given.
+    #[arg(long)]
+    pub set: Option<String>,
     /// Directory for the report and its data.
     #[arg(long)]
     pub out: PathBuf,

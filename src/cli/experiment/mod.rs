@@ -1,6 +1,7 @@
 //! `iplw run` and `iplw experiment`: figures with their baselines, as CSV, plot, table and report.
 
 mod args;
+mod grounding;
 mod quickstart;
 mod shared;
 mod shelf;
@@ -32,6 +33,7 @@ fn experiments() -> Vec<Experiment> {
         row("latents", study::latents, &["--trials", "--batches"]),
     ];
     all.extend(families().iter().map(of));
+    all.push(row("grounding", grounding::run, &["--ways", "--real", "--set"]));
     all.push(row("harder", study::harder, &["--trials", "--batches", "--worlds"]));
     all
 }
@@ -46,6 +48,9 @@ fn chosen(args: &ExperimentArgs) -> Result<Experiment> {
         ("--trials", args.trials.map(|v| v.to_string())),
         ("--batches", args.batches.map(|v| v.to_string())),
         ("--rounds", args.rounds.as_ref().map(|v| format!("{v:?}"))),
+        ("--ways", args.ways.as_ref().map(|v| v.join(","))),
+        ("--real", args.real.clone()),
+        ("--set", args.set.clone()),
         ("--worlds", args.worlds.as_ref().map(|v| v.join(","))),
     ];
     let known = all.iter().map(|e| e.name.to_string()).collect();

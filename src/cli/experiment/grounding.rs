@@ -1,0 +1,165 @@
+//! `iplw experiment grounding`: what a few real interactions, spent one way or another, are worth to plans.
+
+use iplw::budget::Endless;
+use iplw::error::{Error, Result};
+use iplw::estimate::Belief;
+use iplw::estimate::belief::PRIOR_DRAWS;
+use iplw::experiment::grounding::{GroundingConfig, Known, ground};
+use iplw::experiment::planning::{PlannedTask, PlanningConfig, plan_and_try};
+use iplw::experiment::statistics::Summary;
+use iplw::plan::PlanConfig;
+use iplw::policy::Evaluation;
+use iplw::reality::{HiddenConfig, HiddenWorld, standard};
+use iplw::task::{Family, Split, Task, family, split};
+use serde::Serialize;
+use serde_json::json;
+
+use super::args::ExperimentArgs;
+use crate::cli::cells::Cells;
+use crate::cli::{output, parse};
+
+/// Ways that are compared, if none are named.
+const WAYS: [&str; 5] = ["random", "informative", "probing", "success", "acting"];
+/// Rollouts of a plan.
+const ROLLOUTS: usize = 40_000;
+
+/// What a belief's plans come to in a hidden world.
+#[derive(Serialize)]
+struct Row {
+    way: String,
+    seed: u64,
+    interactions: usize,
+    /// Interactions that solved the task that they were made in.
+    solved: usize,
+    numbers: Vec<(String, f64, f64)>,
+    converged: bool,
+    auccess: f64,
+    first: f64,
+    seconds: f64,
+}
+
+pub fn run(args: &ExperimentArgs) -> Result<()> {
+    let family = family(&args.task)?;
+    let hidden = parse::real(args.real.as_deref().unwrap_or(""), standard(family))?;
+    let set = parse::set(args.set.as_deref().unwrap_or("linear_drag"));
+    let named: Vec<&str> = args.ways.iter().flatten().map(String::as_str).collect();
+    let ways = if named.is_empty() { WAYS.to_vec() } else { named };
+    let seeds = args.chosen_seeds(&[0]);
+    let test = split(&family.tasks(), Split::Test);
+    if test.is_empty() {
+        return Err(Error::input("--task", format!("{:?}", family.name), "a family with test tasks"));
+    }
+    let standard = |way: &str, seed| {
+        let mut own = GroundingConfig::standard(way, hidden.clone(), &set, seed);
+        if args.quick {
+            own.checkpoints = vec![5];
+        }
+        own
+    };
+    ways.iter().try_for_each(|way| standard(way, 0).validate())?;
+    let points = standard("random", 0).checkpoints.len();
+    let cells =
+        Cells::new(&args.out, seeds.len() * (ways.len() * (1 + points * test.len()) + 2 * test.len()))?;
+    let mut rows = Vec::new();
+    for seed in &seeds {
+        let trial = Trial { cells: &cells, family, hidden: &hidden, test: &test, seed: *seed };
+        let prior = Belief::of_sets(family.prior, &[set.clone()], PRIOR_DRAWS, *seed)?;
+        let truth = HiddenWorld::new(hidden.clone())?.reveal();
+        rows.push(trial.row("prior", &blank(0), &prior, 0.0)?);
+        for way in &ways {
+            let config = standard(way, *seed);
+            let (known, seconds): (Vec<Known>, f64) =
+                cells.get(&format!("{}, {way}, seed {seed}", family.name), &config, |p| {
+                    ground(family, &config, p)
+                })?;
+            for known in &known {
+                let belief = Belief::of_draws(known.draws.clone())?;
+                rows.push(trial.row(way, known, &belief, seconds)?);
+            }
+        }
+        let truth = Belief::point(truth.latents, truth.effects)?;
+        rows.push(trial.row("truth", &blank(0), &truth, 0.0)?);
+    }
+    cells.finish();
+    let about = json!({"format": "iplw.grounding/1", "version": env!("CARGO_PKG_VERSION"), "family": family.name,
+        "hidden": hidden, "set": set, "seeds": seeds, "rows": rows});
+    let text = serde_json::to_string_pretty(&about).map_err(|e| Error::Failed(e.to_string()))? + "\n";
+    output::write_whole(&args.out.join("grounding.json"), text.as_bytes())?;
+    output::write_whole(&args.out.join("table.txt"), table(&rows).as_bytes())?;
+    output::print(&table(&rows))
+}
+
+fn blank(interactions: usize) -> Known {
+    Known { interactions, solved: 0, numbers: Vec::new(), converged: true, draws: Vec::new() }
+}
+
+/// What is the same for all rows of a seed.
+struct Trial<'a> {
+    cells: &'a Cells,
+    family: &'a Family,
+    hidden: &'a HiddenConfig,
+    test: &'a [Task],
+    seed: u64,
+}
+
+impl Trial<'_> {
+    /// Plans every test task under a belief and tries the orders.
+    fn row(&self, way: &str, known: &Known, belief: &Belief, seconds: f64) -> Result<Row> {
+        let plan = PlanConfig { rollouts: Some(ROLLOUTS), ..PlanConfig::standard(self.seed) };
+        let setup = PlanningConfig { plan, hidden: self.hidden.clone(), predictions: 0 };
+        let mut tried: Vec<PlannedTask> = Vec::with_capacity(self.test.len());
+        for task in self.test {
+            let key = format!(
+                "{}, {way} with {}, seed {}, {}",
+                self.family.name, known.interactions, self.seed, task.id
+            );
+            let depends = json!({"setup": setup, "belief": belief.draws()});
+            tried
+                .push(self.cells.get(&key, &depends, |p| plan_and_try(task, belief, &setup, &Endless, p))?.0);
+        }
+        let solved: Vec<Option<usize>> = tried.iter().map(|t| t.solved_at).collect();
+        Ok(Row {
+            way: way.into(),
+            seed: self.seed,
+            interactions: known.interactions,
+            solved: known.solved,
+            numbers: known.numbers.clone(),
+            converged: known.converged,
+            first: solved.iter().filter(|s| **s == Some(1)).count() as f64 / solved.len() as f64,
+            auccess: Evaluation::of(solved).auccess,
+            seconds,
+        })
+    }
+}
+
+/// Rows for people: means over seeds with standard errors.
+fn table(rows: &[Row]) -> String {
+    let mut text = String::from(
+        "way            interactions   AUCCESS             first attempt   solved while learning   what is known\n",
+    );
+    let mut kinds: Vec<(&str, usize)> = rows.iter().map(|r| (r.way.as_str(), r.interactions)).collect();
+    let mut seen = Vec::new();
+    kinds.retain(|k| {
+        !seen.contains(k) && {
+            seen.push(*k);
+            true
+        }
+    });
+    for (way, interactions) in kinds {
+        let own: Vec<&Row> = rows.iter().filter(|r| r.way == way && r.interactions == interactions).collect();
+        let of = |f: &dyn Fn(&Row) -> f64| Summary::of(&own.iter().map(|r| f(r)).collect::<Vec<_>>());
+        let auccess = of(&|r| r.auccess);
+        let known: Vec<String> =
+            own[0].numbers.iter().map(|(n, mean, sd)| format!("{n} {mean:.4} +- {sd:.4}")).collect();
+        text += &format!(
+            "{way:<14} {interactions:>12}   {:.3}{:<14} {:>11.0} % {:>19.1}       {}{}\n",
+            auccess.mean,
+            auccess.standard_error.map_or(String::new(), |e| format!(" +- {e:.3}")),
+            100.0 * of(&|r| r.first).mean,
+            of(&|r| r.solved as f64).mean,
+            known.join(", "),
+            if own.iter().all(|r| r.converged) { "" } else { " (not converged)" },
+        );
+    }
+    text
+}

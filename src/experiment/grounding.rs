@@ -1,0 +1,321 @@
+//! Ways to spend a few real interactions so that plans work: what each leaves known, and what that is worth.
+//!
+//! | way | each interaction is |
+//! |---|---|
+//! | `probing` | the one expected to tell most of latents and effects' parameters (environment probing: Zhou et al. 2019) |
+//! | `success` | the one expected to tell most of whether what is planned for the test tasks solves them |
+//! | `acting` | the best planned attempt at a training task (acting and learning in one loop) |
+//! | a strategy of `explore` | as that strategy ranks it on the simulation at the belief's mean |
+//!
+//! After the first [`FIRST`], which no posterior can be drawn of before, what is known is drawn anew after every interaction that a
+//! way bases the next one on. Plans are then made for unseen tasks under what is known.
+
+use serde::{Deserialize, Serialize};
+
+use crate::design::{DesignConfig, Question, design};
+use crate::discover::posterior::{Document, PosteriorConfig, Sampler, posterior};
+use crate::error::{Error, Result, within};
+use crate::estimate::sampler::smc::SmcConfig;
+use crate::estimate::{Belief, Believed};
+use crate::explore::{self, Situation};
+use crate::plan::{PlanConfig, plan};
+use crate::progress::Progress;
+use crate::reality::{HiddenConfig, HiddenWorld, Reality, Trial, settled};
+use crate::rng;
+use crate::task::{Family, Placement, Split, Task, ValidAction, split};
+use crate::world::{Coordinates, EffectParameter, Latents};
+
+/// Interactions before anything can be drawn of them.
+pub const FIRST: usize = 4;
+/// Draws of a prior that stand for it.
+const PRIOR_DRAWS: usize = 1024;
+
+/// What is spent, and how.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct GroundingConfig {
+    /// `probing`, `success`, `acting`, or a strategy.
+    pub way: String,
+    /// Real interactions after which what is known is handed over; rising.
+    pub checkpoints: Vec<usize>,
+    /// Effects whose parameters are to be known beside the latents.
+    pub set: Vec<String>,
+    pub hidden: HiddenConfig,
+    /// Draws of every posterior.
+    pub draws: usize,
+    /// Actions and rollouts of a plan of `acting`.
+    pub plan: PlanConfig,
+    pub seed: u64,
+}
+
+/// What is known after some interactions.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Known {
+    pub interactions: usize,
+    /// Of them, how many solved the task that they were made in.
+    pub solved: usize,
+    /// Mean and standard deviation of every number.
+    pub numbers: Vec<(String, f64, f64)>,
+    /// Whether the draws can be trusted.
+    pub converged: bool,
+    /// The draws.
+    pub draws: Vec<Believed>,
+}
+
+impl GroundingConfig {
+    /// 5 and 20 interactions seen with 5 mm of noise.
+    pub fn standard(way: &str, hidden: HiddenConfig, set: &[String], seed: u64) -> GroundingConfig {
+        let plan =
+            PlanConfig { actions: 2000, rollouts: Some(15_000), exact: 1, ..PlanConfig::standard(seed) };
+        GroundingConfig {
+            way: way.into(),
+            checkpoints: vec![5, 20],
+            set: set.to_vec(),
+            hidden: HiddenConfig { noise: 0.005, seed, ..hidden },
+            draws: 512,
+            plan,
+            seed,
+        }
+    }
+
+    /// Errors name what cannot be.
+    pub fn validate(&self) -> Result<()> {
+        if !WAYS.contains(&self.way.as_str()) {
+            explore::strategy(&self.way).map(|s| s.needs_importance()).and_then(|needs| match needs {
+                true => Err(Error::input("way", format!("{:?}", self.way), "one that needs no surface")),
+                false => Ok(()),
+            })?;
+        }
+        if self.checkpoints.is_empty() || !self.checkpoints.is_sorted() {
+            return Err(Error::input("checkpoints", format!("{:?}", self.checkpoints), "rising numbers"));
+        }
+        within("checkpoints[0]", self.checkpoints[0] as f64, FIRST as f64, 1000.0)?;
+        within("draws", self.draws as f64, 64.0, 100_000.0)?;
+        self.plan.validate().map_err(|e| e.under("plan"))
+    }
+}
+
+/// Ways that are no strategies of `explore`.
+const WAYS: [&str; 3] = ["probing", "success", "acting"];
+
+/// Spends interactions on a family's training tasks; what is known at every checkpoint.
+pub fn ground(family: &Family, config: &GroundingConfig, progress: &dyn Progress) -> Result<Vec<Known>> {
+    config.validate()?;
+    let tasks = family.tasks();
+    let mut spent = Spent {
+        family,
+        config,
+        training: split(&tasks, Split::Train),
+        asked: split(&tasks, Split::Test),
+        trials: Vec::new(),
+        solved: 0,
+    };
+    let mut world = HiddenWorld::new(config.hidden.clone())?;
+    let mut belief = Belief::of_sets(family.prior, &[config.set.clone()], PRIOR_DRAWS, config.seed)?;
+    let mut found = Vec::new();
+    // What is known matters to a way only if it looks at it.
+    let blind = config.way == "random";
+    for checkpoint in &config.checkpoints {
+        while spent.trials.len() < *checkpoint {
+            let room = checkpoint - spent.trials.len();
+            let count = if blind {
+                room
+            } else if spent.trials.len() < FIRST {
+                FIRST
+            } else {
+                1
+            };
+            for (task, action) in spent.choose(&belief, count.min(room), progress)? {
+                spent.measure(&mut world, task, action)?;
+            }
+            if !blind && (FIRST..*checkpoint).contains(&spent.trials.len()) {
+                belief = spent.known(progress)?.1;
+            }
+        }
+        let (known, drawn) = spent.known(progress)?;
+        belief = drawn;
+        found.push(known);
+    }
+    Ok(found)
+}
+
+/// A grounding under way.
+struct Spent<'a> {
+    family: &'a Family,
+    config: &'a GroundingConfig,
+    training: Vec<Task>,
+    /// Tasks whose success is asked about.
+    asked: Vec<Task>,
+    trials: Vec<Trial>,
+    solved: usize,
+}
+
+impl Spent<'_> {
+    /// The next actions, each with the number of its task.
+    fn choose(
+        &self,
+        belief: &Belief,
+        count: usize,
+        progress: &dyn Progress,
+    ) -> Result<Vec<(usize, ValidAction)>> {
+        let seed = rng::derive(self.config.seed, "grounding", self.trials.len() as u64);
+        match self.config.way.as_str() {
+            "probing" => self.designed(Question::Latents, belief, count, seed, progress),
+            "success" => self.designed(Question::Success, belief, count, seed, progress),
+            "acting" => self.attempts(belief, count, progress),
+            strategy => self.ranked(strategy, belief, count, seed, progress),
+        }
+    }
+
+    fn designed(
+        &self,
+        question: Question,
+        belief: &Belief,
+        count: usize,
+        seed: u64,
+        progress: &dyn Progress,
+    ) -> Result<Vec<(usize, ValidAction)>> {
+        let usual = DesignConfig::standard(question, seed);
+        let config = DesignConfig { batch: count, noise: self.config.hidden.noise.max(1e-6), ..usual };
+        let found = design(&self.training, &self.asked, belief, &config, progress)?;
+        let number = |id: &str| self.training.iter().position(|t| t.id == id);
+        let batch = found.experiments.into_iter().take(found.batch);
+        Ok(batch.filter_map(|e| Some((number(&e.task)?, e.action))).collect())
+    }
+
+    /// The best planned attempt at each of the next training tasks.
+    fn attempts(
+        &self,
+        belief: &Belief,
+        count: usize,
+        progress: &dyn Progress,
+    ) -> Result<Vec<(usize, ValidAction)>> {
+        let first = self.trials.len();
+        let mut chosen = Vec::with_capacity(count);
+        for k in first..first + count {
+            // The golden ratio walks over tasks without coming back soon.
+            let task = (k as f64 * 0.618_033_988_75).fract() * self.training.len() as f64;
+            let task = task as usize;
+            let setup = PlanConfig {
+                seed: rng::derive(self.config.seed, "attempt", k as u64),
+                ..self.config.plan.clone()
+            };
+            let found = plan(&self.training[task], belief, &setup, &crate::budget::Endless, progress)?;
+            chosen.extend(found.ranked.into_iter().next().map(|r| (task, r.action)));
+        }
+        Ok(chosen)
+    }
+
+    /// As a strategy ranks candidates on the simulation at the belief's mean.
+    fn ranked(
+        &self,
+        strategy: &str,
+        belief: &Belief,
+        count: usize,
+        seed: u64,
+        progress: &dyn Progress,
+    ) -> Result<Vec<(usize, ValidAction)>> {
+        let parameters = self.parameters()?;
+        let coordinates = Coordinates::new(&parameters);
+        let of = |world: &Believed, i: usize| number(world, &coordinates.name(i)).unwrap_or(0.0);
+        let spread = |draws: &[Believed]| -> (Vec<f64>, Vec<f64>) {
+            (0..coordinates.len())
+                .map(|i| moments(&draws.iter().map(|d| of(d, i)).collect::<Vec<_>>()))
+                .unzip()
+        };
+        let (estimate, deviations) = spread(belief.draws());
+        let prior =
+            Belief::of_sets(self.family.prior, &[self.config.set.clone()], PRIOR_DRAWS, self.config.seed)?;
+        let (_, before) = spread(prior.draws());
+        let world = explore::World {
+            latents: coordinates.latents(&estimate),
+            effects: coordinates.effects(&estimate, &[]),
+            engine: crate::world::Engine::Auto,
+        };
+        let mut stream = rng::stream(seed, "grounding candidates");
+        let candidates = explore::candidates(&self.training, 400, &world, &mut stream, progress)?;
+        let situation = Situation {
+            tasks: &self.training,
+            candidates: &candidates,
+            world: &world,
+            coordinates: &coordinates,
+            estimate: &estimate,
+            spread: &deviations,
+            prior: &before,
+            trials: &self.trials,
+            importance: None,
+            progress,
+        };
+        let chosen = explore::strategy(strategy)?.choose(&situation, count)?;
+        let of = |i: &usize| (candidates[*i].task, candidates[*i].action.clone());
+        Ok(chosen.indices.iter().map(of).collect())
+    }
+
+    fn parameters(&self) -> Result<Vec<EffectParameter>> {
+        let mut all = Vec::new();
+        for name in &self.config.set {
+            let effect = crate::world::effect::find(name)?;
+            for parameter in effect.parameters {
+                all.push(EffectParameter::parse(&format!("{}.{}", effect.name, parameter.name))?);
+            }
+        }
+        Ok(all)
+    }
+
+    fn measure(&mut self, world: &mut HiddenWorld, task: usize, action: ValidAction) -> Result<()> {
+        let task = &self.training[task];
+        if !matches!(task.place(&action), Placement::Valid(_)) {
+            return Err(Error::Failed(format!("an action chosen for {} cannot be placed", task.id)));
+        }
+        for attempt in world.measure(task, &[action])? {
+            self.solved += usize::from(attempt.trajectory.as_ref().is_some_and(|t| t.solved()));
+            self.trials.extend(attempt.into_trial(format!("{}/{}", task.id, self.trials.len())));
+        }
+        Ok(())
+    }
+
+    /// What the trials so far say.
+    fn known(&self, progress: &dyn Progress) -> Result<(Known, Belief)> {
+        let (scene, trials) = settled(&self.training[0].scene, self.trials.clone())?;
+        let usual = SmcConfig::standard(self.config.seed);
+        let sampler = SmcConfig { particles: self.config.draws.div_ceil(usual.runs), ..usual };
+        let config = PosteriorConfig {
+            sets: vec![self.config.set.clone()],
+            prior: self.family.prior,
+            sampler: Sampler::Smc(sampler),
+            ..PosteriorConfig::standard(self.config.seed)
+        };
+        let document = Document::new(&posterior(&scene, &trials, &config, progress)?, &config);
+        let numbers = document.parameters.iter().map(|p| (p.name.clone(), p.mean, p.sd)).collect();
+        let value = serde_json::to_value(&document).map_err(|e| Error::Failed(e.to_string()))?;
+        let belief = Belief::from_value(value)?;
+        let known = Known {
+            interactions: self.trials.len(),
+            solved: self.solved,
+            numbers,
+            converged: document.converged,
+            draws: belief.draws().to_vec(),
+        };
+        Ok((known, belief))
+    }
+}
+
+/// A latent, or `effect.parameter`, of a world.
+fn number(world: &Believed, name: &str) -> Option<f64> {
+    let Latents { density, friction, restitution } = world.latents;
+    match name {
+        "density" => density,
+        "friction" => friction,
+        "restitution" => restitution,
+        _ => {
+            let (effect, parameter) = name.split_once('.')?;
+            world.effects.iter().find(|e| e.name == effect)?.parameters.get(parameter).copied()
+        }
+    }
+}
+
+/// Mean and standard deviation.
+fn moments(values: &[f64]) -> (f64, f64) {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    (mean, (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0)).sqrt())
+}
