@@ -101,7 +101,7 @@ mod tests {
     use nalgebra::DMatrix;
 
     use super::super::shown::Shown;
-    use super::super::told::{Alike, told};
+    use super::super::told::{Alike, Seen};
     use super::*;
     use crate::rng;
     use rand_distr::{Distribution, StandardNormal};
@@ -120,7 +120,7 @@ mod tests {
         let numbers: Vec<Vec<f64>> = numbers.iter().map(|v| vec![*v]).collect();
         let groups = vec![0; numbers.len()];
         let alike = Alike { groups: &groups, numbers: &numbers };
-        told(shown, alike, 1.0, &mut rng::stream(seed, "noise"))
+        Seen::new(shown, 1.0, &mut rng::stream(seed, "noise")).told(alike)
     }
 
     /// A number of unit variance seen through slopes b in noise of unit variance: I = log(1 + b.b) / 2.
@@ -158,7 +158,7 @@ mod tests {
             let mean = DMatrix::from_fn(1, 400, |_, j| sign(j));
             let shown = Shown { held: mean.clone(), mean, spread: vec![DMatrix::zeros(1, 3); 400] };
             let alike = Alike { groups: &of, numbers: &vec![vec![]; 400] };
-            let told = told(&shown, alike, 1.0, &mut rng::stream(3, "noise"));
+            let told = Seen::new(&shown, 1.0, &mut rng::stream(3, "noise")).told(alike);
             let found = gain(&told, &Labels::Shared { of, weights: vec![0.5, 0.5] });
             let error = (found.information - wanted).abs();
             assert!(error < 3.0 * found.standard_error + 0.01, "{d}: {found:?} for {wanted}");
@@ -177,6 +177,19 @@ mod tests {
         let chaotic = Shown { held, spread, ..shown.clone() };
         let of = |shown: &Shown| gain(&told_of(shown, &numbers, 3), &Labels::Own).information;
         assert!(of(&shown) > 1.5 && of(&chaotic) < 0.2, "{} {}", of(&shown), of(&chaotic));
+    }
+
+    /// The same experiment twice tells as much as one with half the variance of noise; and two of different numbers their sum.
+    #[test]
+    fn what_two_experiments_tell_is_told_once() {
+        let (shown, numbers) = straight(200, &[4.0], 1);
+        let numbers: Vec<Vec<f64>> = numbers.iter().map(|v| vec![*v]).collect();
+        let alike = Alike { groups: &[0; 200], numbers: &numbers };
+        let seen = |k: u64| Seen::new(&shown, 1.0, &mut rng::stream(k, "noise"));
+        let of = |seen: &Seen| gain(&seen.told(alike), &Labels::Own).information;
+        let (one, two) = (of(&seen(1)), of(&seen(1).and(&seen(2))));
+        let wanted = 0.5 * (33f64.ln() - 17f64.ln());
+        assert!((two - one - wanted).abs() < 0.15, "{one} and then {two}, {wanted} more");
     }
 
     /// What worlds show that does not follow their numbers tells nothing of them: a wild function of a number is noise.

@@ -6,7 +6,7 @@ use super::config::DesignConfig;
 use super::gain::{Gain, Labels, over};
 use super::question::Question;
 use super::shown::{Copied, shown};
-use super::told::{Told, told};
+use super::told::Seen;
 use super::worlds::Worlds;
 use crate::budget::Endless;
 use crate::error::{Error, Result};
@@ -48,7 +48,7 @@ impl Search<'_> {
         stage: &str,
         candidates: &[Candidate],
         worlds: &Worlds,
-    ) -> Result<Vec<(Told, Gain)>> {
+    ) -> Result<Vec<(Seen, Gain)>> {
         let labels = self.labels(worlds)?;
         let mut found = Vec::with_capacity(candidates.len());
         for (part, chunk) in candidates.chunks(TOGETHER).enumerate() {
@@ -60,9 +60,9 @@ impl Search<'_> {
             let own = seen.into_par_iter().enumerate().map(|(i, shown)| {
                 let seed = rng::derive(self.config.seed, stage, (first + i) as u64);
                 let mut noise = rng::stream(seed, "design noise");
-                let told = told(&shown, worlds.alike(), self.config.noise, &mut noise);
-                let gain = over(&told, &labels);
-                (told, gain)
+                let seen = Seen::new(&shown, self.config.noise, &mut noise);
+                let gain = over(&seen.told(worlds.alike()), &labels);
+                (seen, gain)
             });
             found.append(&mut own.collect());
         }

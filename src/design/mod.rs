@@ -20,6 +20,7 @@
 //! | `question` | what is asked, and which draws answer it alike |
 //! | `worlds` | the draws that stand for a belief |
 //! | `shown` | what an action shows in every world, and what a trembling hand makes of it |
+//! | `smooth` | what of that follows a world's numbers |
 //! | `told` | how likely what one world shows is in another |
 //! | `gain` | expected information |
 //! | `look` | what candidates tell, and what happens in them |
@@ -35,6 +36,7 @@ mod narrowed;
 mod question;
 mod search;
 mod shown;
+mod smooth;
 mod told;
 mod worlds;
 

@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-use super::told::Told;
+use super::told::Seen;
 use crate::estimate::Believed;
 use crate::world::latent::FACTORS;
 
@@ -19,11 +19,11 @@ pub struct Narrowed {
 }
 
 /// How far every number that draws differ in would be known: the spread about the best straight guess from what is seen.
-pub fn narrowed(told: &Told, worlds: &[&Believed]) -> Vec<Narrowed> {
+pub fn narrowed(seen: &Seen, worlds: &[&Believed]) -> Vec<Narrowed> {
     let numbers = numbers(worlds);
     let n = worlds.len();
-    let rows = told.seen.nrows() + 1;
-    let design = DMatrix::from_fn(n, rows, |i, k| if k == 0 { 1.0 } else { told.seen[(k - 1, i)] });
+    let rows = seen.once().nrows() + 1;
+    let design = DMatrix::from_fn(n, rows, |i, k| if k == 0 { 1.0 } else { seen.once()[(k - 1, i)] });
     let qr = design.qr().q();
     let of = |(name, values): (String, Vec<f64>)| {
         let mean = values.iter().sum::<f64>() / n as f64;

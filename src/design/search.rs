@@ -6,7 +6,7 @@ use super::look::{Candidate, Search};
 use super::narrowed::{Narrowed, narrowed};
 use super::question::Question;
 use super::shown::Hand;
-use super::told::Told;
+use super::told::{Alike, Seen};
 use super::worlds::{Worlds, worlds};
 use crate::error::{Error, Result};
 use crate::estimate::Belief;
@@ -14,6 +14,7 @@ use crate::explore;
 use crate::progress::Progress;
 use crate::rng;
 use crate::task::{Task, ValidAction};
+use rayon::prelude::*;
 
 /// What was found.
 #[derive(Clone, Debug, PartialEq)]
@@ -83,7 +84,7 @@ pub fn design(
     let closely = drawn(close);
     let found = search.look("close look", &shortlist, &closely)?;
     let labels = search.labels(&closely)?;
-    let (chosen, together) = batch(&found, &labels, config.batch);
+    let (chosen, together) = batch(&found, &labels, closely.alike(), config.batch);
     let happens = search.happens(tasks, &shortlist, &closely)?;
     let mut after: Vec<usize> =
         (0..shortlist.len()).filter(|i| !chosen.iter().any(|(c, _)| c == i)).collect();
@@ -127,26 +128,26 @@ fn answerable(worlds: &Worlds, config: &DesignConfig) -> Result<()> {
 }
 
 /// The batch, each the one that adds most to those before it, and what they tell together.
-fn batch(found: &[(Told, Gain)], labels: &[Labels], size: usize) -> (Vec<(usize, f64)>, Gain) {
+fn batch(found: &[(Seen, Gain)], labels: &[Labels], alike: Alike, size: usize) -> (Vec<(usize, f64)>, Gain) {
     let mut chosen: Vec<(usize, f64)> = Vec::with_capacity(size);
-    let (mut sum, mut known): (Option<Told>, Gain) = (None, Gain::default());
+    let (mut sum, mut known): (Option<Seen>, Gain) = (None, Gain::default());
     while chosen.len() < size.min(found.len()) {
         let with = |i: usize| match &sum {
-            Some(sum) => sum.and(&found[i].0),
-            None => found[i].0.clone(),
-        };
-        let left = (0..found.len()).filter(|i| !chosen.iter().any(|(c, _)| c == i));
-        let best = left.fold(None, |best: Option<(usize, Gain)>, i| {
-            let own = over(&with(i), labels);
-            match best {
-                Some((_, b)) if b.information >= own.information => best,
-                _ => Some((i, own)),
+            Some(sum) => {
+                let both = sum.and(&found[i].0);
+                let gain = over(&both.told(alike), labels);
+                (both, gain)
             }
-        });
-        let Some((i, own)) = best else { break };
-        sum = Some(with(i));
-        chosen.push((i, own.information - known.information));
-        known = own;
+            None => found[i].clone(),
+        };
+        let left: Vec<usize> = (0..found.len()).filter(|i| !chosen.iter().any(|(c, _)| c == i)).collect();
+        let told: Vec<(usize, (Seen, Gain))> = left.into_par_iter().map(|i| (i, with(i))).collect();
+        let best = told
+            .into_iter()
+            .reduce(|best, own| if own.1.1.information > best.1.1.information { own } else { best });
+        let Some((i, (seen, gain))) = best else { break };
+        chosen.push((i, gain.information - known.information));
+        (sum, known) = (Some(seen), gain);
     }
     (chosen, known)
 }

@@ -6,7 +6,8 @@
 //! as a whole is as wide as its draws (West 1993).
 //!
 //! Where a world is a point of its numbers (latents, effects' parameters), what can be told of them is what follows them smoothly: a
-//! group's worlds are fitted by a polynomial of their numbers, and what that leaves, each world foretold from the others, is noise as much as the camera's.
+//! group's worlds are fitted by a smooth function of their numbers (`smooth`), and what that leaves, each world foretold from the others, is
+//! noise as much as the camera's.
 //!
 //! Differences from the source: kernels' covariance is the group's in all principal components, and its width Silverman's
 //! (1986, equation 4.14) for as many dimensions. Densities are Student's, so that one world that went another way does not decide.
@@ -15,49 +16,48 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn, SymmetricEigen};
 use rand_distr::{Distribution, StandardNormal};
 
 use super::shown::Shown;
+use super::smooth;
 use crate::rng::Stream;
 
 /// Most principal components.
 const MOST: usize = 16;
 /// Variance of a component, as a share of the noise's, below which it tells nothing.
 const SLIGHT: f64 = 0.02;
-/// Worlds that there must be for every function of their numbers.
-const ENOUGH: usize = 3;
 /// Degrees of freedom of densities.
 const FREEDOM: f64 = 8.0;
 
-/// Log densities between the worlds of a candidate; those of several candidates add up.
+/// What a candidate shows of worlds in the directions along which they differ, in units of the noise.
+#[derive(Clone, Debug)]
+pub struct Seen {
+    /// (directions, worlds): mean over copies.
+    places: DMatrix<f64>,
+    /// (directions, worlds): a copy that had no say in it, as the camera sees it.
+    seen: DMatrix<f64>,
+    /// By world, the covariance of what camera and hand do.
+    noises: Vec<DMatrix<f64>>,
+}
+
+/// Log densities between worlds.
 #[derive(Clone, Debug)]
 pub struct Told {
     /// (worlds, worlds): of what world i shows, in the kernel of world j.
     components: DMatrix<f64>,
     /// Of what world i shows, where its numbers say that it should be.
     own: Vec<f64>,
-    /// (components, worlds): what each world shows, seen once, in principal components.
-    pub seen: DMatrix<f64>,
+}
+
+/// Worlds that are alike but for their numbers.
+#[derive(Clone, Copy)]
+pub struct Alike<'a> {
+    /// By world, the number of its group.
+    pub groups: &'a [usize],
+    /// By world, its numbers; as many in every world of a group.
+    pub numbers: &'a [Vec<f64>],
 }
 
 impl Told {
-    /// Nothing told yet.
-    pub fn nothing(worlds: usize) -> Told {
-        Told {
-            components: DMatrix::zeros(worlds, worlds),
-            own: vec![0.0; worlds],
-            seen: DMatrix::zeros(0, worlds),
-        }
-    }
-
-    /// Both, seen one after the other.
-    pub fn and(&self, other: &Told) -> Told {
-        let (a, b) = (&self.seen, &other.seen);
-        let seen = DMatrix::from_fn(a.nrows() + b.nrows(), a.ncols(), |r, c| {
-            if r < a.nrows() { a[(r, c)] } else { b[(r - a.nrows(), c)] }
-        });
-        Told {
-            components: &self.components + &other.components,
-            own: self.own.iter().zip(&other.own).map(|(a, b)| a + b).collect(),
-            seen,
-        }
+    fn nothing(worlds: usize) -> Told {
+        Told { components: DMatrix::zeros(worlds, worlds), own: vec![0.0; worlds] }
     }
 
     pub fn worlds(&self) -> usize {
@@ -75,52 +75,80 @@ impl Told {
     }
 }
 
-/// Worlds that are alike but for their numbers.
-#[derive(Clone, Copy)]
-pub struct Alike<'a> {
-    /// By world, the number of its group.
-    pub groups: &'a [usize],
-    /// By world, its numbers; as many in every world of a group.
-    pub numbers: &'a [Vec<f64>],
-}
+impl Seen {
+    /// Of what is shown; `noise`: of a coordinate, m.
+    pub fn new(shown: &Shown, noise: f64, stream: &mut Stream) -> Seen {
+        let (n, worlds) = shown.mean.shape();
+        let trembled: Vec<DVector<f64>> = shown.spread.iter().map(variances).collect();
+        let scale = scales(&trembled, noise, n);
+        let centre = shown.mean.column_mean();
+        let white = |m: &DMatrix<f64>| DMatrix::from_fn(n, worlds, |t, j| (m[(t, j)] - centre[t]) / scale[t]);
+        let mean = white(&shown.mean);
+        let mut held = white(&shown.held);
+        for mut column in held.column_iter_mut() {
+            for (t, value) in column.iter_mut().enumerate() {
+                let sample: f64 = StandardNormal.sample(stream);
+                *value += sample * noise / scale[t];
+            }
+        }
+        let basis = principal(&mean);
+        let of = |j: usize| noise_of(&basis, &shown.spread[j], &trembled[j], &scale, noise);
+        Seen { places: basis.tr_mul(&mean), seen: basis.tr_mul(&held), noises: (0..worlds).map(of).collect() }
+    }
 
-/// Densities between worlds; `noise`: of a coordinate, m.
-pub fn told(shown: &Shown, alike: Alike, noise: f64, stream: &mut Stream) -> Told {
-    let groups = alike.groups;
-    let (n, worlds) = shown.mean.shape();
-    let trembled: Vec<DVector<f64>> = shown.spread.iter().map(variances).collect();
-    let scale = scales(&trembled, noise, n);
-    let centre = shown.mean.column_mean();
-    let white = |m: &DMatrix<f64>| DMatrix::from_fn(n, worlds, |t, j| (m[(t, j)] - centre[t]) / scale[t]);
-    let mean = white(&shown.mean);
-    let Some(basis) = principal(&mean) else { return Told::nothing(worlds) };
-    let mut held = white(&shown.held);
-    for mut column in held.column_iter_mut() {
-        for (t, value) in column.iter_mut().enumerate() {
-            let sample: f64 = StandardNormal.sample(stream);
-            *value += sample * noise / scale[t];
-        }
-    }
-    let (places, seen) = (basis.tr_mul(&mean), basis.tr_mul(&held));
-    let noises: Vec<DMatrix<f64>> =
-        (0..worlds).map(|j| noise_of(&basis, &shown.spread[j], &trembled[j], &scale, noise)).collect();
-    let kernels = kernels(&places, groups);
-    let follow = follow(&places, alike);
-    let mut told = Told::nothing(worlds);
-    for j in 0..worlds {
-        let Kernel { shrunk, mean, covariance } = &kernels[groups[j]];
-        let place = mean + (places.column(j) - mean) * *shrunk;
-        let (Some(own), Some(kernel)) =
-            (Cholesky::new(&noises[j] + &follow.left[groups[j]]), Cholesky::new(&noises[j] + covariance))
-        else {
-            return Told::nothing(worlds);
+    /// Both experiments, done one after the other.
+    pub fn and(&self, other: &Seen) -> Seen {
+        let below = |a: &DMatrix<f64>, b: &DMatrix<f64>| {
+            let mut both = DMatrix::zeros(a.nrows() + b.nrows(), a.ncols());
+            both.rows_mut(0, a.nrows()).copy_from(a);
+            both.rows_mut(a.nrows(), b.nrows()).copy_from(b);
+            both
         };
-        told.own[j] = log_density(&own, &(seen.column(j) - follow.foretold.column(j)));
-        for i in 0..worlds {
-            told.components[(i, j)] = log_density(&kernel, &(seen.column(i) - &place));
+        let places = below(&self.places, &other.places);
+        let basis = principal(&places);
+        let of = |(a, b): (&DMatrix<f64>, &DMatrix<f64>)| {
+            let n = a.nrows();
+            let (first, second) = (basis.rows(0, n), basis.rows(n, b.nrows()));
+            first.tr_mul(&(a * first)) + second.tr_mul(&(b * second))
+        };
+        Seen {
+            seen: basis.tr_mul(&below(&self.seen, &other.seen)),
+            noises: self.noises.iter().zip(&other.noises).map(of).collect(),
+            places: basis.tr_mul(&places),
         }
     }
-    Told { seen, ..told }
+
+    /// What each world shows, seen once, (directions, worlds).
+    pub fn once(&self) -> &DMatrix<f64> {
+        &self.seen
+    }
+
+    /// Densities between worlds.
+    pub fn told(&self, alike: Alike) -> Told {
+        let worlds = self.places.ncols();
+        let mut told = Told::nothing(worlds);
+        if self.places.nrows() == 0 {
+            return told;
+        }
+        let kernels = kernels(&self.places, alike.groups);
+        let follow = follow(&self.places, &self.noises, alike);
+        for j in 0..worlds {
+            let group = alike.groups[j];
+            let Kernel { shrunk, mean, covariance } = &kernels[group];
+            let place = mean + (self.places.column(j) - mean) * *shrunk;
+            let (Some(own), Some(kernel)) = (
+                Cholesky::new(&self.noises[j] + &follow.left[group]),
+                Cholesky::new(&self.noises[j] + covariance),
+            ) else {
+                return Told::nothing(worlds);
+            };
+            told.own[j] = log_density(&own, &(self.seen.column(j) - follow.foretold.column(j)));
+            for i in 0..worlds {
+                told.components[(i, j)] = log_density(&kernel, &(self.seen.column(i) - &place));
+            }
+        }
+        told
+    }
 }
 
 /// By coordinate, the variance over copies, m^2.
@@ -138,8 +166,8 @@ fn scales(trembled: &[DVector<f64>], noise: f64, n: usize) -> Vec<f64> {
     (0..n).map(of).collect()
 }
 
-/// Directions along which worlds differ by more than the noise, (n, components); `None` where they do not.
-fn principal(white: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+/// Directions along which worlds differ by more than the noise, (n, directions).
+fn principal(white: &DMatrix<f64>) -> DMatrix<f64> {
     let degrees = (white.ncols() - 1).max(1) as f64;
     let eigen = SymmetricEigen::new(white.tr_mul(white));
     let mut order: Vec<usize> = (0..eigen.eigenvalues.len()).collect();
@@ -148,7 +176,7 @@ fn principal(white: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     order.truncate(MOST);
     let columns: Vec<DVector<f64>> =
         order.iter().map(|k| white * eigen.eigenvectors.column(*k) / eigen.eigenvalues[*k].sqrt()).collect();
-    (!columns.is_empty()).then(|| DMatrix::from_columns(&columns))
+    if columns.is_empty() { DMatrix::zeros(white.nrows(), 0) } else { DMatrix::from_columns(&columns) }
 }
 
 /// Covariance in principal components of what is seen of a world: camera and hand.
@@ -208,7 +236,7 @@ struct Follow {
     left: Vec<DMatrix<f64>>,
 }
 
-fn follow(places: &DMatrix<f64>, alike: Alike) -> Follow {
+fn follow(places: &DMatrix<f64>, noises: &[DMatrix<f64>], alike: Alike) -> Follow {
     let dimensions = places.nrows();
     let count = alike.groups.iter().max().map_or(0, |g| g + 1);
     let mut found =
@@ -216,39 +244,18 @@ fn follow(places: &DMatrix<f64>, alike: Alike) -> Follow {
     for group in 0..count {
         let own: Vec<usize> = (0..alike.groups.len()).filter(|j| alike.groups[*j] == group).collect();
         let numbers: Vec<&[f64]> = own.iter().map(|j| alike.numbers[*j].as_slice()).collect();
-        let basis = polynomial(&numbers).qr().q();
-        let place = |i: usize, r: usize| places[(r, own[i])];
-        let targets = DMatrix::from_fn(own.len(), dimensions, place);
-        let fitted = &basis * basis.tr_mul(&targets);
+        let targets = DMatrix::from_fn(own.len(), dimensions, |i, r| places[(r, own[i])]);
+        let noise: Vec<f64> = (0..dimensions)
+            .map(|r| own.iter().map(|j| noises[*j][(r, r)]).sum::<f64>() / own.len().max(1) as f64)
+            .collect();
+        let apart = smooth::left_out(&numbers, &targets, &noise);
         for (i, j) in own.iter().enumerate() {
-            // Residuals of a fit without the world itself.
-            let without = 1.0 / (1.0 - basis.row(i).norm_squared()).max(1e-6);
-            let apart = (targets.row(i) - fitted.row(i)).transpose() * without;
+            let apart = apart.row(i).transpose();
             found.foretold.set_column(*j, &(places.column(*j) - &apart));
             found.left[group] += &apart * apart.transpose() / own.len() as f64;
         }
     }
     found
-}
-
-/// Functions of numbers, (worlds, functions): one, each number, and where there are worlds enough products of two.
-fn polynomial(numbers: &[&[f64]]) -> DMatrix<f64> {
-    let (n, d) = (numbers.len(), numbers.first().map_or(0, |p| p.len()));
-    let mean: Vec<f64> = (0..d).map(|k| numbers.iter().map(|p| p[k]).sum::<f64>() / n as f64).collect();
-    let apart = |i: usize, k: usize| numbers[i][k] - mean[k];
-    let scale = |k: usize| (0..n).map(|i| apart(i, k).powi(2)).sum::<f64>().sqrt() / (n as f64).sqrt();
-    let varied: Vec<(usize, f64)> = (0..d).map(|k| (k, scale(k))).filter(|(_, s)| *s > 0.0).collect();
-    let straight = 1 + varied.len();
-    let bent = straight + varied.len() * (varied.len() + 1) / 2;
-    let mut columns = vec![DVector::from_element(n, 1.0)];
-    columns.extend(varied.iter().map(|(k, s)| DVector::from_fn(n, |i, _| apart(i, *k) / s)));
-    if n >= ENOUGH * bent {
-        for a in 1..straight {
-            columns.extend((1..=a).map(|b| columns[a].component_mul(&columns[b])).collect::<Vec<_>>());
-        }
-    }
-    columns.truncate(n.saturating_sub(1).max(1));
-    DMatrix::from_columns(&columns)
 }
 
 /// Student's density with [`FREEDOM`] degrees, without what is the same for every covariance.
