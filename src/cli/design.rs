@@ -2,11 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use iplw::design::{DesignConfig, DesignDocument, Question, design, document};
+use iplw::design::{DesignConfig, DesignDocument, Question, design, document, parts};
 use iplw::error::{Error, Result};
 use iplw::estimate::Belief;
 use iplw::estimate::belief::PRIOR_DRAWS;
-use iplw::task::{DEFAULT_FAMILY, Split, Task, split};
+use iplw::task::DEFAULT_FAMILY;
 use iplw::world::Engine;
 
 use super::layout::laid_out;
@@ -98,15 +98,6 @@ pub fn run(args: &Args) -> Result<()> {
         output::write_whole(&out.join("design.json"), text.as_bytes())?;
     }
     output::print(&if args.json { text } else { told(&document, args.out.as_deref()) })
-}
-
-/// Tasks that are acted on, and those whose success is asked about; of one task, itself.
-fn parts(tasks: &[Task]) -> (Vec<Task>, Vec<Task>) {
-    let part = |of: Split| {
-        let own = split(tasks, of);
-        if tasks.len() > 1 && !own.is_empty() { own } else { tasks.to_vec() }
-    };
-    (part(Split::Train), part(Split::Test))
 }
 
 fn config(args: &Args) -> Result<DesignConfig> {

@@ -42,13 +42,14 @@ pub struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// What every candidate tells.
-    pub fn look(
+    /// What every candidate tells, of which `keep` keeps what is needed.
+    pub fn look<T: Send>(
         &mut self,
         stage: &str,
         candidates: &[Candidate],
         worlds: &Worlds,
-    ) -> Result<Vec<(Seen, Gain)>> {
+        keep: impl Fn(Seen, Gain) -> T + Sync,
+    ) -> Result<Vec<T>> {
         let labels = self.labels(worlds)?;
         let mut found = Vec::with_capacity(candidates.len());
         for (part, chunk) in candidates.chunks(TOGETHER).enumerate() {
@@ -62,7 +63,7 @@ impl Search<'_> {
                 let mut noise = rng::stream(seed, "design noise");
                 let seen = Seen::new(&shown, self.config.noise, &mut noise);
                 let gain = over(&seen.told(worlds.alike()), &labels);
-                (seen, gain)
+                keep(seen, gain)
             });
             found.append(&mut own.collect());
         }

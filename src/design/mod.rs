@@ -45,4 +45,4 @@ pub use document::{DESIGN_FORMAT, DesignDocument, ExperimentRow, document};
 pub use gain::{Gain, Labels, gain};
 pub use narrowed::Narrowed;
 pub use question::Question;
-pub use search::{Design, Experiment, design};
+pub use search::{Design, Experiment, design, parts};

@@ -13,7 +13,7 @@ use crate::estimate::Belief;
 use crate::explore;
 use crate::progress::Progress;
 use crate::rng;
-use crate::task::{Task, ValidAction};
+use crate::task::{Split, Task, ValidAction, split};
 use rayon::prelude::*;
 
 /// What was found.
@@ -74,15 +74,15 @@ pub fn design(
         return Err(Error::input("perturb", config.perturb, allowed));
     }
     let mut search = Search { config, belief, asked, planned: Vec::new(), rollouts: 0, progress };
-    let look = search.look("first look", &copied, &drawn(first))?;
+    let look = search.look("first look", &copied, &drawn(first), |_, gain| gain.information)?;
     let mut order: Vec<usize> = (0..copied.len()).collect();
-    order.sort_by(|a, b| look[*b].1.information.total_cmp(&look[*a].1.information).then(a.cmp(b)));
+    order.sort_by(|a, b| look[*b].total_cmp(&look[*a]).then(a.cmp(b)));
     order.truncate(config.shortlist);
     let mut shortlist: Vec<Candidate> = Vec::with_capacity(order.len());
     let mut rest: Vec<Option<Candidate>> = copied.into_iter().map(Some).collect();
     shortlist.extend(order.iter().filter_map(|i| rest[*i].take()));
     let closely = drawn(close);
-    let found = search.look("close look", &shortlist, &closely)?;
+    let found = search.look("close look", &shortlist, &closely, |seen, gain| (seen, gain))?;
     let labels = search.labels(&closely)?;
     let (chosen, together) = batch(&found, &labels, closely.alike(), config.batch);
     let happens = search.happens(tasks, &shortlist, &closely)?;
@@ -107,6 +107,15 @@ pub fn design(
         candidates: look.len(),
         rollouts: search.rollouts,
     })
+}
+
+/// Tasks that are acted on, and those whose success is asked about; of one task, or of a family without such parts, all.
+pub fn parts(tasks: &[Task]) -> (Vec<Task>, Vec<Task>) {
+    let part = |of: Split| {
+        let own = split(tasks, of);
+        if tasks.len() > 1 && !own.is_empty() { own } else { tasks.to_vec() }
+    };
+    (part(Split::Train), part(Split::Test))
 }
 
 /// Errors where a question has no two answers among a belief's draws.

@@ -110,7 +110,8 @@ pub fn ground(family: &Family, config: &GroundingConfig, progress: &dyn Progress
         solved: 0,
     };
     let mut world = HiddenWorld::new(config.hidden.clone())?;
-    let mut belief = Belief::of_sets(family.prior, &[config.set.clone()], PRIOR_DRAWS, config.seed)?;
+    let mut belief =
+        Belief::of_sets(family.prior, std::slice::from_ref(&config.set), PRIOR_DRAWS, config.seed)?;
     let mut found = Vec::new();
     // What is known matters to a way only if it looks at it.
     let blind = config.way == "random";
@@ -223,8 +224,12 @@ impl Spent<'_> {
                 .unzip()
         };
         let (estimate, deviations) = spread(belief.draws());
-        let prior =
-            Belief::of_sets(self.family.prior, &[self.config.set.clone()], PRIOR_DRAWS, self.config.seed)?;
+        let prior = Belief::of_sets(
+            self.family.prior,
+            std::slice::from_ref(&self.config.set),
+            PRIOR_DRAWS,
+            self.config.seed,
+        )?;
         let (_, before) = spread(prior.draws());
         let world = explore::World {
             latents: coordinates.latents(&estimate),

@@ -6,6 +6,7 @@ mod worlds;
 
 mod agents_cli;
 mod cli;
+mod design_cli;
 mod discover_cli;
 mod families;
 mod families_cli;

@@ -6,6 +6,7 @@ mod worlds;
 
 mod access;
 mod branch;
+mod design;
 mod fair;
 mod http;
 mod kept;

@@ -72,6 +72,7 @@ def test_budgets_are_kept(client: iplw.Client) -> None:
         (lambda c: c.posterior(job="nowhere"), 404, ["nowhere"]),
         (lambda c: c.posterior(ball={"radius": 0.02}, trials="t,x,y\n0,0,0\n", draws=1), 422, ["draws"]),
         (lambda c: c.plan("bowling:999"), 404, ["bowling:999"]),
+        (lambda c: c.design("bowling", sets=[["sticky_patch"]]), 422, ["sticky_patch"]),
         (lambda c: c.plan("bowling:000", latents={}, belief={}), 422, ["latents", "belief"]),
         (lambda c: c.create_world("bowlign"), 404, ["bowlign", "bowling"]),
         (lambda c: c.create_world("bowling", latents={"friction": -1}), 422, ["friction", "-1"]),
@@ -299,6 +300,17 @@ def test_tasks_are_planned(client: iplw.Client) -> None:
     assert plan["complete"] and all(0 <= row["probability"] <= 1 for row in plan["actions"][:2])
     known = client.plan("basketball:003", latents={"friction": 0.2}, actions=100, draws=4, rollouts=10).wait()
     assert known["belief"]["source"] == "point" and not known["complete"]
+
+
+def test_experiments_are_designed(client: iplw.Client) -> None:
+    small = dict(candidates=16, shortlist=4, worlds=16, copies=2, seed=2)
+    found = client.design("basketball", question="effects", sets=[[], ["linear_drag"]], batch=2, **small).wait()
+    assert found["format"] == "iplw.design/1" and len(found["experiments"]) == 2
+    first = found["experiments"][0]
+    assert len(first["action"]) == 4 and "linear_drag" in first["reason"]
+    belief = {"format": "iplw.posterior/1", "columns": {"friction": [0.2 + 0.01 * i for i in range(20)]}}
+    told = client.design("basketball", belief=belief, **small).wait()["experiments"][0]["expected"]
+    assert [number["name"] for number in told] == ["friction"]
 
 
 def test_surfaces_are_listed_got_drawn_and_deleted(client: iplw.Client, tmp_path: Path) -> None:

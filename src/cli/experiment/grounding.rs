@@ -63,7 +63,7 @@ pub fn run(args: &ExperimentArgs) -> Result<()> {
     let mut rows = Vec::new();
     for seed in &seeds {
         let trial = Trial { cells: &cells, family, hidden: &hidden, test: &test, seed: *seed };
-        let prior = Belief::of_sets(family.prior, &[set.clone()], PRIOR_DRAWS, *seed)?;
+        let prior = Belief::of_sets(family.prior, std::slice::from_ref(&set), PRIOR_DRAWS, *seed)?;
         let truth = HiddenWorld::new(hidden.clone())?.reveal();
         rows.push(trial.row("prior", &blank(0), &prior, 0.0)?);
         for way in &ways {

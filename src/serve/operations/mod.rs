@@ -7,6 +7,7 @@ mod batch;
 mod branch;
 mod closed;
 mod course;
+mod design;
 mod diagnosis;
 mod effect;
 mod estimation;
@@ -41,11 +42,12 @@ use crate::error::Error;
 use crate::job::{Recipe, Recipes};
 
 /// A row a file.
-const FILES: [fn() -> Vec<Operation>; 24] = [
+const FILES: [fn() -> Vec<Operation>; 25] = [
     asked::operations,
     batch::operations,
     branch::operations,
     course::operations,
+    design::operations,
     diagnosis::operations,
     effect::operations,
     estimation::operations,
@@ -104,7 +106,7 @@ mod tests {
         assert_eq!(names.len(), OPERATIONS.len());
         let kinds: Vec<&str> = OPERATIONS.iter().filter_map(|o| o.job).map(|(kind, _)| kind).collect();
         assert_eq!(kinds.iter().collect::<BTreeSet<_>>().len(), kinds.len());
-        assert_eq!(kinds.len(), 9, "{kinds:?}");
+        assert_eq!(kinds.len(), 10, "{kinds:?}");
         assert!(operation("step_worlds").is_ok() && operation("metrics").is_err());
     }
 }

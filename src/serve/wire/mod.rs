@@ -11,6 +11,7 @@ pub mod bounds;
 mod branch;
 mod bulk;
 mod course;
+mod design;
 mod diagnosis;
 mod episode;
 mod form;
@@ -40,6 +41,7 @@ pub use batch::{CreateWorlds, ResetWorlds, StepWorlds, WorldIds, WorldsMade, Wor
 pub use branch::{BranchIn, BranchOut, SnapshotIn, SnapshotOut};
 pub use bulk::Bulk;
 pub use course::{Course, RoundOut};
+pub use design::DesignIn;
 pub use diagnosis::{DiagnosisIn, GivenOut, GivenTrials};
 pub use episode::{ResetIn, ResetOut, SplitIn, StepIn, StepOut};
 pub use form::{Form, MSGPACK};

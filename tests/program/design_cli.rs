@@ -1,0 +1,86 @@
+//! `iplw design`, and `iplw measure --design`: which experiment tells most, carried out.
+
+use serde_json::{Value, json};
+
+use crate::families_cli::{iplw, told};
+
+const SMALL: [&str; 10] =
+    ["--task", "basketball", "--candidates", "24", "--shortlist", "6", "--worlds", "24", "--copies", "2"];
+
+#[test]
+fn a_design_is_chosen_told_and_carried_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("next");
+    let run = |more: &[&str]| iplw(&[&["design"], &SMALL[..], more].concat(), None);
+    let to = ["--set", "linear_drag", "--batch", "2", "--seed", "3", "--out", out.to_str().unwrap()];
+    told(&run(&to), 0, &["24 candidates", "1. basketball:", "2. basketball:", "together", "narrows", "nats"]);
+    let path = out.join("design.json");
+    let design: Value = serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
+    assert_eq!(design["format"], json!("iplw.design/1"));
+    let batch = design["experiments"].as_array().unwrap();
+    assert_eq!((batch.len(), design["others"].as_array().unwrap().len()), (2, 4));
+    // Each is chosen first for what it tells, then for what it adds; more than nothing is told of three numbers never seen.
+    assert!(batch[0]["information"].as_f64().unwrap() > 1.0, "{}", batch[0]);
+    let adds: f64 = batch.iter().map(|e| e["adds"].as_f64().unwrap()).sum();
+    assert!((adds - design["together"]["information"].as_f64().unwrap()).abs() < 1e-9);
+    let names: Vec<&str> =
+        batch[0]["expected"].as_array().unwrap().iter().map(|n| n["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["density", "friction", "restitution", "linear_drag.c"]);
+    // The same bits on one thread.
+    let again = run(&[&to[..], &["--threads", "1", "--json"]].concat());
+    assert_eq!(serde_json::from_slice::<Value>(&again.stdout).unwrap(), design);
+
+    let measured = folder.path().join("measured");
+    let measure = |design: &str, task: &str| {
+        let to = measured.to_str().unwrap();
+        iplw(&["measure", "--task", task, "--design", design, "--noise", "0.005", "--out", to], None)
+    };
+    told(&measure(path.to_str().unwrap(), "basketball"), 0, &["2 trials (2 real interactions)"]);
+    let scene: Value =
+        serde_json::from_str(&std::fs::read_to_string(measured.join("scene.json")).unwrap()).unwrap();
+    for (i, e) in batch.iter().enumerate() {
+        let name = format!("{}/{i}", e["task"].as_str().unwrap());
+        assert!(scene["settings"][&name].is_object(), "{name}");
+    }
+    told(&measure(path.to_str().unwrap(), "bowling"), 2, &["experiments[0].task"]);
+    let odd = folder.path().join("odd.json");
+    let mut other = design.clone();
+    other["experiments"][0]["action"] = json!([0.5, 2.0, 0.5, 0.5]);
+    std::fs::write(&odd, other.to_string()).unwrap();
+    told(&measure(odd.to_str().unwrap(), "basketball"), 2, &["odd.json", "experiments[0].action"]);
+    other["format"] = json!("iplw.design/9");
+    std::fs::write(&odd, other.to_string()).unwrap();
+    told(&measure(odd.to_str().unwrap(), "basketball"), 2, &["iplw.design/1"]);
+}
+
+#[test]
+fn which_effect_and_whether_plans_work_can_be_asked() {
+    let run = |more: &[&str]| iplw(&[&["design"], &SMALL[..], more].concat(), None);
+    let sets = ["--set", "none", "--set", "linear_drag", "--question", "effects", "--json"];
+    let found: Value = serde_json::from_slice(&run(&sets).stdout).unwrap();
+    let first = &found["experiments"][0];
+    assert_eq!(found["sets"][1], json!({"effects": ["linear_drag"], "weight": 0.5}));
+    let right = &first["right"];
+    assert!(right[0] == json!(0.5) && right[1].as_f64().unwrap() > 0.7, "{first}");
+    assert!(first["information"].as_f64().unwrap() <= 2f64.ln() + 1e-9, "{first}");
+    told(&run(&["--question", "success"]), 0, &["tells whether plans work"]);
+}
+
+#[test]
+fn what_cannot_be_designed_is_refused() {
+    let cases: [(&[&str], &str); 8] = [
+        (&["--question", "weather"], "question"),
+        (&["--question", "effects"], "sets of effects"),
+        (&["--set", "ether"], "ether"),
+        (&["--set", "sticky_patch"], "sticky_patch"),
+        (&["--batch", "0"], "batch"),
+        (&["--noise", "0"], "noise"),
+        (&["--worlds", "1"], "worlds"),
+        (&["--belief", "/nowhere/posterior.json"], "/nowhere/posterior.json"),
+    ];
+    for (args, names) in cases {
+        let done = iplw(&[&["design", "--task", "bowling"], args].concat(), None);
+        let code = if args[0] == "--belief" { 1 } else { 2 };
+        told(&done, code, &[names]);
+    }
+}

@@ -1,0 +1,31 @@
+//! Designs over HTTP.
+
+use serde_json::{Value, json};
+
+use crate::peer::Running;
+
+#[test]
+fn experiments_are_designed() {
+    let server = Running::start();
+    let small = |more: Value| {
+        let mut body =
+            json!({"task": "basketball", "candidates": 16, "shortlist": 4, "worlds": 16, "copies": 2});
+        body.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
+        let done = server.finish(&server.post("/v1/designs", &body, 202));
+        assert_eq!(done["state"], "succeeded", "{done}");
+        done["result"].clone()
+    };
+    let found = small(json!({"sets": [[], ["linear_drag"]], "question": "effects", "batch": 2}));
+    assert_eq!(found["format"], "iplw.design/1");
+    assert_eq!(found["experiments"].as_array().unwrap().len(), 2);
+    assert!(found["experiments"][0]["reason"].as_str().unwrap().contains("linear_drag"), "{found}");
+    assert_eq!(small(json!({"seed": 5})), small(json!({"seed": 5})), "a seed's design is one design");
+    // Of draws that all but agree there is little to be told.
+    let near = |spread: f64| {
+        let friction: Vec<f64> = (0..40).map(|i| 0.3 + spread * f64::from(i)).collect();
+        let belief = json!({"format": "iplw.posterior/1", "columns": {"friction": friction}});
+        let found = small(json!({"belief": belief, "noise": 0.05}));
+        found["experiments"][0]["information"].as_f64().unwrap()
+    };
+    assert!(near(1e-2) > near(1e-7) + 0.2, "{} {}", near(1e-2), near(1e-7));
+}
