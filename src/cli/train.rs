@@ -45,11 +45,13 @@ pub struct TrainArgs {
     /// not given, with --outcomes the usual one of any family.
     #[arg(long)]
     per_task: Option<usize>,
-    /// How long to train. `paper`: a fixed number of updates. `saturating`: stretches of that many until AUCCESS on the family's
-    /// validation tasks, tried in the simulation trained in, grows no more; the best weights are kept.
+    /// How long to train. `saturating`: stretches of the family's number of updates until AUCCESS on its validation tasks, tried
+    /// in the simulation trained in, grows no more; the best weights are kept. `paper`: that number and no more. If not given,
+    /// `saturating` for a family, `paper` for one task, with --batches and with --outcomes. `saturating` labels at least 1000
+    /// actions a task and takes batches of at least 64, if nothing else is asked for.
     #[arg(long)]
     preset: Option<String>,
-    /// Updates; likewise. Training is fixed then, as with `--preset paper`.
+    /// Updates, as many as this: a fixed training, as with `--preset paper`.
     #[arg(long)]
     batches: Option<usize>,
     /// Examples per update, half of them solving; likewise.
@@ -98,7 +100,13 @@ pub struct EvaluateArgs {
 
 pub fn train_policy(args: &TrainArgs) -> Result<()> {
     let (tasks, family) = parse::tasks(&args.task)?;
-    let usual = if args.outcomes.is_empty() { family.learning } else { Learning::STANDARD };
+    let tasks = parse::fold(tasks, family, args.fold)?;
+    let saturating = saturating(args, &tasks)?;
+    let usual = match args.outcomes.as_slice() {
+        [] if saturating => family.learning.saturating(),
+        [] => family.learning,
+        _ => Learning::STANDARD,
+    };
     let per_task = args.per_task.unwrap_or(usual.labels.per_task);
     iplw::error::within("--per-task", per_task as f64, 1.0, 50_000.0)?;
     let labels = Labels { per_task, ..usual.labels };
@@ -109,8 +117,6 @@ pub fn train_policy(args: &TrainArgs) -> Result<()> {
         ..TrainConfig::preset(&usual)
     };
     config.validate()?;
-    let tasks = parse::fold(tasks, family, args.fold)?;
-    let saturating = saturating(args, &tasks)?;
     output::file("--out", &args.out)?;
     if !args.outcomes.is_empty() {
         let tables: Vec<Table> =
@@ -141,7 +147,8 @@ pub fn train_policy(args: &TrainArgs) -> Result<()> {
 /// Whether to train for as long as it helps.
 fn saturating(args: &TrainArgs, tasks: &[Task]) -> Result<bool> {
     match args.preset.as_deref() {
-        None | Some("paper") => Ok(false),
+        Some("paper") => Ok(false),
+        None => Ok(args.batches.is_none() && tasks.len() > 1 && args.outcomes.is_empty()),
         Some("saturating") if args.batches.is_some() => {
             Err(Error::input("--batches", "given beside --preset saturating", "one or the other"))
         }

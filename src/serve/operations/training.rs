@@ -65,8 +65,9 @@ fn begin(app: &App, Kept(mut body, sent): Kept<TrainIn>, keep: Keep<JobOut>) -> 
         Some(v) if v <= most => Ok(v as usize),
         Some(v) => Err(Error::input(field, v, format!("a whole number up to {most}"))),
     };
-    let usual = tasks.learning();
-    let paper = TrainConfig::preset(usual);
+    let saturating = body.preset == Some(TrainPresetIn::Saturating);
+    let usual = if saturating { tasks.learning().saturating() } else { *tasks.learning() };
+    let paper = TrainConfig::preset(&usual);
     let setup = TrainConfig {
         batches: whole("batches", body.batches, paper.batches, 100_000)?,
         batch_size: whole("batch_size", body.batch_size, paper.batch_size, 4096)?,
@@ -75,7 +76,7 @@ fn begin(app: &App, Kept(mut body, sent): Kept<TrainIn>, keep: Keep<JobOut>) -> 
     };
     setup.validate()?;
     let validations = whole("validations", body.validations, 0, 100)?;
-    let until = until(&body, &tasks, &setup)?;
+    let until = if saturating { Some(until(&body, &tasks, &setup)?) } else { None };
     let labels = LabelConfig::preset(&usual.labels, seed);
     let training = schooling.name().into();
     let config = without_draws(sent, &schooling);
@@ -115,11 +116,8 @@ fn schooling(body: &mut TrainIn, tasks: &TaskSet) -> Result<Training> {
     }
 }
 
-/// When a training ends that goes on for as long as it helps, if that was asked for.
-fn until(body: &TrainIn, tasks: &TaskSet, setup: &TrainConfig) -> Result<Option<Saturation>> {
-    if body.preset != Some(TrainPresetIn::Saturating) {
-        return Ok(None);
-    }
+/// When a training ends that goes on for as long as it helps.
+fn until(body: &TrainIn, tasks: &TaskSet, setup: &TrainConfig) -> Result<Saturation> {
     for (field, given) in [("batches", body.batches.is_some()), ("validations", body.validations.is_some())] {
         if given {
             return Err(Error::input(field, "given beside `preset`: \"saturating\"", "one or the other"));
@@ -129,7 +127,7 @@ fn until(body: &TrainIn, tasks: &TaskSet, setup: &TrainConfig) -> Result<Option<
         let allowed = "a family, whose validation tasks say when a saturating training ends";
         return Err(Error::input("task", format!("{:?}", body.task), allowed));
     }
-    Ok(Some(Saturation::usual(setup)))
+    Ok(Saturation::usual(setup))
 }
 
 /// What was asked for, with the number of draws in the place of a belief.

@@ -31,7 +31,8 @@ pub struct TrainIn {
     pub effects: Option<Vec<Object<EffectIn>>>,
     /// How long: `paper` (the default), so many `batches`; `saturating`, stretches of the family's own number of batches until
     /// AUCCESS on its validation tasks, tried in the same simulation, grows no more. The best weights are kept; what
-    /// was found after each stretch is told as `validation`.
+    /// was found after each stretch is told as `validation`. It takes 1000 labels a task and batches of 64, or the family's
+    /// own if they are more.
     pub preset: Option<TrainPresetIn>,
     /// Updates; the family's own number if absent.
     pub batches: Option<u64>,
