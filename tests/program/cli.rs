@@ -328,7 +328,6 @@ fn a_policy_is_trained_under_what_is_known() {
     assert!(both != weights(&["--belief", &two, "--fold", "1"]));
     let no = |more: &[&str], wanted: &str| refused(&[&train[..], more].concat(), "", wanted);
     no(&["--belief", &bad], "columns.friction[1]");
-    no(&["--belief", &path("none.json")], "none.json");
     no(&["--belief", &one, "--randomised"], "--randomised");
     no(&["--belief", &one, "--latents", "friction=1"], "--latents");
     no(&["--preset", "saturating"], "--batches");
