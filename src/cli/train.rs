@@ -146,14 +146,15 @@ pub fn train_policy(args: &TrainArgs) -> Result<()> {
 
 /// Whether to train for as long as it helps.
 fn saturating(args: &TrainArgs, tasks: &[Task]) -> Result<bool> {
+    let can = tasks.len() > 1 && tasks.iter().any(|t| t.split == Split::Validation);
     match args.preset.as_deref() {
         Some("paper") => Ok(false),
-        None => Ok(args.batches.is_none() && tasks.len() > 1 && args.outcomes.is_empty()),
+        None => Ok(can && args.batches.is_none() && args.outcomes.is_empty()),
         Some("saturating") if args.batches.is_some() => {
             Err(Error::input("--batches", "given beside --preset saturating", "one or the other"))
         }
-        Some("saturating") if tasks.len() == 1 => {
-            let allowed = "a family, whose validation tasks say when to stop";
+        Some("saturating") if !can => {
+            let allowed = "a family with validation tasks, which say when to stop";
             Err(Error::input("--task", format!("{:?} with --preset saturating", args.task), allowed))
         }
         Some("saturating") => Ok(true),
@@ -208,7 +209,7 @@ fn looks(policy: &Dqn, log: &TrainLog) -> String {
     if log.validation.is_empty() {
         return String::new();
     }
-    let kept: usize = policy.card().trained.iter().map(|t| t.batches).sum();
+    let kept = policy.card().batches();
     let told: Vec<String> =
         log.validation.iter().map(|c| format!("{:.3} after {}", c.auccess, c.batches)).collect();
     format!(

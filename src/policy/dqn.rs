@@ -223,7 +223,7 @@ impl Policy for Dqn {
     }
 
     fn describe(&self) -> String {
-        let batches: usize = self.card.trained.iter().map(|t| t.batches).sum();
+        let batches = self.card.batches();
         let seed = self.card.trained.first().map_or(0, |t| t.seed);
         format!(
             "DQN for {}, {} hidden units, {batches} batches, seed {seed}",

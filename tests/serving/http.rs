@@ -1292,6 +1292,10 @@ fn a_saturating_training_ends_where_validation_says() {
     assert_eq!(done["result"]["loss"].as_array().unwrap().len() as u64, all);
     assert_eq!(done["result"]["config"]["batches"], 1000);
     assert_eq!(done["result"]["labels"]["per_task"], 1000);
+    // The weights that were kept are those of the last look that no other is above.
+    let best = checks.iter().map(|c| c["auccess"].as_f64().unwrap()).fold(0.0, f64::max);
+    let kept = checks.iter().rfind(|c| c["auccess"] == best).unwrap();
+    assert_eq!(done["result"]["batches"], kept["batches"]);
 }
 
 /// A plan of a task under columns of draws.

@@ -181,7 +181,7 @@ mod tests {
         assert_eq!(ended.unwrap_or(10), found.len(), "{found:?}");
         assert!(found.len() < 10 && found.iter().copied().fold(0.0, f64::max) > found[0] + 0.02, "{found:?}");
         // The card says which weights these are, and the judge thinks of them as the log says.
-        let kept: usize = dqn.card().trained.iter().map(|t| t.batches).sum();
+        let kept = dqn.card().batches();
         let best = found.iter().copied().fold(0.0, f64::max);
         assert_eq!(kept / 40, 1 + found.iter().rposition(|a| *a == best).unwrap());
         assert_eq!(judge().auccess(&dqn, &Silent).unwrap(), best);
@@ -219,16 +219,24 @@ mod tests {
     #[test]
     fn it_tells_where_it_is_and_can_be_cancelled() {
         #[derive(Default)]
-        struct Told(Mutex<(Vec<(String, u64, u64)>, Vec<u64>)>, Option<u64>);
+        struct Told {
+            /// Batches done and in all, of the stage "train".
+            trained: Mutex<Vec<(u64, u64)>>,
+            /// Batches done at each look.
+            looks: Mutex<Vec<u64>>,
+            most: Option<u64>,
+        }
         impl Progress for Told {
             fn report(&self, stage: &str, done: u64, of: u64) -> Result<()> {
-                self.0.lock().unwrap().0.push((stage.into(), done, of));
-                let over = stage == "train" && self.1.is_some_and(|most| done >= most);
+                if stage == "train" {
+                    self.trained.lock().unwrap().push((done, of));
+                }
+                let over = stage == "train" && self.most.is_some_and(|most| done >= most);
                 if over { Err(Error::Cancelled) } else { Ok(()) }
             }
             fn figure(&self, name: &'static str, at: u64, _: f64) {
                 if name == "validation" {
-                    self.0.lock().unwrap().1.push(at);
+                    self.looks.lock().unwrap().push(at);
                 }
             }
         }
@@ -236,11 +244,11 @@ mod tests {
         let run = |told: &Told| train_saturated(&data, &judge(), &setup(), &until(), told);
         let told = Told::default();
         let (_, log) = run(&told).unwrap();
-        let (reports, looks) = told.0.into_inner().unwrap();
-        assert_eq!(looks, log.validation.iter().map(|c| c.batches as u64).collect::<Vec<_>>());
-        let trained: Vec<u64> = reports.iter().filter(|r| r.0 == "train").map(|r| r.1).collect();
-        assert!(trained.is_sorted() && reports.iter().all(|r| r.0 != "train" || r.2 == 400), "{trained:?}");
-        assert_eq!(run(&Told(Mutex::default(), Some(60))).unwrap_err(), Error::Cancelled);
+        let checked: Vec<u64> = log.validation.iter().map(|c| c.batches as u64).collect();
+        assert_eq!(told.looks.into_inner().unwrap(), checked);
+        let trained = told.trained.into_inner().unwrap();
+        assert!(trained.is_sorted() && trained.iter().all(|t| t.1 == 400), "{trained:?}");
+        assert_eq!(run(&Told { most: Some(60), ..Told::default() }).unwrap_err(), Error::Cancelled);
     }
 
     #[test]

@@ -123,8 +123,8 @@ fn until(body: &TrainIn, tasks: &TaskSet, setup: &TrainConfig) -> Result<Saturat
             return Err(Error::input(field, "given beside `preset`: \"saturating\"", "one or the other"));
         }
     }
-    if tasks.tasks.len() == 1 {
-        let allowed = "a family, whose validation tasks say when a saturating training ends";
+    if tasks.tasks.len() == 1 || tasks.tasks.iter().all(|t| t.split != Split::Validation) {
+        let allowed = "a family with validation tasks, which say when a saturating training ends";
         return Err(Error::input("task", format!("{:?}", body.task), allowed));
     }
     Ok(Saturation::usual(setup))
@@ -169,6 +169,7 @@ fn work(base: &Arc<Base>, plan: &Value) -> Result<Work> {
         base.store.put_policy(&row, &weights, None)?;
         Ok(Outcome::Done(json!({
             "policy": id,
+            "batches": dqn.card().batches(),
             "loss": log.loss,
             "validation": json(&log.validation)?,
             "examples": data.rows.len(),
