@@ -1,8 +1,10 @@
 //! Small languages of the command line: `linear_drag:c=0.223`, `damping=0.8,friction=0.5`.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use iplw::error::{Error, Result};
+use iplw::estimate::Belief;
 use iplw::estimate::surface::Related;
 use iplw::reality::HiddenConfig;
 use iplw::task::scene::EffectTerm;
@@ -43,6 +45,21 @@ pub fn tasks(name: &str) -> Result<(Vec<Task>, &'static Family)> {
             id: name.into(),
             known: vec![format!("{}:000 and on", family.name)],
         }),
+    }
+}
+
+/// The draws of a posterior's document, as `--belief` names it.
+pub fn belief(path: &Path) -> Result<Belief> {
+    let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, e))?;
+    Belief::from_json(&text).map_err(|e| e.at(path.display()))
+}
+
+/// Tasks of a family as `--fold` deals them; what is one task stays that.
+pub fn fold(tasks: Vec<Task>, family: &Family, fold: Option<u64>) -> Result<Vec<Task>> {
+    match fold {
+        None => Ok(tasks),
+        Some(fold) if tasks.len() > 1 => Ok(family.fold(fold)),
+        Some(fold) => Err(Error::input("--fold", fold, "given for a family, whose tasks it deals")),
     }
 }
 

@@ -144,8 +144,7 @@ fn one(args: &Args, task: &Task, family: &Family, config: &PlanConfig) -> Result
 /// What --belief or --latents says, if either is given.
 fn given_belief(args: &Args) -> Result<Option<Belief>> {
     if let Some(path) = &args.belief {
-        let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, e))?;
-        return Belief::from_json(&text).map(Some).map_err(|e| e.at(path.display()));
+        return parse::belief(path).map(Some);
     }
     let Some(latents) = &args.latents else { return Ok(None) };
     Belief::point(parse::latents(latents)?, effects(args)?).map(Some)

@@ -71,7 +71,8 @@ Examples:
   The same if air may hold balls back, and which of two laws does:
     iplw posterior --scene measured/scene.json --trials measured/trials.csv --set linear_drag --set quadratic_drag --out known
   Then what to do with it:
-    iplw plan --task bowling:003 --belief known/posterior.json";
+    iplw plan --task bowling:003 --belief known/posterior.json
+    iplw train --task bowling --belief known/posterior.json --out policy.safetensors";
 
 pub fn run(args: &Args) -> Result<()> {
     let Gathered { mut scene, trials, .. } = tracks::read(&args.tracks)?;

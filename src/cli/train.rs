@@ -6,12 +6,13 @@ use std::time::Instant;
 use iplw::error::{Error, Result};
 use iplw::experiment::try_out;
 use iplw::policy::{
-    CHUNK, Dqn, EvaluateConfig, Evaluation, LabelConfig, Labelled, Lesson, Place, Table, TrainConfig,
-    Training, label, rank, train,
+    CHUNK, Dqn, EvaluateConfig, Evaluation, Judge, LabelConfig, Labelled, Lesson, Place, Saturation, Table,
+    TrainConfig, TrainLog, Training, label, rank, train, train_saturated,
 };
 use iplw::progress::Progress;
 use iplw::reality::standard;
 use iplw::task::{DEFAULT_FAMILY, Labels, Learning, Split, Task, split};
+use iplw::world::Engine;
 use serde_json::json;
 
 use super::outcomes::read_all;
@@ -29,23 +30,36 @@ pub struct TrainArgs {
     /// Train under domain randomisation over the paper's ranges instead of at `--latents`.
     #[arg(long, conflicts_with = "latents")]
     randomised: bool,
+    /// Train under what is known: every action is labelled in a world drawn from a posterior (`iplw.posterior/1`), so that what
+    /// works in most of them ranks high.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["latents", "randomised", "effects"])]
+    belief: Option<PathBuf>,
     /// Effect of the simulation, `name:parameter=value,...`; may be repeated.
     #[arg(long = "effect", value_name = "EFFECT")]
     effects: Vec<String>,
     /// Learn from tables that `iplw outcomes` wrote, one a family, and from their training tasks: no simulator is asked. Of
     /// several families the policy becomes one for any that has the same kind of actions.
-    #[arg(long, num_args = 1.., value_name = "DIR", conflicts_with_all = ["task", "latents", "randomised", "effects"])]
+    #[arg(long, num_args = 1.., value_name = "DIR", conflicts_with_all = ["task", "latents", "randomised", "belief", "effects", "preset", "fold"])]
     outcomes: Vec<PathBuf>,
     /// Labelled actions per training task, and further ones of a task that few of them solve; the family's number if
     /// not given, with --outcomes the usual one of any family.
     #[arg(long)]
     per_task: Option<usize>,
-    /// Updates; likewise.
+    /// How long to train. `saturating`: stretches of the family's number of updates until AUCCESS on its validation tasks, tried
+    /// in the simulation trained in, grows no more; the best weights are kept. `paper`: that number and no more. If not given,
+    /// `saturating` for a family, `paper` for one task, with --batches and with --outcomes. `saturating` labels at least 1000
+    /// actions a task and takes batches of at least 64, if nothing else is asked for.
+    #[arg(long)]
+    preset: Option<String>,
+    /// Updates, as many as this: a fixed training, as with `--preset paper`.
     #[arg(long)]
     batches: Option<usize>,
     /// Examples per update, half of them solving; likewise.
     #[arg(long)]
     batch_size: Option<usize>,
+    /// Deal the family's tasks anew to train, validation and test; 0 is how they are dealt if not given.
+    #[arg(long)]
+    fold: Option<u64>,
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// File for the weights (safetensors).
@@ -68,6 +82,9 @@ pub struct EvaluateArgs {
     /// train, validation or test.
     #[arg(long, default_value = "test")]
     split: String,
+    /// The fold that the policy was trained in, as `iplw train --fold` deals it.
+    #[arg(long, conflicts_with = "outcomes")]
+    fold: Option<u64>,
     /// The hidden world, over the family's own: `damping=0.8,density=..,friction=..,restitution=..`.
     #[arg(long, default_value = "")]
     real: String,
@@ -83,7 +100,13 @@ pub struct EvaluateArgs {
 
 pub fn train_policy(args: &TrainArgs) -> Result<()> {
     let (tasks, family) = parse::tasks(&args.task)?;
-    let usual = if args.outcomes.is_empty() { family.learning } else { Learning::STANDARD };
+    let tasks = parse::fold(tasks, family, args.fold)?;
+    let saturating = saturating(args, &tasks)?;
+    let usual = match args.outcomes.as_slice() {
+        [] if saturating => family.learning.saturating(),
+        [] => family.learning,
+        _ => Learning::STANDARD,
+    };
     let per_task = args.per_task.unwrap_or(usual.labels.per_task);
     iplw::error::within("--per-task", per_task as f64, 1.0, 50_000.0)?;
     let labels = Labels { per_task, ..usual.labels };
@@ -100,52 +123,99 @@ pub fn train_policy(args: &TrainArgs) -> Result<()> {
             read_all("--outcomes", &args.outcomes)?.into_iter().map(|r| r.table).collect();
         let lesson = Lesson::new(&tables, &places(&tables, Split::Train)?, &labels, args.seed);
         let [solving, failing] = lesson.counts();
-        return learn(args, &lesson, [solving + failing, solving], &config);
+        return learn(args, &lesson, [solving + failing, solving], &config, None);
     }
     let training = training(args)?;
     let bar = output::Bar::new();
-    let tasks = if tasks.len() > 1 { split(&tasks, Split::Train) } else { tasks };
-    let data = label(&tasks, &training, &LabelConfig::preset(&labels, args.seed), &bar)?;
+    let own = if tasks.len() > 1 { split(&tasks, Split::Train) } else { tasks.clone() };
+    let data = label(&own, &training, &LabelConfig::preset(&labels, args.seed), &bar)?;
     bar.clear();
-    learn(args, &data, [data.rows.len(), data.solving()], &config)
+    let counts = [data.rows.len(), data.solving()];
+    if !saturating {
+        return learn(args, &data, counts, &config, None);
+    }
+    let until = Saturation::usual(&config);
+    let judge = Judge::new(
+        &split(&tasks, Split::Validation),
+        training.worlds(until.worlds, args.seed),
+        &EvaluateConfig::phyre(args.seed),
+        Engine::Auto,
+    )?;
+    learn(args, &data, counts, &config, Some((&judge, &until)))
+}
+
+/// Whether to train for as long as it helps.
+fn saturating(args: &TrainArgs, tasks: &[Task]) -> Result<bool> {
+    let can = tasks.len() > 1 && tasks.iter().any(|t| t.split == Split::Validation);
+    match args.preset.as_deref() {
+        Some("paper") => Ok(false),
+        None => Ok(can && args.batches.is_none() && args.outcomes.is_empty()),
+        Some("saturating") if args.batches.is_some() => {
+            Err(Error::input("--batches", "given beside --preset saturating", "one or the other"))
+        }
+        Some("saturating") if !can => {
+            let allowed = "a family with validation tasks, which say when to stop";
+            Err(Error::input("--task", format!("{:?} with --preset saturating", args.task), allowed))
+        }
+        Some("saturating") => Ok(true),
+        Some(other) => Err(Error::input("--preset", format!("{other:?}"), "paper or saturating")),
+    }
 }
 
 /// The physics that labels come from, as it was asked for.
 fn training(args: &TrainArgs) -> Result<Training> {
     let effects = args.effects.iter().map(|e| parse::effect(e)).collect::<Result<Vec<_>>>()?;
-    if !args.randomised {
-        return Ok(Training::Fixed { latents: parse::latents(&args.latents)?, effects });
+    if let Some(path) = &args.belief {
+        return Ok(Training::believed(&parse::belief(path)?));
     }
-    Ok(match Training::paper_randomised() {
-        Training::Randomised { density, friction, restitution, .. } => {
-            Training::Randomised { density, friction, restitution, effects }
-        }
-        fixed @ Training::Fixed { .. } => fixed,
-    })
+    if args.randomised {
+        return Ok(Training::paper_randomised(effects));
+    }
+    Ok(Training::Fixed { latents: parse::latents(&args.latents)?, effects })
 }
 
-/// Trains on labelled actions, of which there are so many and so many that solve, and writes the weights.
+/// Trains on labelled actions, of which there are so many and so many that solve, and writes the weights; for as long as it
+/// helps if there is somebody to judge it.
 fn learn(
     args: &TrainArgs,
     data: &dyn Labelled,
     [all, solving]: [usize; 2],
     config: &TrainConfig,
+    judged: Option<(&Judge, &Saturation)>,
 ) -> Result<()> {
     let (bar, started) = (output::Bar::new(), Instant::now());
-    let (policy, log) = train(data, config, &bar)?;
+    let (policy, log) = match judged {
+        None => train(data, config, &bar)?,
+        Some((judge, until)) => train_saturated(data, judge, config, until, &bar)?,
+    };
     bar.clear();
     let weights = iplw::policy::Policy::to_safetensors(&policy)
         .ok_or_else(|| Error::Failed("the policy has no weights to write".into()))?;
     output::write_whole(&args.out, &weights)?;
     let tail = &log.loss[log.loss.len().saturating_sub(100)..];
     output::print(&format!(
-        "{all} actions labelled ({solving} solve), {} batches in {:.1} s\nmean loss of the last {} batches: {:.3} nats\nweights: {}\n",
+        "{all} actions labelled ({solving} solve), {} batches in {:.1} s\nmean loss of the last {} batches: {:.3} nats\n{}weights: {}\n",
         log.loss.len(),
         started.elapsed().as_secs_f64(),
         tail.len(),
         tail.iter().sum::<f32>() / tail.len().max(1) as f32,
+        looks(&policy, &log),
         args.out.display()
     ))
+}
+
+/// What validation said after every stretch, and which weights were kept.
+fn looks(policy: &Dqn, log: &TrainLog) -> String {
+    if log.validation.is_empty() {
+        return String::new();
+    }
+    let kept = policy.card().batches();
+    let told: Vec<String> =
+        log.validation.iter().map(|c| format!("{:.3} after {}", c.auccess, c.batches)).collect();
+    format!(
+        "AUCCESS on the validation tasks in simulation: {}\nkept: the weights after {kept} batches\n",
+        told.join(", ")
+    )
 }
 
 /// Where the tasks of a part are in tables.
@@ -171,6 +241,7 @@ pub fn evaluate_policy(args: &EvaluateArgs) -> Result<()> {
     if !args.outcomes.is_empty() {
         return evaluate_in_tables(args, &policy, part);
     }
+    let tasks = parse::fold(tasks, family, args.fold)?;
     let chosen = if tasks.len() > 1 { split(&tasks, part) } else { tasks };
     policy.fits(&chosen[0]).map_err(|e| e.at(args.policy.display()))?;
     let hidden = parse::real(&args.real, standard(family))?;

@@ -254,7 +254,7 @@ impl Story<'_> {
         let (mut tried, mut all) = (Vec::new(), Vec::new());
         for (method, schooling) in [
             (Method::Random, None),
-            (Method::DomainRandomisation, Some(Training::paper_randomised())),
+            (Method::DomainRandomisation, Some(Training::paper_randomised(Vec::new()))),
             (Method::Iplw, Some(fixed(found, &[]))),
             (Method::IplwWithDrag, Some(fixed(Latents::of(with_drag.values()), &with_drag.extension()))),
             (Method::IplwDiagnosed, Some(fixed(extension.latents, &extension.effects))),

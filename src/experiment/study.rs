@@ -316,7 +316,7 @@ impl Study {
             family: family.name.into(),
             schools: vec![
                 ("chance".into(), School::Chance),
-                (RANDOMISED.into(), simulated(Training::paper_randomised())),
+                (RANDOMISED.into(), simulated(Training::paper_randomised(Vec::new()))),
                 (TRUE_LATENTS.into(), fixed(Vec::new())),
                 (TRUE_PHYSICS.into(), fixed(hidden.effects.clone())),
                 ("best possible".into(), School::Itself),

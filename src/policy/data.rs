@@ -9,11 +9,12 @@ use rand::seq::SliceRandom;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
+use crate::estimate::{Belief, Believed};
 use crate::progress::Progress;
 use crate::rng;
 use crate::task::scene::EffectTerm;
 use crate::task::{Labels, Placement, Scene, Task, ValidAction};
-use crate::world::{Engine, Latents, Rollout, simulate_map};
+use crate::world::{Engine, Latents, Rollout, effect, simulate_map};
 
 /// Tasks and labelled actions on them.
 #[derive(Clone, Debug, Default)]
@@ -55,6 +56,9 @@ pub enum Training {
     Fixed { latents: Latents, effects: Vec<EffectTerm> },
     /// Domain randomisation: every rollout draws its latents uniformly from these `[low, high]`.
     Randomised { density: [f64; 2], friction: [f64; 2], restitution: [f64; 2], effects: Vec<EffectTerm> },
+    /// What is known: every rollout is in one of these equally likely worlds, the draws of a posterior. An action that solves in
+    /// half of them is labelled as solving half the time, so the policy learns how likely it is to work.
+    Believed { draws: Vec<Believed> },
 }
 
 /// How many actions are labelled.
@@ -88,7 +92,7 @@ pub fn label(
     let mut round = vec![config.per_task; tasks.len()];
     let (mut done, mut total) = (0u64, (config.per_task * tasks.len()) as u64);
     loop {
-        let mut jobs: Vec<Job> = Vec::new();
+        let mut jobs: Vec<Job<'_>> = Vec::new();
         for (t, draw) in draws.iter_mut().enumerate() {
             jobs.extend(draw.take(t, round[t], training)?);
         }
@@ -97,7 +101,7 @@ pub fn label(
         }
         for chunk in jobs.chunks(CHUNK) {
             progress.report("label", done, total)?;
-            for (job, solved) in chunk.iter().zip(simulate(chunk, training.effects(), config.engine)?) {
+            for (job, solved) in chunk.iter().zip(simulate(chunk, config.engine)?) {
                 found[job.task].push((job.action.clone(), solved));
             }
             done += chunk.len() as u64;
@@ -119,27 +123,48 @@ pub fn label(
 
 impl Training {
     /// Domain randomisation over the paper's ranges: mass [0.1, 20], friction [0, 3], restitution [0, 1].
-    pub fn paper_randomised() -> Training {
-        Training::Randomised {
-            density: [0.1, 20.0],
-            friction: [0.0, 3.0],
-            restitution: [0.0, 1.0],
-            effects: Vec::new(),
+    /// `effects` beyond a scene's own are the same in every rollout.
+    pub fn paper_randomised(effects: Vec<EffectTerm>) -> Training {
+        Training::Randomised { density: [0.1, 20.0], friction: [0.0, 3.0], restitution: [0.0, 1.0], effects }
+    }
+
+    /// In the worlds of a belief.
+    pub fn believed(belief: &Belief) -> Training {
+        Training::Believed { draws: belief.draws().to_vec() }
+    }
+
+    /// Its kind, as it stands in JSON.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Training::Fixed { .. } => "fixed",
+            Training::Randomised { .. } => "randomised",
+            Training::Believed { .. } => "believed",
         }
     }
 
-    /// Effects beyond a scene's own.
-    pub fn effects(&self) -> &[EffectTerm] {
+    /// `count` worlds that labels may come from, for looking at what was learned; fewer where there are no more.
+    pub fn worlds(&self, count: usize, seed: u64) -> Vec<Believed> {
+        let mut rng = rng::stream(seed, "training worlds");
+        let drawn =
+            |(latents, effects): (Latents, &[EffectTerm])| Believed { latents, effects: effects.to_vec() };
         match self {
-            Training::Fixed { effects, .. } | Training::Randomised { effects, .. } => effects,
+            Training::Fixed { .. } => vec![drawn(self.draw(&mut rng))],
+            Training::Randomised { .. } => (0..count).map(|_| drawn(self.draw(&mut rng))).collect(),
+            Training::Believed { draws } => {
+                let mut order: Vec<&Believed> = draws.iter().collect();
+                let (some, _) = order.partial_shuffle(&mut rng, count);
+                some.iter().map(|world| (*world).clone()).collect()
+            }
         }
     }
 
     /// Errors unless all values are allowed.
     pub fn validate(&self) -> Result<()> {
         match self {
-            Training::Fixed { latents, .. } => latents.validate(),
-            Training::Randomised { density, friction, restitution, .. } => {
+            Training::Fixed { latents, effects } => latents.validate().and(effect::check(effects)),
+            Training::Believed { draws } => validate_draws(draws),
+            Training::Randomised { density, friction, restitution, effects } => {
+                effect::check(effects)?;
                 let ranges = [("density", density), ("friction", friction), ("restitution", restitution)];
                 for (name, [low, high]) in ranges {
                     if !(low.is_finite() && high.is_finite() && low <= high) {
@@ -153,17 +178,35 @@ impl Training {
         }
     }
 
-    fn draw(&self, rng: &mut rng::Stream) -> Latents {
+    /// The world of one rollout: latents, and effects beyond a scene's own.
+    fn draw(&self, rng: &mut rng::Stream) -> (Latents, &[EffectTerm]) {
         match self {
-            Training::Fixed { latents, .. } => *latents,
-            Training::Randomised { density, friction, restitution, .. } => {
-                Latents::of([density, friction, restitution].map(|[low, high]| {
+            Training::Fixed { latents, effects } => (*latents, effects),
+            Training::Randomised { density, friction, restitution, effects } => {
+                let drawn = [density, friction, restitution].map(|[low, high]| {
                     let share: f64 = rng.random();
                     low + share * (high - low)
-                }))
+                });
+                (Latents::of(drawn), effects)
+            }
+            Training::Believed { draws } => {
+                let world = &draws[rng.random_range(0..draws.len())];
+                (world.latents, &world.effects)
             }
         }
     }
+}
+
+/// Errors unless there is a draw, and every one is a world.
+fn validate_draws(draws: &[Believed]) -> Result<()> {
+    if draws.is_empty() {
+        return Err(Error::input("draws", "none", "at least one world"));
+    }
+    for (i, world) in draws.iter().enumerate() {
+        let valid = world.latents.validate().and_then(|()| effect::check(&world.effects));
+        valid.map_err(|e| e.under(&format!("draws[{i}]")))?;
+    }
+    Ok(())
 }
 
 impl LabelConfig {
@@ -213,16 +256,20 @@ impl Labelled for Dataset {
 }
 
 /// A placed action to be simulated.
-struct Job {
+struct Job<'a> {
     task: usize,
     action: ValidAction,
     scene: Box<Scene>,
     latents: Latents,
+    effects: &'a [EffectTerm],
 }
 
-fn simulate(jobs: &[Job], effects: &[EffectTerm], engine: Engine) -> Result<Vec<bool>> {
-    let rollouts: Vec<Rollout> =
-        jobs.iter().map(|j| Rollout { latents: j.latents, effects, ..Rollout::of(&j.scene) }).collect();
+fn simulate(jobs: &[Job], engine: Engine) -> Result<Vec<bool>> {
+    let of = |j| {
+        let Job { scene, latents, effects, .. }: &Job = j;
+        Rollout { latents: *latents, effects, ..Rollout::of(scene) }
+    };
+    let rollouts: Vec<Rollout> = jobs.iter().map(of).collect();
     simulate_map(&rollouts, engine, |_, trajectory| trajectory.solved())
 }
 
@@ -231,7 +278,7 @@ struct Draw<'a> {
     task: &'a Task,
     order: Vec<u32>,
     next: usize,
-    latents: rng::Stream,
+    worlds: rng::Stream,
 }
 
 impl<'a> Draw<'a> {
@@ -240,7 +287,7 @@ impl<'a> Draw<'a> {
         // At most a million: checked with the scene.
         let mut order: Vec<u32> = (0..task.actions().count() as u32).collect();
         order.shuffle(&mut rng::stream(own, "label actions"));
-        Draw { task, order, next: 0, latents: rng::stream(own, "label latents") }
+        Draw { task, order, next: 0, worlds: rng::stream(own, "label latents") }
     }
 
     fn exhausted(&self) -> bool {
@@ -248,13 +295,14 @@ impl<'a> Draw<'a> {
     }
 
     /// The next `count` valid actions.
-    fn take(&mut self, task: usize, count: usize, training: &Training) -> Result<Vec<Job>> {
+    fn take<'t>(&mut self, task: usize, count: usize, training: &'t Training) -> Result<Vec<Job<'t>>> {
         let mut jobs = Vec::new();
         while jobs.len() < count && !self.exhausted() {
             let action = self.task.actions().at(self.order[self.next] as usize)?;
             self.next += 1;
             if let Placement::Valid(scene) = self.task.place(&action) {
-                jobs.push(Job { task, action, scene, latents: training.draw(&mut self.latents) });
+                let (latents, effects) = training.draw(&mut self.worlds);
+                jobs.push(Job { task, action, scene, latents, effects });
             }
         }
         Ok(jobs)
@@ -320,7 +368,9 @@ mod tests {
         let tasks = [column("a", [2.0, 5.0]), column("b", [4.0, 8.0])];
         let run = |tasks: &[Task], threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| label(tasks, &Training::paper_randomised(), &config(30), &Silent).unwrap().rows)
+            pool.install(|| {
+                label(tasks, &Training::paper_randomised(Vec::new()), &config(30), &Silent).unwrap().rows
+            })
         };
         let one = run(&tasks, 1);
         assert_eq!(run(&tasks, 3), one);
@@ -331,11 +381,81 @@ mod tests {
         assert_eq!(of(&turned, 0), of(&one, 1));
     }
 
+    /// Red is dropped and solves if it falls below a height within a second: drag decides.
+    fn falling() -> Task {
+        let mut task = toy::task(0.3);
+        task.id = "falling".into();
+        task.scene.steps = 240;
+        let region = vec![[-99.0, -99.0], [99.0, -99.0], [99.0, 4.0], [-99.0, 4.0]];
+        task.scene.goal = Some(Goal::Inside { body: "red".into(), region, hold_s: 0.0, stop: None });
+        task
+    }
+
+    fn dragged(c: f64) -> Believed {
+        Believed { latents: Latents::default(), effects: vec![effect::linear_drag(c)] }
+    }
+
+    fn labelled(training: &Training) -> Vec<Example> {
+        label(&[falling(), column("a", [2.0, 5.0])], training, &config(150), &Silent).unwrap().rows
+    }
+
+    #[test]
+    fn one_believed_world_gives_the_labels_of_the_point() {
+        let Believed { latents, effects } = dragged(2.0);
+        let belief = Belief::point(latents, effects.clone()).unwrap();
+        let point = labelled(&Training::Fixed { latents, effects });
+        assert_eq!(labelled(&Training::believed(&belief)), point);
+        // Many draws of it as well: which is taken changes no action.
+        assert_eq!(labelled(&Training::Believed { draws: vec![dragged(2.0); 9] }), point);
+    }
+
+    #[test]
+    fn each_label_is_of_one_of_the_believed_worlds_and_all_have_some() {
+        let of = |draws: Vec<Believed>| labelled(&Training::Believed { draws });
+        let (fast, slow) = (of(vec![dragged(0.0)]), of(vec![dragged(4.0)]));
+        let both = of(vec![dragged(0.0), dragged(4.0)]);
+        let mut seen = [0, 0];
+        for ((f, s), b) in fast.iter().zip(&slow).zip(&both) {
+            assert_eq!((&f.action, &s.action), (&b.action, &b.action));
+            assert!(b.solved == f.solved || b.solved == s.solved);
+            if f.solved != s.solved {
+                seen[usize::from(b.solved == s.solved)] += 1;
+            }
+        }
+        let total = (seen[0] + seen[1]) as f64;
+        // Five standard deviations of a fair coin.
+        assert!(total > 20.0 && (seen[0] as f64 - total / 2.0).abs() < 2.5 * total.sqrt(), "{seen:?}");
+    }
+
+    #[test]
+    fn draws_that_are_no_worlds_are_refused_by_name() {
+        let refused = |draws: Vec<Believed>, wanted: &str| {
+            let error = Training::Believed { draws }.validate().unwrap_err().to_string();
+            assert!(error.contains(wanted), "{error}");
+        };
+        refused(Vec::new(), "draws");
+        let heavy =
+            Believed { latents: Latents { friction: Some(-1.0), ..Latents::default() }, effects: Vec::new() };
+        refused(vec![dragged(0.0), heavy], "draws[1]");
+        refused(vec![dragged(f64::NAN)], "draws[0]");
+    }
+
+    #[test]
+    fn worlds_to_look_in_are_drawn_as_labels_are() {
+        let count = |training: &Training| training.worlds(4, 1).len();
+        assert_eq!((count(&plain()), count(&Training::paper_randomised(Vec::new()))), (1, 4));
+        let draws: Vec<Believed> = (0..6).map(|c| dragged(f64::from(c))).collect();
+        let some = Training::Believed { draws: draws.clone() }.worlds(4, 1);
+        assert!(some.len() == 4 && some.iter().all(|w| draws.contains(w)));
+        assert!((1..4).all(|i| !some[..i].contains(&some[i])), "none twice");
+        assert_eq!(Training::Believed { draws: draws[..2].to_vec() }.worlds(4, 1).len(), 2);
+    }
+
     #[test]
     fn randomised_latents_stay_within_and_fill_their_ranges() {
         let mut rng = rng::stream(1, "test");
         let drawn: Vec<[f64; 3]> = (0..500)
-            .map(|_| Training::paper_randomised().draw(&mut rng).values().map(|v| v.unwrap()))
+            .map(|_| Training::paper_randomised(Vec::new()).draw(&mut rng).0.values().map(|v| v.unwrap()))
             .collect();
         for (i, [low, high]) in [[0.1, 20.0], [0.0, 3.0], [0.0, 1.0]].into_iter().enumerate() {
             let mean = drawn.iter().map(|d| d[i]).sum::<f64>() / 500.0;
@@ -343,7 +463,7 @@ mod tests {
             // Five standard errors of a uniform draw's mean.
             assert!((mean - (low + high) / 2.0).abs() < 5.0 * (high - low) / 12f64.sqrt() / 500f64.sqrt());
         }
-        Training::paper_randomised().validate().unwrap();
+        Training::paper_randomised(Vec::new()).validate().unwrap();
         let upside_down = Training::Randomised {
             density: [2.0, 1.0],
             friction: [0.0, 1.0],

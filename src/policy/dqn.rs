@@ -19,11 +19,13 @@ mod card;
 mod files;
 mod fit;
 mod net;
+mod saturate;
 
 use dfdx::prelude::Cpu;
 
 pub use card::{Card, FORMAT};
 pub use fit::{TrainConfig, TrainLog};
+pub use saturate::{Saturation, train_saturated};
 
 use super::view::View;
 use super::weights::{self, Layer};
@@ -31,6 +33,7 @@ use super::{CHUNK, Check, Labelled, Policy, Validation};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::task::{Learning, Task, ValidAction};
+use adam::Adam;
 use fit::fit;
 use net::{Net, initial, matrix, shapes};
 
@@ -114,6 +117,18 @@ impl Dqn {
         config: &TrainConfig,
         progress: &dyn Progress,
     ) -> Result<(Dqn, TrainLog)> {
+        self.learn_on(data, &mut None, validation, config, progress)
+    }
+
+    /// The same; Adam goes on from what it remembers.
+    fn learn_on(
+        &self,
+        data: &dyn Labelled,
+        adam: &mut Option<Adam>,
+        validation: Option<&Validation>,
+        config: &TrainConfig,
+        progress: &dyn Progress,
+    ) -> Result<(Dqn, TrainLog)> {
         config.validate()?;
         data.validate()?;
         for task in data.tasks() {
@@ -130,7 +145,7 @@ impl Dqn {
             checks.push(Check { batches, auccess });
             Ok(())
         };
-        let loss = fit(&mut learned.layers, (data, self.card.view()), config, &mut look, progress)?;
+        let loss = fit(&mut learned.layers, adam, (data, self.card.view()), config, &mut look, progress)?;
         let log = TrainLog { loss, validation: checks };
         learned.card.trained.push(TrainConfig { hidden: self.hidden(), ..config.clone() });
         Ok((learned, log))
@@ -208,7 +223,7 @@ impl Policy for Dqn {
     }
 
     fn describe(&self) -> String {
-        let batches: usize = self.card.trained.iter().map(|t| t.batches).sum();
+        let batches = self.card.batches();
         let seed = self.card.trained.first().map_or(0, |t| t.seed);
         format!(
             "DQN for {}, {} hidden units, {batches} batches, seed {seed}",

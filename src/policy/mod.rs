@@ -16,6 +16,7 @@
 //! | `agents` | what is compared over many families, and how |
 //! | `dqn` | learns to score from labelled actions |
 //! | `validate` | AUCCESS along a training, on tasks not learned from |
+//! | `judge` | AUCCESS by attempts in simulated worlds, which says when a training has learned what it can |
 //! | `random` | the floor every policy must beat |
 //! | `evaluate` `auccess` | tries actions in a policy's order and condenses the outcome |
 
@@ -25,6 +26,7 @@ pub mod data;
 pub mod dqn;
 pub mod evaluate;
 pub mod features;
+pub mod judge;
 pub mod outcomes;
 mod placed;
 pub mod random;
@@ -42,8 +44,9 @@ use rayon::prelude::*;
 use crate::error::Result;
 use crate::task::{Task, ValidAction};
 pub use data::{Dataset, Example, LabelConfig, Labelled, Training, label};
-pub use dqn::{Dqn, TrainConfig, TrainLog, train, train_validated};
+pub use dqn::{Dqn, Saturation, TrainConfig, TrainLog, train, train_saturated, train_validated};
 pub use evaluate::{EvaluateConfig, Evaluation, evaluate, evaluate_orders};
+pub use judge::Judge;
 pub use random::Random;
 pub use table::{Lesson, Place, Table};
 pub use validate::{Check, Validation};

@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
-use serde_json::Value;
+use serde_json::{Value, json};
 
 fn iplw(args: &[&str], input: &str) -> Output {
     let mut child = Command::new(env!("CARGO_BIN_EXE_iplw"))
@@ -298,6 +298,56 @@ fn a_policy_is_trained_kept_and_tried() {
     refused(&["evaluate", "--task", "bowling", "--policy", file], "", "basketball");
     std::fs::write(&path, b"not weights").unwrap();
     refused(&["evaluate", "--task", "basketball", "--policy", file], "", "p.safetensors");
+}
+
+/// A posterior of one world is that world: the weights are the same to the bit, on any number of threads.
+#[test]
+fn a_policy_is_trained_under_what_is_known() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name).to_str().unwrap().to_string();
+    let posterior = |name: &str, columns: Value| {
+        let document = json!({"format": "iplw.posterior/1", "converged": true, "columns": columns});
+        std::fs::write(dir.path().join(name), document.to_string()).unwrap();
+        path(name)
+    };
+    let one =
+        posterior("one.json", json!({"friction": [0.2], "restitution": [0.7], "linear_drag.c": [0.223]}));
+    let two = posterior("two.json", json!({"friction": [0.2, 0.2], "restitution": [0.7, 0.3]}));
+    let bad = posterior("bad.json", json!({"friction": [0.2, -1.0]}));
+    let train = ["train", "--task", "basketball", "--per-task", "40", "--batches", "20", "--seed", "4"];
+    let weights = |more: &[&str]| {
+        let out = path("p.safetensors");
+        good(&[&train[..], more, &["--out", &out]].concat(), "");
+        std::fs::read(out).unwrap()
+    };
+    let point = weights(&["--latents", "friction=0.2,restitution=0.7", "--effect", "linear_drag:c=0.223"]);
+    assert!(weights(&["--belief", &one]) == point);
+    assert!(weights(&["--belief", &one, "--threads", "1"]) == point);
+    let both = weights(&["--belief", &two]);
+    assert!(both != point && both == weights(&["--belief", &two, "--fold", "0"]));
+    assert!(both != weights(&["--belief", &two, "--fold", "1"]));
+    let no = |more: &[&str], wanted: &str| refused(&[&train[..], more].concat(), "", wanted);
+    no(&["--belief", &bad], "columns.friction[1]");
+    no(&["--belief", &one, "--randomised"], "--randomised");
+    no(&["--belief", &one, "--latents", "friction=1"], "--latents");
+    no(&["--preset", "saturating"], "--batches");
+    refused(&["train", "--task", "basketball", "--preset", "quick"], "", "--preset");
+    refused(&["train", "--task", "basketball:000", "--preset", "saturating"], "", "--preset saturating");
+    refused(&["train", "--task", "basketball:000", "--fold", "1"], "", "--fold");
+}
+
+/// Without a number of updates validation tasks of the simulation decide, and the program says what they said.
+#[test]
+fn a_training_goes_on_for_as_long_as_it_helps() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("p.safetensors");
+    let latents = ["--latents", "friction=0.2,restitution=0.7", "--effect", "linear_drag:c=0.223"];
+    let small = ["--per-task", "60", "--batch-size", "8"];
+    let all = [&["train", "--task", "basketball", "--out", file.to_str().unwrap()], &small[..]].concat();
+    let said = good(&[&all[..], &latents].concat(), "");
+    assert!(said.contains("AUCCESS on the validation tasks") && said.contains("after 1000, "), "{said}");
+    let paper = good(&[&all[..], &latents, &["--preset", "paper"]].concat(), "");
+    assert!(paper.contains(", 1000 batches in") && !paper.contains("validation"), "{paper}");
 }
 
 #[test]

@@ -859,6 +859,44 @@ fn bad_input_is_a_problem_that_names_it() {
             wrong,
             "latents",
         ),
+        row(
+            "POST",
+            policies,
+            trained_under(json!({"friction": [0.5, -1]}), json!({})),
+            422,
+            wrong,
+            "belief.columns.friction[1]",
+        ),
+        row(
+            "POST",
+            policies,
+            trained_under(json!({"grip": [1]}), json!({})),
+            422,
+            wrong,
+            "belief.columns.grip",
+        ),
+        row("POST", policies, trained_under(json!({}), json!({"training": "fixed"})), 422, wrong, "training"),
+        row("POST", policies, trained_under(json!({}), json!({"latents": {}})), 422, wrong, "latents"),
+        row("POST", policies, trained_under(json!({}), json!({"effects": []})), 422, wrong, "effects"),
+        row("POST", policies, r#"{"task": "bowling", "belief": {"format": "x"}}"#, 422, wrong, ""),
+        row("POST", policies, r#"{"task": "bowling", "preset": "quick"}"#, 400, bad, "preset"),
+        row(
+            "POST",
+            policies,
+            r#"{"task": "bowling", "preset": "saturating", "batches": 5}"#,
+            422,
+            wrong,
+            "batches",
+        ),
+        row(
+            "POST",
+            policies,
+            r#"{"task": "bowling", "preset": "saturating", "validations": 5}"#,
+            422,
+            wrong,
+            "validations",
+        ),
+        row("POST", policies, r#"{"task": "bowling:000", "preset": "saturating"}"#, 422, wrong, "task"),
         row("GET", "/v1/policies/nope", "", 404, missing, ""),
         row("DELETE", "/v1/policies/nope", "", 404, missing, ""),
         row("GET", "/v1/policies/nope/weights", "", 404, missing, ""),
@@ -1219,6 +1257,62 @@ fn surfaces_are_found_kept_and_used() {
     let done = server.finish(&server.post("/v1/iplw", &unnamed, 202));
     assert_eq!(done["state"], "succeeded", "{done}");
     assert_eq!(server.get("/v1/surfaces")["surfaces"][0]["task"], "basketball");
+}
+
+/// A training under columns of draws, and more.
+fn trained_under(columns: Value, more: Value) -> String {
+    let mut body = json!({"task": "bowling", "belief": {"format": "iplw.posterior/1", "columns": columns}});
+    body.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
+    body.to_string()
+}
+
+/// One world that is believed is that world; of two there are labels of both. The draws are in no answer.
+#[test]
+fn policies_are_trained_under_what_is_known() {
+    let server = Running::start();
+    let columns = |restitution: Value| {
+        let n = restitution.as_array().unwrap().len();
+        json!({"density": vec![1.0; n], "friction": vec![0.2; n], "restitution": restitution})
+    };
+    let under = |more: Value| {
+        let mut body = json!({"task": "basketball", "batches": 3, "batch_size": 4, "seed": 3});
+        body.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
+        let done = server.finish(&server.post("/v1/policies", &body, 202));
+        assert_eq!(done["state"], "succeeded", "{done}");
+        done
+    };
+    let believed = |restitution: Value| {
+        under(
+            json!({"belief": {"format": "iplw.posterior/1", "columns": columns(restitution), "seconds": 2}}),
+        )
+    };
+    let point = under(json!({"latents": {"density": 1, "friction": 0.2, "restitution": 0.7}}));
+    let (one, two) = (believed(json!([0.7])), believed(json!([0.7, 0.3])));
+    let figures = |job: &Value| ["loss", "examples", "solving"].map(|f| job["result"][f].clone());
+    assert_eq!(figures(&one), figures(&point));
+    assert_ne!(figures(&two), figures(&point));
+    assert_eq!(two["result"]["training"], json!({"type": "believed", "draws": 2}));
+    assert_eq!(two["config"]["belief"], json!({"type": "believed", "draws": 2}));
+    let policy = server.get(&format!("/v1/policies/{}", two["result"]["policy"].as_str().unwrap()));
+    assert_eq!((&policy["training"], &policy["config"]), (&json!("believed"), &two["config"]));
+}
+
+#[test]
+fn a_saturating_training_ends_where_validation_says() {
+    let server = Running::start();
+    let body = json!({"task": "basketball", "preset": "saturating", "batch_size": 8, "seed": 3});
+    let done = server.finish(&server.post("/v1/policies", &body, 202));
+    assert_eq!(done["state"], "succeeded", "{done}");
+    let checks = done["result"]["validation"].as_array().unwrap();
+    let all = checks.last().unwrap()["batches"].as_u64().unwrap();
+    assert!((2..=16).contains(&checks.len()) && all == 1000 * checks.len() as u64, "{checks:?}");
+    assert_eq!(done["result"]["loss"].as_array().unwrap().len() as u64, all);
+    assert_eq!(done["result"]["config"]["batches"], 1000);
+    assert_eq!(done["result"]["labels"]["per_task"], 1000);
+    // The weights that were kept are those of the last look that no other is above.
+    let best = checks.iter().map(|c| c["auccess"].as_f64().unwrap()).fold(0.0, f64::max);
+    let kept = checks.iter().rfind(|c| c["auccess"] == best).unwrap();
+    assert_eq!(done["result"]["batches"], kept["batches"]);
 }
 
 /// A plan of a task under columns of draws.

@@ -74,6 +74,8 @@ def test_budgets_are_kept(client: iplw.Client) -> None:
         (lambda c: c.plan("bowling:999"), 404, ["bowling:999"]),
         (lambda c: c.design("bowling", sets=[["sticky_patch"]]), 422, ["sticky_patch"]),
         (lambda c: c.plan("bowling:000", latents={}, belief={}), 422, ["latents", "belief"]),
+        (lambda c: c.train("bowling", training="fixed", belief={}), 422, ["training", "belief"]),
+        (lambda c: c.train("bowling:000", preset="saturating"), 422, ["task", "bowling:000"]),
         (lambda c: c.create_world("bowlign"), 404, ["bowlign", "bowling"]),
         (lambda c: c.create_world("bowling", latents={"friction": -1}), 422, ["friction", "-1"]),
         (lambda c: c.create_world("bowling", latents={"colour": 1}), 400, ["colour"]),
@@ -291,6 +293,13 @@ def test_what_is_known_is_drawn(client: iplw.Client) -> None:
     assert abs(drawn.mean() - c) < 5 * drawn.std() and 0 < drawn.std() < 0.05
     plan = client.plan("basketball:003", belief=known, actions=50, draws=4, exact=2, seed=1).wait()
     assert plan["belief"]["source"] == "posterior"
+
+
+def test_a_policy_is_trained_under_what_is_known(client: iplw.Client) -> None:
+    belief = {"format": "iplw.posterior/1", "columns": {"friction": [0.2, 0.25], "linear_drag.c": [0.22, None]}}
+    result = client.train("basketball", belief=belief, batches=4, batch_size=8, seed=1).wait()
+    assert result["training"] == {"type": "believed", "draws": 2}
+    assert client.policy(result["policy"]).data["training"] == "believed"
 
 
 def test_tasks_are_planned(client: iplw.Client) -> None:

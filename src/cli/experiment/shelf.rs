@@ -5,7 +5,6 @@ use iplw::error::{Error, Result};
 use iplw::experiment::quickstart::{Keepsakes, Lesson, QuickstartReport, Schooled};
 use iplw::experiment::{Asked, EstimateConfig, Round};
 use iplw::job::id;
-use iplw::policy::Training;
 use iplw::reality::trials_to_csv;
 use iplw::store::{JobState, Level, Measured, PolicyRow, Store};
 use serde::Serialize;
@@ -74,10 +73,7 @@ impl Shelf<'_> {
             return Err(Error::Failed("the policy has no weights".into()));
         };
         let policy = value(&schooled.method)?.as_str().unwrap_or_default().to_string();
-        let name = match lesson.training {
-            Training::Fixed { .. } => "fixed",
-            Training::Randomised { .. } => "randomised",
-        };
+        let name = lesson.training.name();
         let config = json!({
             "task": self.family, "training": name, "about": schooled.method.title(), "seed": self.seed,
         });

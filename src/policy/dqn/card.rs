@@ -28,6 +28,11 @@ pub struct Card {
 pub const FORMAT: &str = "iplw.policy/1";
 
 impl Card {
+    /// Updates of all trainings.
+    pub fn batches(&self) -> usize {
+        self.trained.iter().map(|t| t.batches).sum()
+    }
+
     /// How it looks at tasks.
     pub(super) fn view(&self) -> View {
         View::from_version(&self.features).expect("a card's features are known: checked where it is read")

@@ -17,7 +17,8 @@ use crate::rng;
 use crate::task::Learning;
 
 /// How a policy is trained. More is not better by itself: on 48,000 labels of 60 bowling tasks 3000 batches of 64
-/// ranked unseen tasks worse than the paper's 1000 of 16 (AUCCESS 0.66 against 0.68).
+/// ranked unseen tasks worse than the paper's 1000 of 16 (AUCCESS 0.66 against 0.68). [`super::train_saturated`] finds how many
+/// are.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrainConfig {
@@ -80,10 +81,11 @@ const TOLD: usize = 200;
 const AHEAD: usize = 64;
 
 /// Trains `layers` in place and returns the loss of each batch; `look` sees the layers at the start and after each
-/// batch. On one thread: batches are too small to gain from more, and one thread cannot change the order in which
+/// batch; `adam` goes on from what it remembers. On one thread: batches are too small to gain from more, and one thread cannot change the order in which
 /// products are summed.
 pub(super) fn fit(
     layers: &mut [Layer],
+    adam: &mut Option<Adam>,
     (data, view): (&dyn Labelled, View),
     config: &TrainConfig,
     look: &mut (dyn FnMut(usize, &[Layer]) -> Result<()> + Send),
@@ -97,7 +99,7 @@ pub(super) fn fit(
         .build()
         .map_err(|e| Error::Failed(format!("no thread to train on: {e}")))?;
     let mut rng = rng::stream(config.seed, "dqn batches");
-    let mut state = State { layers, adam: None, losses: Vec::new() };
+    let mut state = State { layers, adam, losses: Vec::new() };
     look(0, state.layers)?;
     while state.losses.len() < config.batches {
         let batches = AHEAD.min(config.batches - state.losses.len());
@@ -122,7 +124,7 @@ pub(super) fn fit(
 /// A training in the middle.
 struct State<'a> {
     layers: &'a mut [Layer],
-    adam: Option<Adam>,
+    adam: &'a mut Option<Adam>,
     /// Of each batch so far.
     losses: Vec<f32>,
 }

@@ -52,7 +52,8 @@ pub use log::{LineOut, Log};
 pub use physics::{LatentsIn, effects};
 pub use plan::{Believing, PlanIn};
 pub use policy::{
-    ActIn, Acted, EvaluateIn, LearnIn, Policies, PolicyOut, RankingIn, Scored, TrainIn, TrainingIn,
+    ActIn, Acted, EvaluateIn, LearnIn, Policies, PolicyOut, RankingIn, Scored, TrainIn, TrainPresetIn,
+    TrainingIn,
 };
 pub use posterior::PosteriorIn;
 pub use rollout::{BatchOut, RolloutIn};

@@ -1,7 +1,7 @@
 //! Policies: training, acting, evaluating.
 
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
 use super::bulk::Bulk;
@@ -10,7 +10,8 @@ use super::physics::{EffectIn, LatentsIn};
 use super::strict::Object;
 use crate::store::PolicyRow;
 
-/// A policy to train in simulation.
+/// A policy to train in simulation: one (`latents`, and `effects`), one drawn for every rollout (`training`), or what is known
+/// (`belief`).
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TrainIn {
@@ -18,17 +19,26 @@ pub struct TrainIn {
     pub task: String,
     /// `fixed` (the default): one simulation; `randomised`: every rollout draws its latents.
     pub training: Option<TrainingIn>,
+    /// An `iplw.posterior/1` document: every action is labelled in one of its equally likely draws. Stands in the place of
+    /// `training`, `latents` and `effects`.
+    #[schema(value_type = Option<Object>)]
+    pub belief: Option<Map<String, Value>>,
     /// Of the fixed simulation; those absent are the family's prior mean. An estimate goes here.
     #[schema(value_type = Option<LatentsIn>)]
     pub latents: Option<Object<LatentsIn>>,
     /// Effects of the simulation.
     #[schema(value_type = Option<Vec<EffectIn>>)]
     pub effects: Option<Vec<Object<EffectIn>>>,
+    /// How long: `paper` (the default), so many `batches`; `saturating`, stretches of the family's own number of batches until
+    /// AUCCESS on its validation tasks, tried in the same simulation, grows no more. The best weights are kept; what
+    /// was found after each stretch is told as `validation`. It takes 1000 labels a task and batches of 64, or the family's
+    /// own if they are more.
+    pub preset: Option<TrainPresetIn>,
     /// Updates; the family's own number if absent.
     pub batches: Option<u64>,
     /// Examples per update; the family's own number if absent.
     pub batch_size: Option<u64>,
-    /// How often AUCCESS on the family's validation tasks is looked at along the way, in the same simulation, up to 100;
+    /// How often AUCCESS on labelled actions of validation tasks is looked at along the way, in the same simulation, up to 100;
     /// default 0. Told in the job's events (`validation`) and result.
     pub validations: Option<u64>,
     pub seed: Option<u64>,
@@ -42,13 +52,21 @@ pub enum TrainingIn {
     Randomised,
 }
 
+/// How long a policy is trained.
+#[derive(Clone, Copy, PartialEq, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum TrainPresetIn {
+    Paper,
+    Saturating,
+}
+
 /// A policy.
 #[derive(Serialize, ToSchema)]
 pub struct PolicyOut {
     pub id: String,
     /// Family it scores actions of; `any` for those that are always there.
     pub task: String,
-    /// `fixed`, `randomised`, `direct` (in a real world alone), `learned_on`, `uploaded` or `none`.
+    /// `fixed`, `randomised`, `believed`, `direct` (in a real world alone), `learned_on`, `uploaded` or `none`.
     pub training: String,
     /// What it is and how it came about.
     pub about: String,

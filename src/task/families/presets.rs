@@ -36,4 +36,13 @@ impl Learning {
         labels: Labels { per_task: 300, enough_solving: 15, stretch: 5 },
         study_labels: Labels { per_task: 800, enough_solving: 15, stretch: 2 },
     };
+
+    /// The same for a training that goes on for as long as it helps: it sees a label often, so it takes more of them, and
+    /// batches that are large enough not to shake what was learned. On bowling with the true physics 300 labels a task and batches
+    /// of 16 are best after 1000 batches (AUCCESS on validation tasks 0.87, then falling to 0.70); 1000 labels and batches of 64
+    /// go on to 0.98 after 7000.
+    pub fn saturating(&self) -> Learning {
+        let labels = Labels { per_task: self.labels.per_task.max(1000), ..self.labels };
+        Learning { batch_size: self.batch_size.max(64), labels, ..*self }
+    }
 }

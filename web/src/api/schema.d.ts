@@ -1862,7 +1862,7 @@ export interface components {
             job?: string | null;
             /** @description Family it scores actions of; `any` for those that are always there. */
             task: string;
-            /** @description `fixed`, `randomised`, `direct` (in a real world alone), `learned_on`, `uploaded` or `none`. */
+            /** @description `fixed`, `randomised`, `believed`, `direct` (in a real world alone), `learned_on`, `uploaded` or `none`. */
             training: string;
             /** @description Version of the program that stored it. */
             version: string;
@@ -2428,25 +2428,39 @@ export interface components {
             /** @description m, up */
             y: (number | null)[];
         };
-        /** @description A policy to train in simulation. */
+        /**
+         * @description A policy to train in simulation: one (`latents`, and `effects`), one drawn for every rollout (`training`), or what is known
+         *     (`belief`).
+         */
         TrainIn: {
             /** @description Examples per update; the family's own number if absent. */
             batch_size?: number | null;
             /** @description Updates; the family's own number if absent. */
             batches?: number | null;
+            /**
+             * @description An `iplw.posterior/1` document: every action is labelled in one of its equally likely draws. Stands in the place of
+             *     `training`, `latents` and `effects`.
+             */
+            belief?: Record<string, never> | null;
             /** @description Effects of the simulation. */
             effects?: components["schemas"]["EffectIn"][] | null;
             latents?: components["schemas"]["LatentsIn"] | null;
+            preset?: components["schemas"]["TrainPresetIn"] | null;
             seed?: number | null;
             /** @description A family (its training tasks are used) or one task. */
             task: string;
             training?: components["schemas"]["TrainingIn"] | null;
             /**
-             * @description How often AUCCESS on the family's validation tasks is looked at along the way, in the same simulation, up to 100;
+             * @description How often AUCCESS on labelled actions of validation tasks is looked at along the way, in the same simulation, up to 100;
              *     default 0. Told in the job's events (`validation`) and result.
              */
             validations?: number | null;
         };
+        /**
+         * @description How long a policy is trained.
+         * @enum {string}
+         */
+        TrainPresetIn: "paper" | "saturating";
         /**
          * @description How the training simulation's latents are chosen.
          * @enum {string}

@@ -19,7 +19,7 @@ export interface Drawn {
 }
 
 /** Trainings that never saw a real world. */
-const SIMULATED = ["fixed", "randomised"];
+const SIMULATED = ["fixed", "randomised", "believed"];
 
 export interface Figures {
   element: HTMLElement;

@@ -236,8 +236,10 @@ class Client:
         task: str,
         *,
         training: str | None = None,
+        belief: Mapping[str, Any] | None = None,
         latents: Mapping[str, float] | None = None,
         effects: Sequence[Mapping[str, Any]] | None = None,
+        preset: str | None = None,
         batches: int | None = None,
         batch_size: int | None = None,
         validations: int | None = None,
@@ -246,7 +248,10 @@ class Client:
     ) -> Job:
         """Trains a policy in simulation, as a job; its result's `policy` is the policy's id.
 
-        `training` is `fixed` (these latents) or `randomised` (latents drawn anew for each task). `validations`
+        `training` is `fixed` (these latents) or `randomised` (latents drawn anew for each rollout); instead of it, of `latents`
+        and of `effects`, `belief` is what is known: a posterior (an `iplw.posterior/1` document), in whose draws actions
+        are labelled. `preset` is `paper`, so many `batches`, or `saturating`: until AUCCESS on validation tasks in the
+        same simulation grows no more, told in the result as `validation`; the best weights are kept. `validations`
         looks so often at AUCCESS on validation tasks, told in the result. `latents`: some of density (kg/m^2), friction,
         restitution, those absent at the family's prior mean; `effects`: of the simulation, in SI. `batches` updates of
         `batch_size` examples; the family's own numbers if absent.
@@ -254,8 +259,10 @@ class Client:
         body = given(
             task=task,
             training=training,
+            belief=belief,
             latents=latents,
             effects=effects,
+            preset=preset,
             batches=batches,
             batch_size=batch_size,
             validations=validations,
