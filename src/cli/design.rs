@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use iplw::design::{DesignConfig, DesignDocument, Question, design, document, parts};
-use iplw::error::{Error, Result};
+use iplw::error::Result;
 use iplw::estimate::Belief;
 use iplw::estimate::belief::PRIOR_DRAWS;
 use iplw::task::DEFAULT_FAMILY;
@@ -78,10 +78,7 @@ pub fn run(args: &Args) -> Result<()> {
     let (tasks, family) = parse::tasks(&args.task)?;
     let config = config(args)?;
     let belief = match &args.belief {
-        Some(path) => {
-            let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, e))?;
-            Belief::from_json(&text).map_err(|e| e.at(path.display()))?
-        }
+        Some(path) => parse::belief(path)?,
         None => {
             let sets: Vec<Vec<String>> = args.sets.iter().map(|s| parse::set(s)).collect();
             Belief::of_sets(family.prior, &sets, PRIOR_DRAWS, args.seed)?

@@ -1,12 +1,13 @@
 //! Designs over HTTP.
 
+use iplw::serve::ServeConfig;
 use serde_json::{Value, json};
 
-use crate::peer::Running;
+use crate::http::Running;
 
 #[test]
 fn experiments_are_designed() {
-    let server = Running::start();
+    let server = Running::with(ServeConfig::default()).unwrap();
     let small = |more: Value| {
         let mut body =
             json!({"task": "basketball", "candidates": 16, "shortlist": 4, "worlds": 16, "copies": 2});
