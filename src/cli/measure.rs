@@ -74,21 +74,26 @@ pub fn run(args: &Args) -> Result<()> {
 /// The experiments of a design, carried out.
 fn designed(path: &Path, tasks: &[Task], world: &mut HiddenWorld) -> Result<Vec<Trial>> {
     let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, e))?;
-    let design: DesignDocument = iplw::json::parse(&text).map_err(|e| e.at(path.display()))?;
+    carried_out(&text, tasks, world).map_err(|e| e.at(path.display()))
+}
+
+fn carried_out(design: &str, tasks: &[Task], world: &mut HiddenWorld) -> Result<Vec<Trial>> {
+    let design: DesignDocument = iplw::json::parse(design)?;
     if design.format != DESIGN_FORMAT {
-        let error = Error::input("format", format!("{:?}", design.format), format!("{DESIGN_FORMAT:?}"));
-        return Err(error.at(path.display()));
+        return Err(Error::input("format", format!("{:?}", design.format), format!("{DESIGN_FORMAT:?}")));
     }
     let mut trials = Vec::with_capacity(design.experiments.len());
     for (i, experiment) in design.experiments.iter().enumerate() {
-        let field = |name: &str| format!("experiments[{i}].{name}");
+        let place = format!("experiments[{i}]");
         let task = tasks.iter().find(|t| t.id == experiment.task).ok_or_else(|| {
-            Error::input(field("task"), format!("{:?}", experiment.task), "a training task of --task")
+            let allowed = "a training task of --task";
+            Error::input(format!("{place}.task"), format!("{:?}", experiment.task), allowed)
         })?;
-        let action = task.actions().validate(&experiment.action).map_err(|e| e.under(&field("action")))?;
+        let action = task.actions().validate(&experiment.action).map_err(|e| e.under(&place))?;
         for attempt in world.measure(task, &[action])? {
             if let Err(reason) = &attempt.placement {
-                return Err(Error::input(field("action"), reason, "an action that can be placed"));
+                let allowed = "an action that can be placed";
+                return Err(Error::input(format!("{place}.action"), reason, allowed));
             }
             trials.extend(attempt.into_trial(format!("{}/{}", task.id, trials.len())));
         }

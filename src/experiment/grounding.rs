@@ -324,3 +324,48 @@ fn moments(values: &[f64]) -> (f64, f64) {
     let mean = values.iter().sum::<f64>() / n;
     (mean, (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0)).sqrt())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::progress::Silent;
+    use crate::reality::standard;
+    use crate::task::family;
+
+    fn small(way: &str) -> GroundingConfig {
+        let family = family("basketball").unwrap();
+        let set = ["linear_drag".to_string()];
+        let usual = GroundingConfig::standard(way, standard(family), &set, 3);
+        let plan = PlanConfig { actions: 200, draws: 8, rollouts: Some(1000), ..usual.plan };
+        GroundingConfig { checkpoints: vec![FIRST], draws: 64, plan, ..usual }
+    }
+
+    /// Whatever way four interactions are spent, the drag that is there is found, and the same is found again.
+    #[test]
+    fn four_interactions_tell_the_drag() {
+        let family = family("basketball").unwrap();
+        for way in ["random", "acting", "informative"] {
+            let found = ground(family, &small(way), &Silent).unwrap();
+            let [known] = found.as_slice() else { panic!("{found:?}") };
+            assert_eq!((known.interactions, known.draws.len()), (FIRST, 64), "{way}");
+            let (_, mean, sd) = known.numbers.iter().find(|n| n.0 == "linear_drag.c").unwrap();
+            let truth = -libm::log(0.8);
+            assert!((mean - truth).abs() < 0.02 && *sd < 0.02, "{way}: {mean} +- {sd}");
+        }
+        let again = |way| ground(family, &small(way), &Silent).unwrap();
+        assert_eq!(again("random"), again("random"));
+    }
+
+    #[test]
+    fn what_cannot_be_spent_is_refused_by_name() {
+        let refused = |config: GroundingConfig, name: &str| {
+            let error = config.validate().unwrap_err().to_string();
+            assert!(error.contains(name), "{error}");
+        };
+        refused(small("praying"), "praying");
+        refused(small("gradient"), "way");
+        refused(GroundingConfig { checkpoints: vec![3], ..small("random") }, "checkpoints[0]");
+        refused(GroundingConfig { checkpoints: vec![20, 5], ..small("random") }, "checkpoints");
+        refused(GroundingConfig { draws: 1, ..small("random") }, "draws");
+    }
+}

@@ -127,6 +127,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/designs": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Says which experiments would tell the most about a question under what is believed of the world, and why. A job; its
+         *     result is an `iplw.design/1` document: the batch in order, with expected information and its standard error.
+         */
+        post: operations["start_design"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/v1/diagnoses": {
         parameters: {
             query?: never;
@@ -1240,6 +1260,49 @@ export interface components {
             log_likelihood?: (number | null)[] | null;
             /** @description Natural logarithm of the prior's density; `null` (as an array: minus infinity) where it does not allow the point. */
             log_prior: (number | null)[];
+        };
+        /**
+         * @description Tasks on which experiments are looked for, what is asked, and what is believed of the world: the `belief` of a posterior or, if it is
+         *     not given, the family's prior with one of the `sets` of effects each.
+         */
+        DesignIn: {
+            /** @description Experiments to choose, together, up to `shortlist`; default 1. */
+            batch?: number | null;
+            /** @description An `iplw.posterior/1` document: equally likely draws as `columns`, of which only those and `effects` are read. */
+            belief?: Record<string, never> | null;
+            /** @description Random actions that are looked at, up to 2000; default 400. */
+            candidates?: number | null;
+            /** @description Copies of an action whose spread counts as noise, 2 to 8; default 4. */
+            copies?: number | null;
+            /** @description `auto`, or the name of an engine. */
+            engine?: string | null;
+            /**
+             * Format: double
+             * @description Standard deviation with which a position is seen, m; default 0.005.
+             */
+            noise?: number | null;
+            /**
+             * Format: double
+             * @description Most that a component of an action is moved in a copy, up to 1; default 0.002.
+             */
+            perturb?: number | null;
+            /**
+             * @description `latents` (how large they are, and effects' parameters; the default), `effects` (which of the belief's sets the world has) or
+             *     `success` (whether what is planned for the test tasks solves them).
+             */
+            question?: string | null;
+            seed?: number | null;
+            /**
+             * @description Of the prior: sets of effects that the world may have, as large as they usually are; equally likely, up to 20. Default: one
+             *     that is empty.
+             */
+            sets?: string[][] | null;
+            /** @description So many of the best are looked at closely, up to 100; default 24. */
+            shortlist?: number | null;
+            /** @description A family, of which the training tasks are meant, or one task, `bowling:017`. */
+            task: string;
+            /** @description Worlds in which the best are looked at, 8 to 256; default 128. */
+            worlds?: number | null;
         };
         /**
          * @description Measured trials, and the simulation they are held against: `scene` (or `ball`) and `trials`, or the `job` that
@@ -3300,6 +3363,134 @@ export interface operations {
             };
             /** @description Unprocessable Entity */
             422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request's deadline has passed, or storage fails or is damaged */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    start_design: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description Repeated under the same key, the request has no further effect and is answered the same */
+                "Idempotency-Key"?: string | null;
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["DesignIn"];
+            };
+        };
+        responses: {
+            /** @description Accepted */
+            202: {
+                headers: {
+                    /** @description Where the job is */
+                    Location?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["JobOut"];
+                };
+            };
+            /** @description Bad Request */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description No token, or none that is good */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The token may not act, or not from this page */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Unknown task or effect */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body takes too long */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Payload Too Large */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A page sends a body of another type */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The server is not called so */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Unprocessable Entity */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Too many waiting jobs */
+            429: {
                 headers: {
                     [name: string]: unknown;
                 };

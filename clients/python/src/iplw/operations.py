@@ -61,6 +61,15 @@ OPERATIONS: dict[str, Operation] = {
         names=("worlds",),
         takes=("application/json",),
     ),
+    "start_design": Operation(
+        method="POST",
+        path="/v1/designs",
+        status=202,
+        names=("batch", "belief", "candidates", "copies", "engine", "noise", "perturb", "question", "seed", "sets", "shortlist", "task", "worlds"),
+        takes=("application/json",),
+        gives=("application/json",),
+        keyed=True,
+    ),
     "start_diagnosis": Operation(
         method="POST",
         path="/v1/diagnoses",

@@ -427,6 +427,51 @@ class Client:
         )
         return self._job(self._line.do(calls.post("start_plan", body, key)))
 
+    def design(
+        self,
+        task: str,
+        *,
+        question: Literal["latents", "effects", "success"] | None = None,
+        belief: Mapping[str, Any] | None = None,
+        sets: Sequence[Sequence[str]] | None = None,
+        noise: float | None = None,
+        batch: int | None = None,
+        candidates: int | None = None,
+        shortlist: int | None = None,
+        worlds: int | None = None,
+        copies: int | None = None,
+        perturb: float | None = None,
+        engine: str | None = None,
+        seed: int | None = None,
+        key: str | None = None,
+    ) -> Job:
+        """Which experiments would tell the most about a question under what is believed of the world, as a job.
+
+        The `question`: how large `latents` and effects' parameters are, which of the belief's sets of `effects` the world has,
+        or whether what is planned for the test tasks solves them, its `success`. What is believed: `belief`, a posterior (an
+        `iplw.posterior/1` document); or the family's prior with one of the `sets` of effects, each by names. Positions are
+        seen with a standard deviation of `noise`, m; a hand moves every component of an action by up to `perturb`.
+
+        The result's `experiments` are the `batch`, in order, each with `task`, `action`, `information` in nats and its
+        `standard_error`, what it `adds` to those before it, and its `reason` in words.
+        """
+        body = given(
+            task=task,
+            question=question,
+            belief=belief,
+            sets=sets,
+            noise=noise,
+            batch=batch,
+            candidates=candidates,
+            shortlist=shortlist,
+            worlds=worlds,
+            copies=copies,
+            perturb=perturb,
+            engine=engine,
+            seed=seed,
+        )
+        return self._job(self._line.do(calls.post("start_design", body, key)))
+
     def find_surface(
         self,
         task: str,
