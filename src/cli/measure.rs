@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use iplw::design::{DESIGN_FORMAT, DesignDocument};
+use iplw::design::{DESIGN_FORMAT, DesignDocument, ExperimentRow, parts};
 use iplw::error::{Error, Result};
 use iplw::reality::{HiddenWorld, Reality, Trial, settled, standard, trials_to_csv};
-use iplw::task::{Split, Task, split};
+use iplw::task::{Placement, Task, ValidAction};
 
 use super::{output, parse};
 
@@ -51,7 +51,10 @@ pub fn run(args: &Args) -> Result<()> {
     config = parse::real(&args.real, config)?;
     (config.noise, config.seed) = (args.noise, args.seed);
     let mut world = HiddenWorld::new(config)?;
-    let training = if tasks.len() > 1 { split(&tasks, Split::Train) } else { tasks };
+    let (training, _) = parts(&tasks);
+    if training.is_empty() {
+        return Err(Error::input("--task", format!("{:?}", args.task), "a family with certified tasks"));
+    }
     output::directory("--out", &args.out)?;
     let bar = output::Bar::new();
     let trials = match &args.design {
@@ -82,19 +85,29 @@ fn carried_out(design: &str, tasks: &[Task], world: &mut HiddenWorld) -> Result<
     if design.format != DESIGN_FORMAT {
         return Err(Error::input("format", format!("{:?}", design.format), format!("{DESIGN_FORMAT:?}")));
     }
-    let mut trials = Vec::with_capacity(design.experiments.len());
-    for (i, experiment) in design.experiments.iter().enumerate() {
+    if design.experiments.is_empty() {
+        return Err(Error::input("experiments", "none", "at least one"));
+    }
+    // All of them are looked at before anything is done.
+    let checked = |(i, experiment): (usize, &ExperimentRow)| -> Result<(&Task, ValidAction)> {
         let place = format!("experiments[{i}]");
         let task = tasks.iter().find(|t| t.id == experiment.task).ok_or_else(|| {
             let allowed = "a training task of --task";
             Error::input(format!("{place}.task"), format!("{:?}", experiment.task), allowed)
         })?;
         let action = task.actions().validate(&experiment.action).map_err(|e| e.under(&place))?;
-        for attempt in world.measure(task, &[action])? {
-            if let Err(reason) = &attempt.placement {
+        match task.place(&action) {
+            Placement::Valid(_) => Ok((task, action)),
+            Placement::Invalid(reason) => {
                 let allowed = "an action that can be placed";
-                return Err(Error::input(format!("{place}.action"), reason, allowed));
+                Err(Error::input(format!("{place}.action"), reason, allowed))
             }
+        }
+    };
+    let wanted = design.experiments.iter().enumerate().map(checked).collect::<Result<Vec<_>>>()?;
+    let mut trials = Vec::with_capacity(wanted.len());
+    for (task, action) in wanted {
+        for attempt in world.measure(task, &[action])? {
             trials.extend(attempt.into_trial(format!("{}/{}", task.id, trials.len())));
         }
     }

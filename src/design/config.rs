@@ -56,7 +56,7 @@ impl DesignConfig {
         within("worlds[1]", self.worlds[1] as f64, 8.0, 1000.0)?;
         within("copies", self.copies as f64, 2.0, 32.0)?;
         within("perturb", self.perturb, 0.0, 1.0)?;
-        within("noise", self.noise, 1e-9, 1e3)?;
+        within("noise", self.noise, 1e-6, 1e3)?;
         within("batch", self.batch as f64, 1.0, self.shortlist.min(self.candidates) as f64).map(drop)
     }
 }

@@ -12,11 +12,12 @@ use crate::estimate::sampler::log_sum_exp;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Gain {
-    /// nats.
+    /// nats; of several things that are asked, their mean.
     pub information: f64,
-    /// Its standard error over worlds, nats.
+    /// Its standard error over worlds, nats; of several, at most that.
     pub standard_error: f64,
-    /// Probability of the right answer, expected, before and after; of questions with answers that worlds share.
+    /// Probability of the right answer, expected, before and after; of questions with answers that worlds share. Of several, the mean over
+    /// those that have two answers in the belief.
     pub right: Option<[f64; 2]>,
 }
 
@@ -30,7 +31,7 @@ pub enum Labels {
 }
 
 /// Fewest worlds with an answer whose density can be said.
-const FEWEST: usize = 3;
+pub const FEWEST: usize = 3;
 
 /// Information that `told` is expected to bring about a question; nothing where fewer than two answers have worlds enough.
 pub fn gain(told: &Told, labels: &Labels) -> Gain {
@@ -120,7 +121,7 @@ mod tests {
         let numbers: Vec<Vec<f64>> = numbers.iter().map(|v| vec![*v]).collect();
         let groups = vec![0; numbers.len()];
         let alike = Alike { groups: &groups, numbers: &numbers };
-        Seen::new(shown, 1.0, &mut rng::stream(seed, "noise")).told(alike)
+        Seen::new(shown, alike, 1.0, &mut rng::stream(seed, "noise")).told(alike).unwrap()
     }
 
     /// A number of unit variance seen through slopes b in noise of unit variance: I = log(1 + b.b) / 2.
@@ -158,7 +159,7 @@ mod tests {
             let mean = DMatrix::from_fn(1, 400, |_, j| sign(j));
             let shown = Shown { held: mean.clone(), mean, spread: vec![DMatrix::zeros(1, 3); 400] };
             let alike = Alike { groups: &of, numbers: &vec![vec![]; 400] };
-            let told = Seen::new(&shown, 1.0, &mut rng::stream(3, "noise")).told(alike);
+            let told = Seen::new(&shown, alike, 1.0, &mut rng::stream(3, "noise")).told(alike).unwrap();
             let found = gain(&told, &Labels::Shared { of, weights: vec![0.5, 0.5] });
             let error = (found.information - wanted).abs();
             assert!(error < 3.0 * found.standard_error + 0.01, "{d}: {found:?} for {wanted}");
@@ -179,15 +180,48 @@ mod tests {
         assert!(of(&shown) > 1.5 && of(&chaotic) < 0.2, "{} {}", of(&shown), of(&chaotic));
     }
 
+    /// Sets that are alike are not told apart, however many directions their worlds spread in and however few worlds there are.
+    #[test]
+    fn answers_that_are_alike_are_not_told_apart() {
+        for (sets, each) in [(2, 16), (3, 16), (2, 64)] {
+            let worlds = sets * each;
+            let mut stream = rng::stream(worlds as u64, "alike");
+            let mut wild = || 20.0 * Distribution::<f64>::sample(&StandardNormal, &mut stream);
+            let mean = DMatrix::from_fn(16, worlds, |_, _| wild());
+            let shown = Shown { held: mean.clone(), mean, spread: vec![DMatrix::zeros(16, 3); worlds] };
+            let of: Vec<usize> = (0..worlds).map(|i| i % sets).collect();
+            let alike = Alike { groups: &of, numbers: &vec![vec![]; worlds] };
+            let told = Seen::new(&shown, alike, 1.0, &mut rng::stream(3, "noise")).told(alike).unwrap();
+            let found = gain(&told, &Labels::Shared { of, weights: vec![1.0 / sets as f64; sets] });
+            assert!(found.information < 0.1, "{sets} sets of {each}: {found:?}");
+            let [before, after] = found.right.unwrap();
+            assert!((before - 1.0 / sets as f64).abs() < 1e-12 && after < before + 0.1, "{found:?}");
+        }
+    }
+
+    /// What follows no number tells nothing of it, in many directions, too.
+    #[test]
+    fn numbers_that_nothing_follows_are_not_told() {
+        for worlds in [32, 128] {
+            let mut stream = rng::stream(worlds as u64, "loose");
+            let mut wild = || 20.0 * Distribution::<f64>::sample(&StandardNormal, &mut stream);
+            let mean = DMatrix::from_fn(16, worlds, |_, _| wild());
+            let numbers: Vec<f64> = (0..worlds).map(|_| wild()).collect();
+            let shown = Shown { held: mean.clone(), mean, spread: vec![DMatrix::zeros(16, 3); worlds] };
+            let found = gain(&told_of(&shown, &numbers, 3), &Labels::Own);
+            assert!(found.information < 3.0 * found.standard_error + 0.1, "{worlds}: {found:?}");
+        }
+    }
+
     /// The same experiment twice tells as much as one with half the variance of noise; and two of different numbers their sum.
     #[test]
     fn what_two_experiments_tell_is_told_once() {
         let (shown, numbers) = straight(200, &[4.0], 1);
         let numbers: Vec<Vec<f64>> = numbers.iter().map(|v| vec![*v]).collect();
         let alike = Alike { groups: &[0; 200], numbers: &numbers };
-        let seen = |k: u64| Seen::new(&shown, 1.0, &mut rng::stream(k, "noise"));
-        let of = |seen: &Seen| gain(&seen.told(alike), &Labels::Own).information;
-        let (one, two) = (of(&seen(1)), of(&seen(1).and(&seen(2))));
+        let seen = |k: u64| Seen::new(&shown, alike, 1.0, &mut rng::stream(k, "noise"));
+        let of = |seen: &Seen| gain(&seen.told(alike).unwrap(), &Labels::Own).information;
+        let (one, two) = (of(&seen(1)), of(&seen(1).and(&seen(2), alike)));
         let wanted = 0.5 * (33f64.ln() - 17f64.ln());
         assert!((two - one - wanted).abs() < 0.15, "{one} and then {two}, {wanted} more");
     }

@@ -47,10 +47,9 @@ impl Search<'_> {
         &mut self,
         stage: &str,
         candidates: &[Candidate],
-        worlds: &Worlds,
+        (worlds, labels): (&Worlds, &[Labels]),
         keep: impl Fn(Seen, Gain) -> T + Sync,
     ) -> Result<Vec<T>> {
-        let labels = self.labels(worlds)?;
         let mut found = Vec::with_capacity(candidates.len());
         for (part, chunk) in candidates.chunks(TOGETHER).enumerate() {
             self.progress.report(stage, found.len() as u64, candidates.len() as u64)?;
@@ -61,11 +60,11 @@ impl Search<'_> {
             let own = seen.into_par_iter().enumerate().map(|(i, shown)| {
                 let seed = rng::derive(self.config.seed, stage, (first + i) as u64);
                 let mut noise = rng::stream(seed, "design noise");
-                let seen = Seen::new(&shown, self.config.noise, &mut noise);
-                let gain = over(&seen.told(worlds.alike()), &labels);
-                keep(seen, gain)
+                let seen = Seen::new(&shown, worlds.alike(), self.config.noise, &mut noise);
+                let gain = over(&seen.told(worlds.alike())?, labels);
+                Ok(keep(seen, gain))
             });
-            found.append(&mut own.collect());
+            found.append(&mut own.collect::<Result<Vec<T>>>()?);
         }
         Ok(found)
     }

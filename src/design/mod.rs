@@ -9,7 +9,7 @@
 //!
 //! Differences from the source: what two trials of the same action differ by, since a hand trembles, counts as noise as much as the
 //! camera's: copies of every action are moved a little, or chaos would look like information. The outer sample is a copy that had
-//! no say in the inner densities, and no draw is its own neighbour. Every answer has as many inner samples.
+//! no say in the inner densities, and no draw has a say in the density of what it shows. Every set of effects that is asked about has as many inner samples.
 //!
 //! Range of validity: a density from so many draws cannot tell more than about the logarithm of their number, so an action that tells all
 //! there is to tell under a broad belief is not told from one that tells still more; measure it, and ask again.
@@ -45,4 +45,4 @@ pub use document::{DESIGN_FORMAT, DesignDocument, ExperimentRow, document};
 pub use gain::{Gain, Labels, gain};
 pub use narrowed::Narrowed;
 pub use question::Question;
-pub use search::{Design, Experiment, design, parts};
+pub use search::{Design, Experiment, design, looks, parts};

@@ -16,6 +16,10 @@ use crate::rng;
 use crate::task::{Split, Task, ValidAction, split};
 use rayon::prelude::*;
 
+/// Fewest worlds of a look, and of a set that is asked about; and so many of each set are looked at.
+const FEW: usize = 8;
+const EACH: usize = 16;
+
 /// What was found.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Design {
@@ -59,10 +63,7 @@ pub fn design(
     progress: &dyn Progress,
 ) -> Result<Design> {
     config.validate()?;
-    let [first, close] = config.worlds;
-    let evenly = config.question == Question::Effects;
-    let drawn = |count| worlds(belief, count, evenly, config.seed);
-    answerable(&drawn(close), config)?;
+    let [early, closely] = looks(belief, config)?;
     let hand = Hand { copies: config.copies, perturb: config.perturb, seed: config.seed };
     let mut stream = rng::stream(config.seed, "design candidates");
     let mut copied = Vec::with_capacity(config.candidates);
@@ -74,17 +75,17 @@ pub fn design(
         return Err(Error::input("perturb", config.perturb, allowed));
     }
     let mut search = Search { config, belief, asked, planned: Vec::new(), rollouts: 0, progress };
-    let look = search.look("first look", &copied, &drawn(first), |_, gain| gain.information)?;
+    let labels = search.labels(&early)?;
+    let look = search.look("first look", &copied, (&early, &labels), |_, gain| gain.information)?;
     let mut order: Vec<usize> = (0..copied.len()).collect();
     order.sort_by(|a, b| look[*b].total_cmp(&look[*a]).then(a.cmp(b)));
     order.truncate(config.shortlist);
     let mut shortlist: Vec<Candidate> = Vec::with_capacity(order.len());
     let mut rest: Vec<Option<Candidate>> = copied.into_iter().map(Some).collect();
     shortlist.extend(order.iter().filter_map(|i| rest[*i].take()));
-    let closely = drawn(close);
-    let found = search.look("close look", &shortlist, &closely, |seen, gain| (seen, gain))?;
     let labels = search.labels(&closely)?;
-    let (chosen, together) = batch(&found, &labels, closely.alike(), config.batch);
+    let found = search.look("close look", &shortlist, (&closely, &labels), |seen, gain| (seen, gain))?;
+    let (chosen, together) = batch(&found, &labels, closely.alike(), config.batch, progress)?;
     let happens = search.happens(tasks, &shortlist, &closely)?;
     let mut after: Vec<usize> =
         (0..shortlist.len()).filter(|i| !chosen.iter().any(|(c, _)| c == i)).collect();
@@ -118,39 +119,57 @@ pub fn parts(tasks: &[Task]) -> (Vec<Task>, Vec<Task>) {
     (part(Split::Train), part(Split::Test))
 }
 
-/// Errors where a question has no two answers among a belief's draws.
-fn answerable(worlds: &Worlds, config: &DesignConfig) -> Result<()> {
+/// The worlds of the first look and of the close one; an error where a belief has no two answers to a question.
+pub fn looks<'a>(belief: &'a Belief, config: &DesignConfig) -> Result<[Worlds<'a>; 2]> {
+    let evenly = config.question == Question::Effects;
+    let drawn = |count| worlds(belief, count, evenly, config.seed);
+    let close = drawn(config.worlds[1])?;
+    let sets = close.sets.len();
+    // Fewer do not tell the shape of what a set's worlds show.
+    let least = if evenly { EACH * sets } else { 0 };
+    let looks = [drawn(config.worlds[0].max(least))?, drawn(config.worlds[1].max(least))?];
     let refused = |value: String, allowed: &str| Err(Error::input("belief", value, allowed));
-    if worlds.worlds.len() < 8 {
-        return refused(
-            format!("{} draws", worlds.worlds.len()),
-            "at least 8 draws: a posterior, or a prior",
-        );
+    if evenly && sets < 2 {
+        let allowed = "draws of two sets of effects or more (`--set` of iplw posterior, repeated)";
+        return refused("one set of effects".into(), allowed);
     }
-    if config.question == Question::Effects && worlds.sets.len() < 2 {
-        return refused(
-            "one set of effects".into(),
-            "draws of two sets or more (`--set` of iplw posterior, repeated)",
-        );
+    if looks[0].worlds.len() < FEW {
+        let allowed = "at least 8 draws: a posterior, or a prior";
+        return refused(format!("{} draws", looks[0].worlds.len()), allowed);
     }
-    Ok(())
+    let counts = |s: usize| looks[0].groups.iter().filter(|g| **g == s).count();
+    if let Some(s) = (0..sets).find(|s| evenly && counts(*s) < FEW) {
+        let set = looks[0].sets[s].join("+");
+        let allowed =
+            "at least 8 draws of every set that is asked about: more draws, or a belief without the set";
+        return refused(format!("{} draws of the set {set:?}", counts(s)), allowed);
+    }
+    Ok(looks)
 }
 
 /// The batch, each the one that adds most to those before it, and what they tell together.
-fn batch(found: &[(Seen, Gain)], labels: &[Labels], alike: Alike, size: usize) -> (Vec<(usize, f64)>, Gain) {
+fn batch(
+    found: &[(Seen, Gain)],
+    labels: &[Labels],
+    alike: Alike,
+    size: usize,
+    progress: &dyn Progress,
+) -> Result<(Vec<(usize, f64)>, Gain)> {
     let mut chosen: Vec<(usize, f64)> = Vec::with_capacity(size);
     let (mut sum, mut known): (Option<Seen>, Gain) = (None, Gain::default());
     while chosen.len() < size.min(found.len()) {
+        progress.report("choosing together", chosen.len() as u64, size as u64)?;
         let with = |i: usize| match &sum {
             Some(sum) => {
-                let both = sum.and(&found[i].0);
-                let gain = over(&both.told(alike), labels);
-                (both, gain)
+                let both = sum.and(&found[i].0, alike);
+                let gain = over(&both.told(alike)?, labels);
+                Ok((both, gain))
             }
-            None => found[i].clone(),
+            None => Ok(found[i].clone()),
         };
         let left: Vec<usize> = (0..found.len()).filter(|i| !chosen.iter().any(|(c, _)| c == i)).collect();
-        let told: Vec<(usize, (Seen, Gain))> = left.into_par_iter().map(|i| (i, with(i))).collect();
+        let told: Vec<(usize, (Seen, Gain))> =
+            left.into_par_iter().map(|i| Ok((i, with(i)?))).collect::<Result<_>>()?;
         let best = told
             .into_iter()
             .reduce(|best, own| if own.1.1.information > best.1.1.information { own } else { best });
@@ -158,5 +177,5 @@ fn batch(found: &[(Seen, Gain)], labels: &[Labels], alike: Alike, size: usize) -
         chosen.push((i, gain.information - known.information));
         (sum, known) = (Some(seen), gain);
     }
-    (chosen, known)
+    Ok((chosen, known))
 }

@@ -1,6 +1,6 @@
 //! How likely what one world shows is in another.
 //!
-//! What worlds show differs along few directions beyond the noise: their principal components. In those, world j's density is normal
+//! What worlds show differs along few directions beyond the noise: their principal components. In those, world j's density is Student's
 //! about what it shows, with the camera's noise and what a trembling hand makes of it, widened to a kernel so that a world between
 //! two draws is as likely as they are. Kernels are shrunk towards their group's mean by as much as they are widened, so that a group
 //! as a whole is as wide as its draws (West 1993).
@@ -9,18 +9,25 @@
 //! group's worlds are fitted by a smooth function of their numbers (`smooth`), and what that leaves, each world foretold from the others, is
 //! noise as much as the camera's.
 //!
-//! Differences from the source: kernels' covariance is the group's in all principal components, and its width Silverman's
-//! (1986, equation 4.14) for as many dimensions. Densities are Student's, so that one world that went another way does not decide.
+//! Differences from the source: kernels' covariance is that within groups, the same for all of them, and their width Silverman's (1986,
+//! equation 4.14). Of the density of what a world shows, that world is left out altogether: as a kernel, and from its group's mean and
+//! the covariance; and there are no more directions than a group's draws can tell the shape of. Else groups that are alike would be told
+//! apart by whose worlds they were shaped after.
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, SymmetricEigen};
 use rand_distr::{Distribution, StandardNormal};
 
 use super::shown::Shown;
 use super::smooth;
+use crate::error::{Error, Result};
 use crate::rng::Stream;
 
-/// Most principal components.
+/// Most principal components, fewest, and draws of the smallest group for each.
 const MOST: usize = 16;
+const LEAST: usize = 2;
+const DRAWS: usize = 5;
+/// Share of the mean variance that is added to every direction, or a covariance could be none by rounding.
+const RIDGE: f64 = 1e-9;
 /// Variance of a component, as a share of the noise's, below which it tells nothing.
 const SLIGHT: f64 = 0.02;
 /// Degrees of freedom of densities.
@@ -55,6 +62,16 @@ pub struct Alike<'a> {
     pub numbers: &'a [Vec<f64>],
 }
 
+impl Alike<'_> {
+    /// Directions of which so many worlds tell the shape.
+    fn directions(&self) -> usize {
+        let mut counts = vec![0; self.groups.iter().max().map_or(0, |g| g + 1)];
+        self.groups.iter().for_each(|g| counts[*g] += 1);
+        let fewest = counts.into_iter().filter(|c| *c > 0).min().unwrap_or(0);
+        (fewest / DRAWS).clamp(LEAST, MOST)
+    }
+}
+
 impl Told {
     fn nothing(worlds: usize) -> Told {
         Told { components: DMatrix::zeros(worlds, worlds), own: vec![0.0; worlds] }
@@ -77,7 +94,7 @@ impl Told {
 
 impl Seen {
     /// Of what is shown; `noise`: of a coordinate, m.
-    pub fn new(shown: &Shown, noise: f64, stream: &mut Stream) -> Seen {
+    pub fn new(shown: &Shown, alike: Alike, noise: f64, stream: &mut Stream) -> Seen {
         let (n, worlds) = shown.mean.shape();
         let trembled: Vec<DVector<f64>> = shown.spread.iter().map(variances).collect();
         let scale = scales(&trembled, noise, n);
@@ -91,13 +108,13 @@ impl Seen {
                 *value += sample * noise / scale[t];
             }
         }
-        let basis = principal(&mean);
+        let basis = principal(&mean, alike.directions());
         let of = |j: usize| noise_of(&basis, &shown.spread[j], &trembled[j], &scale, noise);
         Seen { places: basis.tr_mul(&mean), seen: basis.tr_mul(&held), noises: (0..worlds).map(of).collect() }
     }
 
     /// Both experiments, done one after the other.
-    pub fn and(&self, other: &Seen) -> Seen {
+    pub fn and(&self, other: &Seen, alike: Alike) -> Seen {
         let below = |a: &DMatrix<f64>, b: &DMatrix<f64>| {
             let mut both = DMatrix::zeros(a.nrows() + b.nrows(), a.ncols());
             both.rows_mut(0, a.nrows()).copy_from(a);
@@ -105,7 +122,7 @@ impl Seen {
             both
         };
         let places = below(&self.places, &other.places);
-        let basis = principal(&places);
+        let basis = principal(&places, alike.directions());
         let of = |(a, b): (&DMatrix<f64>, &DMatrix<f64>)| {
             let n = a.nrows();
             let (first, second) = (basis.rows(0, n), basis.rows(n, b.nrows()));
@@ -123,32 +140,39 @@ impl Seen {
         &self.seen
     }
 
-    /// Densities between worlds.
-    pub fn told(&self, alike: Alike) -> Told {
+    /// Densities between worlds; an error where they have none.
+    pub fn told(&self, alike: Alike) -> Result<Told> {
         let worlds = self.places.ncols();
         let mut told = Told::nothing(worlds);
         if self.places.nrows() == 0 {
-            return told;
+            return Ok(told);
         }
-        let kernels = kernels(&self.places, alike.groups);
+        let groups = Groups::new(&self.places, alike.groups);
         let follow = follow(&self.places, &self.noises, alike);
-        for j in 0..worlds {
-            let group = alike.groups[j];
-            let Kernel { shrunk, mean, covariance } = &kernels[group];
-            let place = mean + (self.places.column(j) - mean) * *shrunk;
-            let (Some(own), Some(kernel)) = (
-                Cholesky::new(&self.noises[j] + &follow.left[group]),
-                Cholesky::new(&self.noises[j] + covariance),
-            ) else {
-                return Told::nothing(worlds);
-            };
-            told.own[j] = log_density(&own, &(self.seen.column(j) - follow.foretold.column(j)));
-            for i in 0..worlds {
-                told.components[(i, j)] = log_density(&kernel, &(self.seen.column(i) - &place));
+        for i in 0..worlds {
+            let own = positive(&self.noises[i] + &follow.left[i])?;
+            told.own[i] = log_density(&own, &(self.seen.column(i) - follow.foretold.column(i)));
+            let within = groups.covariance_without(&self.places, i);
+            for j in (0..worlds).filter(|j| *j != i) {
+                let group = alike.groups[j];
+                let width = groups.width(group, self.places.nrows());
+                let mean = groups.mean_without(&self.places, group, i);
+                let place = &mean + (self.places.column(j) - &mean) * (1.0 - width * width).sqrt();
+                let kernel = positive(&self.noises[j] + &within * (width * width))?;
+                told.components[(i, j)] = log_density(&kernel, &(self.seen.column(i) - place));
             }
         }
-        told
+        Ok(told)
     }
+}
+
+/// A covariance as its factor.
+fn positive(mut covariance: DMatrix<f64>) -> Result<Cholesky<f64, Dyn>> {
+    let ridge = RIDGE * covariance.trace() / covariance.nrows() as f64;
+    (0..covariance.nrows()).for_each(|r| covariance[(r, r)] += ridge);
+    let failed =
+        || Error::Failed("what worlds show has no covariance: more noise, or a larger `perturb`".into());
+    Cholesky::new(covariance).ok_or_else(failed)
 }
 
 /// By coordinate, the variance over copies, m^2.
@@ -167,13 +191,13 @@ fn scales(trembled: &[DVector<f64>], noise: f64, n: usize) -> Vec<f64> {
 }
 
 /// Directions along which worlds differ by more than the noise, (n, directions).
-fn principal(white: &DMatrix<f64>) -> DMatrix<f64> {
+fn principal(white: &DMatrix<f64>, most: usize) -> DMatrix<f64> {
     let degrees = (white.ncols() - 1).max(1) as f64;
     let eigen = SymmetricEigen::new(white.tr_mul(white));
     let mut order: Vec<usize> = (0..eigen.eigenvalues.len()).collect();
     order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
     order.retain(|k| eigen.eigenvalues[*k] / degrees > SLIGHT);
-    order.truncate(MOST);
+    order.truncate(most);
     let columns: Vec<DVector<f64>> =
         order.iter().map(|k| white * eigen.eigenvectors.column(*k) / eigen.eigenvalues[*k].sqrt()).collect();
     if columns.is_empty() { DMatrix::zeros(white.nrows(), 0) } else { DMatrix::from_columns(&columns) }
@@ -198,49 +222,73 @@ fn noise_of(
     alone.tr_mul(&alone) + &together * together.transpose()
 }
 
-/// What the draws of a group are widened by.
-struct Kernel {
-    /// How far draws stay from the group's mean, in [0, 1].
-    shrunk: f64,
-    mean: DVector<f64>,
-    covariance: DMatrix<f64>,
+/// Groups of worlds by where they are and how they spread.
+struct Groups<'a> {
+    of: &'a [usize],
+    counts: Vec<f64>,
+    means: Vec<DVector<f64>>,
+    /// Sum over worlds of the outer product of what parts each from its group's mean.
+    scatter: DMatrix<f64>,
 }
 
-fn kernels(places: &DMatrix<f64>, groups: &[usize]) -> Vec<Kernel> {
-    let dimensions = places.nrows();
-    let count = groups.iter().max().map_or(0, |g| g + 1);
-    let of = |group: usize| {
-        let own: Vec<DVector<f64>> = (0..places.ncols())
-            .filter(|j| groups[*j] == group)
-            .map(|j| places.column(j).into_owned())
-            .collect();
-        let n = own.len().max(1) as f64;
-        let mean = own.iter().fold(DVector::zeros(dimensions), |sum, p| sum + p) / n;
-        let scatter = own.iter().fold(DMatrix::zeros(dimensions, dimensions), |sum, p| {
-            let apart = p - &mean;
-            sum + &apart * apart.transpose()
-        });
+impl Groups<'_> {
+    fn new<'a>(places: &DMatrix<f64>, of: &'a [usize]) -> Groups<'a> {
+        let dimensions = places.nrows();
+        let count = of.iter().max().map_or(0, |g| g + 1);
+        let (mut counts, mut means) = (vec![0.0; count], vec![DVector::zeros(dimensions); count]);
+        for (j, group) in of.iter().enumerate() {
+            counts[*group] += 1.0;
+            means[*group] += places.column(j);
+        }
+        means.iter_mut().zip(&counts).for_each(|(mean, n)| *mean /= f64::max(*n, 1.0));
+        let scatter =
+            of.iter().enumerate().fold(DMatrix::zeros(dimensions, dimensions), |sum, (j, group)| {
+                let apart = places.column(j) - &means[*group];
+                sum + &apart * apart.transpose()
+            });
+        Groups { of, counts, means, scatter }
+    }
+
+    /// Mean of a group without a world.
+    fn mean_without(&self, places: &DMatrix<f64>, group: usize, i: usize) -> DVector<f64> {
+        let n = self.counts[group];
+        match self.of[i] == group && n > 1.0 {
+            true => (&self.means[group] * n - places.column(i)) / (n - 1.0),
+            false => self.means[group].clone(),
+        }
+    }
+
+    /// Covariance within groups without a world.
+    fn covariance_without(&self, places: &DMatrix<f64>, i: usize) -> DMatrix<f64> {
+        let group = self.of[i];
+        let n = self.counts[group];
+        let apart = places.column(i) - &self.means[group];
+        let share = if n > 1.0 { n / (n - 1.0) } else { 0.0 };
+        let groups = self.counts.iter().filter(|c| **c > 0.0).count() as f64;
+        let degrees = (self.of.len() as f64 - 1.0 - groups).max(1.0);
+        (&self.scatter - &apart * apart.transpose() * share) / degrees
+    }
+
+    /// Width of a group's kernels, of the standard deviation within groups.
+    fn width(&self, group: usize, dimensions: usize) -> f64 {
         let d = dimensions as f64;
-        let width = libm::pow(4.0 / (d + 2.0) / n, 1.0 / (d + 4.0)).min(1.0);
-        let covariance = scatter * (width * width / (n - 1.0).max(1.0));
-        Kernel { shrunk: (1.0 - width * width).sqrt(), mean, covariance }
-    };
-    (0..count).map(of).collect()
+        libm::pow(4.0 / (d + 2.0) / self.counts[group].max(1.0), 1.0 / (d + 4.0)).min(1.0)
+    }
 }
 
 /// Where worlds' numbers say that they should be.
 struct Follow {
-    /// (components, worlds): each foretold from the others of its group.
+    /// (directions, worlds): each foretold from the others of its group.
     foretold: DMatrix<f64>,
-    /// By group, the covariance of what that leaves.
+    /// By world, the covariance of what that leaves of the others of its group.
     left: Vec<DMatrix<f64>>,
 }
 
 fn follow(places: &DMatrix<f64>, noises: &[DMatrix<f64>], alike: Alike) -> Follow {
     let dimensions = places.nrows();
     let count = alike.groups.iter().max().map_or(0, |g| g + 1);
-    let mut found =
-        Follow { foretold: places.clone(), left: vec![DMatrix::zeros(dimensions, dimensions); count] };
+    let nothing = DMatrix::zeros(dimensions, dimensions);
+    let mut found = Follow { foretold: places.clone(), left: vec![nothing.clone(); alike.groups.len()] };
     for group in 0..count {
         let own: Vec<usize> = (0..alike.groups.len()).filter(|j| alike.groups[*j] == group).collect();
         let numbers: Vec<&[f64]> = own.iter().map(|j| alike.numbers[*j].as_slice()).collect();
@@ -249,10 +297,11 @@ fn follow(places: &DMatrix<f64>, noises: &[DMatrix<f64>], alike: Alike) -> Follo
             .map(|r| own.iter().map(|j| noises[*j][(r, r)]).sum::<f64>() / own.len().max(1) as f64)
             .collect();
         let apart = smooth::left_out(&numbers, &targets, &noise);
+        let outer = |i: usize| apart.row(i).transpose() * apart.row(i);
+        let all = (0..own.len()).fold(nothing.clone(), |sum, i| sum + outer(i));
         for (i, j) in own.iter().enumerate() {
-            let apart = apart.row(i).transpose();
-            found.foretold.set_column(*j, &(places.column(*j) - &apart));
-            found.left[group] += &apart * apart.transpose() / own.len() as f64;
+            found.foretold.set_column(*j, &(places.column(*j) - apart.row(i).transpose()));
+            found.left[*j] = (&all - outer(i)) / (own.len() as f64 - 1.0).max(1.0);
         }
     }
     found

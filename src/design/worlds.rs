@@ -1,8 +1,12 @@
 //! The draws that stand for a belief.
 
+use std::collections::BTreeMap;
+
 use super::told::Alike;
+use crate::error::{Error, Result};
 use crate::estimate::{Belief, Believed};
 use crate::task::scene::EffectTerm;
+use crate::world::effect::{Parameter, find};
 
 /// Worlds of a belief, and the set of effects that each has.
 pub struct Worlds<'a> {
@@ -17,35 +21,43 @@ pub struct Worlds<'a> {
     pub sets: Vec<Vec<String>>,
 }
 
+/// Most sets of effects of a belief that are asked about.
+const MOST_SETS: usize = 20;
+
 /// About `count` worlds in a seed's order: as many of every set of effects where `evenly`, else as they come.
-pub fn worlds(belief: &Belief, count: usize, evenly: bool, seed: u64) -> Worlds<'_> {
+pub fn worlds(belief: &Belief, count: usize, evenly: bool, seed: u64) -> Result<Worlds<'_>> {
     let order = belief.shuffled(seed);
-    let sets = sets(belief);
-    let of = |b: &Believed| {
-        let own = names(b);
-        sets.iter().position(|s| *s == own).unwrap_or_default()
-    };
-    let numbers: Vec<usize> = order.iter().map(|b| of(b)).collect();
-    let each = if evenly { count.div_ceil(sets.len().max(1)) } else { count };
+    let mut sets: BTreeMap<Vec<String>, usize> = BTreeMap::new();
+    let mut owns = Vec::with_capacity(order.len());
+    for world in &order {
+        let own = names(world);
+        *sets.entry(own.clone()).or_insert(0) += 1;
+        if sets.len() > MOST_SETS {
+            let allowed = format!("draws of at most {MOST_SETS} sets of effects");
+            return Err(Error::input("belief", format!("{} sets or more", sets.len()), allowed));
+        }
+        owns.push(own);
+    }
+    let number: BTreeMap<&Vec<String>, usize> = sets.keys().enumerate().map(|(i, s)| (s, i)).collect();
+    let each = if evenly { count.div_ceil(sets.len()) } else { count };
     let mut taken = vec![0; sets.len()];
     let mut found = Worlds {
         worlds: Vec::new(),
         groups: Vec::new(),
         numbers: Vec::new(),
-        weights: (0..sets.len())
-            .map(|s| numbers.iter().filter(|n| **n == s).count() as f64 / numbers.len() as f64)
-            .collect(),
-        sets: sets.clone(),
+        weights: sets.values().map(|n| *n as f64 / order.len() as f64).collect(),
+        sets: sets.keys().cloned().collect(),
     };
-    for (world, set) in order.iter().zip(&numbers) {
-        if taken[*set] < each && (evenly || found.worlds.len() < count) {
-            taken[*set] += 1;
+    for (world, own) in order.iter().zip(&owns) {
+        let set = number[own];
+        if taken[set] < each && (evenly || found.worlds.len() < count) {
+            taken[set] += 1;
             found.worlds.push(world);
-            found.groups.push(*set);
-            found.numbers.push(numbers_of(world));
+            found.groups.push(set);
+            found.numbers.push(numbers_of(world)?);
         }
     }
-    found
+    Ok(found)
 }
 
 impl Worlds<'_> {
@@ -55,20 +67,17 @@ impl Worlds<'_> {
     }
 }
 
-/// Latents, and parameters in the order of effects' and their names; what a world leaves to the scene is 0 in it.
-fn numbers_of(world: &Believed) -> Vec<f64> {
+/// Latents, and parameters in the order of effects' names and of their rows; what a world leaves to the scene is 0 in it, and a parameter
+/// that it does not have is at its neutral value.
+fn numbers_of(world: &Believed) -> Result<Vec<f64>> {
     let mut effects: Vec<&EffectTerm> = world.effects.iter().collect();
     effects.sort_by(|a, b| a.name.cmp(&b.name));
-    let latents = world.latents.values().map(|v| v.unwrap_or(0.0));
-    latents.into_iter().chain(effects.iter().flat_map(|e| e.parameters.values().copied())).collect()
-}
-
-/// The sets of effects of a belief's draws, in the order of their names.
-pub fn sets(belief: &Belief) -> Vec<Vec<String>> {
-    let mut all: Vec<Vec<String>> = belief.draws().iter().map(names).collect();
-    all.sort();
-    all.dedup();
-    all
+    let mut numbers: Vec<f64> = world.latents.values().map(|v| v.unwrap_or(0.0)).to_vec();
+    for term in effects {
+        let own = |p: &Parameter| term.parameters.get(p.name).copied().unwrap_or(p.neutral);
+        numbers.extend(find(&term.name)?.parameters.iter().map(own));
+    }
+    Ok(numbers)
 }
 
 fn names(world: &Believed) -> Vec<String> {
@@ -92,13 +101,41 @@ mod tests {
     #[test]
     fn sets_are_as_likely_as_their_draws_and_evenly_taken() {
         let belief = belief();
-        let found = worlds(&belief, 16, true, 1);
+        let found = worlds(&belief, 16, true, 1).unwrap();
         assert_eq!(found.sets, [vec![], vec!["linear_drag".to_string()]]);
         assert_eq!((found.weights.clone(), found.worlds.len()), (vec![0.25, 0.75], 16));
         assert_eq!(found.groups.iter().filter(|g| **g == 0).count(), 8);
-        let few = worlds(&belief, 30, true, 1);
+        let few = worlds(&belief, 30, true, 1).unwrap();
         assert_eq!(few.groups.iter().filter(|g| **g == 0).count(), 10, "no more than there are");
-        assert_eq!(worlds(&belief, 12, false, 1).worlds.len(), 12);
+        assert_eq!(worlds(&belief, 12, false, 1).unwrap().worlds.len(), 12);
         assert!(found.worlds.iter().zip(&found.groups).all(|(w, g)| w.effects.len() == *g));
+    }
+
+    /// Draws of a set that leave a parameter out have its neutral value; a belief of many sets is refused.
+    #[test]
+    fn numbers_are_alike_within_a_set_and_sets_are_few() {
+        let read = |columns: serde_json::Value| {
+            let effects = serde_json::json!([{"name": "gust", "parameters": {"period": 2.0}}]);
+            let whole =
+                serde_json::json!({"format": "iplw.posterior/1", "columns": columns, "effects": effects});
+            Belief::from_value(whole).unwrap()
+        };
+        let belief = read(serde_json::json!({"gust.ax": [1.5, null, 0.5, null]}));
+        let found = worlds(&belief, 4, false, 1).unwrap();
+        assert_eq!(found.sets.len(), 1);
+        assert!(found.numbers.windows(2).all(|w| w[0].len() == w[1].len()), "{:?}", found.numbers);
+        let bit = |k: u32| (0..32).map(|i| (i >> k & 1 == 1).then_some(0.1)).collect::<Vec<Option<f64>>>();
+        let names = ["wind.ax", "lift.s", "linear_drag.c", "quadratic_drag.k", "rolling_resistance.crr"];
+        let effects = crate::world::effect::REGISTRY;
+        let known = |name: &&str| {
+            let (effect, parameter) = name.split_once('.').unwrap();
+            effects.iter().any(|e| e.name == effect && e.parameters.iter().any(|p| p.name == parameter))
+        };
+        assert!(names.iter().all(|n| known(n)), "{names:?}");
+        let columns: std::collections::BTreeMap<&str, _> =
+            names.iter().enumerate().map(|(k, n)| (*n, bit(k as u32))).collect();
+        let many = read(serde_json::json!(columns));
+        let error = worlds(&many, 8, true, 1).err().unwrap().to_string();
+        assert!(error.contains("belief") && error.contains("20 sets"), "{error}");
     }
 }

@@ -27,6 +27,8 @@ pub const PRIOR_DRAWS: usize = 1024;
 pub const MOST_DRAWS: usize = 100_000;
 const MOST_COLUMNS: usize = 64;
 const MOST_EFFECTS: usize = 32;
+/// Most effects that all draws have beside their columns, all draws together.
+const MOST_TERMS: usize = 400_000;
 /// Draws of a normal outside its factor's bounds before the last is moved to the nearest bound.
 const MOST_REDRAWN: usize = 1000;
 
@@ -115,7 +117,7 @@ impl Belief {
         for (i, draw) in belief.draws.iter_mut().enumerate() {
             let Some(set) = sets.get(i % sets.len().max(1)) else { break };
             for name in set {
-                draw.effects.push(usual(name, &mut stream)?);
+                draw.effects.push(usual(name, &mut stream).map_err(|e| e.under("sets"))?);
             }
         }
         belief.draws.iter().take(sets.len()).try_for_each(|draw| effect::check(&draw.effects))?;
@@ -148,6 +150,10 @@ impl Belief {
             }
         }
         let count = length(&document.columns)?;
+        if count * document.effects.len() > MOST_TERMS {
+            let value = format!("{} in each of {count} draws", document.effects.len());
+            return Err(Error::input("effects", value, format!("at most {MOST_TERMS} over all draws")));
+        }
         let mut draws = vec![Believed { effects: document.effects, ..Believed::default() }; count];
         for (name, values) in &document.columns {
             let column = Column::named(name)?;
@@ -196,11 +202,11 @@ fn usual(name: &str, stream: &mut rng::Stream) -> Result<EffectTerm> {
                 "effects without a place, time or shape: {}.{} is not known before anything was measured",
                 effect.name, parameter.name
             );
-            return Err(Error::input("sets", format!("{name:?}"), allowed));
+            return Err(Error::input("effect", format!("{name:?}"), allowed));
         }
         let [low, high] = parameter.bounds;
-        let normal =
-            Normal::new(parameter.neutral, parameter.size).map_err(|e| Error::Failed(e.to_string()))?;
+        let normal = Normal::new(parameter.prior().0, parameter.prior().1)
+            .map_err(|e| Error::Failed(e.to_string()))?;
         let mut drawn = (0..MOST_REDRAWN).map(|_| normal.sample(stream));
         let value = drawn.find(|v| (low..=high).contains(v)).unwrap_or(parameter.neutral);
         parameters.insert(parameter.name.to_string(), value);

@@ -12,9 +12,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::design::{DesignConfig, Question, design};
+use crate::design::{DesignConfig, Question, design, parts};
 use crate::discover::posterior::{Document, PosteriorConfig, Sampler, posterior};
 use crate::error::{Error, Result, within};
+use crate::estimate::belief::PRIOR_DRAWS;
 use crate::estimate::sampler::smc::SmcConfig;
 use crate::estimate::{Belief, Believed};
 use crate::explore::{self, Situation};
@@ -22,13 +23,11 @@ use crate::plan::{PlanConfig, plan};
 use crate::progress::Progress;
 use crate::reality::{HiddenConfig, HiddenWorld, Reality, Trial, settled};
 use crate::rng;
-use crate::task::{Family, Placement, Split, Task, ValidAction, split};
+use crate::task::{Family, Placement, Task, ValidAction};
 use crate::world::{Coordinates, EffectParameter, Latents};
 
 /// Interactions before anything can be drawn of them.
 pub const FIRST: usize = 4;
-/// Draws of a prior that stand for it.
-const PRIOR_DRAWS: usize = 1024;
 
 /// What is spent, and how.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -85,10 +84,12 @@ impl GroundingConfig {
                 false => Ok(()),
             })?;
         }
-        if self.checkpoints.is_empty() || !self.checkpoints.is_sorted() {
+        if self.checkpoints.is_empty() || !self.checkpoints.is_sorted_by(|a, b| a < b) {
             return Err(Error::input("checkpoints", format!("{:?}", self.checkpoints), "rising numbers"));
         }
-        within("checkpoints[0]", self.checkpoints[0] as f64, FIRST as f64, 1000.0)?;
+        for (i, checkpoint) in self.checkpoints.iter().enumerate() {
+            within(&format!("checkpoints[{i}]"), *checkpoint as f64, FIRST as f64, 1000.0)?;
+        }
         within("draws", self.draws as f64, 64.0, 100_000.0)?;
         self.plan.validate().map_err(|e| e.under("plan"))
     }
@@ -101,14 +102,12 @@ const WAYS: [&str; 3] = ["probing", "success", "acting"];
 pub fn ground(family: &Family, config: &GroundingConfig, progress: &dyn Progress) -> Result<Vec<Known>> {
     config.validate()?;
     let tasks = family.tasks();
-    let mut spent = Spent {
-        family,
-        config,
-        training: split(&tasks, Split::Train),
-        asked: split(&tasks, Split::Test),
-        trials: Vec::new(),
-        solved: 0,
-    };
+    let (training, asked) = parts(&tasks);
+    if training.is_empty() {
+        let allowed = "a family with certified tasks";
+        return Err(Error::input("task", format!("{:?}", family.name), allowed));
+    }
+    let mut spent = Spent { family, config, training, asked, trials: Vec::new(), solved: 0 };
     let mut world = HiddenWorld::new(config.hidden.clone())?;
     let mut belief =
         Belief::of_sets(family.prior, std::slice::from_ref(&config.set), PRIOR_DRAWS, config.seed)?;
@@ -125,7 +124,12 @@ pub fn ground(family: &Family, config: &GroundingConfig, progress: &dyn Progress
             } else {
                 1
             };
-            for (task, action) in spent.choose(&belief, count.min(room), progress)? {
+            let chosen = spent.choose(&belief, count.min(room), progress)?;
+            if chosen.is_empty() {
+                let why = format!("no action of {} was found that can be placed", family.name);
+                return Err(Error::Failed(why));
+            }
+            for (task, action) in chosen {
                 spent.measure(&mut world, task, action)?;
             }
             if !blind && (FIRST..*checkpoint).contains(&spent.trials.len()) {
@@ -366,6 +370,7 @@ mod tests {
         refused(small("gradient"), "way");
         refused(GroundingConfig { checkpoints: vec![3], ..small("random") }, "checkpoints[0]");
         refused(GroundingConfig { checkpoints: vec![20, 5], ..small("random") }, "checkpoints");
+        refused(GroundingConfig { checkpoints: vec![5, 5], ..small("random") }, "checkpoints");
         refused(GroundingConfig { draws: 1, ..small("random") }, "draws");
     }
 }

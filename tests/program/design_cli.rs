@@ -48,6 +48,9 @@ fn a_design_is_chosen_told_and_carried_out() {
     other["experiments"][0]["action"] = json!([0.5, 2.0, 0.5, 0.5]);
     std::fs::write(&odd, other.to_string()).unwrap();
     told(&measure(odd.to_str().unwrap(), "basketball"), 2, &["odd.json", "experiments[0].action"]);
+    other["experiments"] = json!([]);
+    std::fs::write(&odd, other.to_string()).unwrap();
+    told(&measure(odd.to_str().unwrap(), "basketball"), 2, &["experiments", "none"]);
     other["format"] = json!("iplw.design/9");
     std::fs::write(&odd, other.to_string()).unwrap();
     told(&measure(odd.to_str().unwrap(), "basketball"), 2, &["iplw.design/1"]);
@@ -62,7 +65,8 @@ fn which_effect_and_whether_plans_work_can_be_asked() {
     assert_eq!(found["sets"][1], json!({"effects": ["linear_drag"], "weight": 0.5}));
     let right = &first["right"];
     assert!(right[0] == json!(0.5) && right[1].as_f64().unwrap() > 0.7, "{first}");
-    assert!(first["information"].as_f64().unwrap() <= 2f64.ln() + 1e-9, "{first}");
+    // A drag tells itself by more than chance; twice the same physics does not.
+    assert!(first["information"].as_f64().unwrap() > 0.2, "{first}");
     told(&run(&["--question", "success"]), 0, &["tells whether plans work"]);
 }
 

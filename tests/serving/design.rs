@@ -19,7 +19,11 @@ fn experiments_are_designed() {
     let found = small(json!({"sets": [[], ["linear_drag"]], "question": "effects", "batch": 2}));
     assert_eq!(found["format"], "iplw.design/1");
     assert_eq!(found["experiments"].as_array().unwrap().len(), 2);
-    assert!(found["experiments"][0]["reason"].as_str().unwrap().contains("linear_drag"), "{found}");
+    assert!(
+        found["experiments"][0]["reason"].as_str().unwrap().contains("no effect, linear_drag"),
+        "{found}"
+    );
+    assert!(found["experiments"][0]["right"][1].as_f64().unwrap() > 0.55, "{found}");
     assert_eq!(small(json!({"seed": 5})), small(json!({"seed": 5})), "a seed's design is one design");
     // Of draws that all but agree there is little to be told.
     let near = |spread: f64| {

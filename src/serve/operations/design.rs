@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::text::json;
-use crate::design::{DesignConfig, design, document, parts};
+use crate::design::{DesignConfig, design, document, looks, parts};
 use crate::error::Result;
 use crate::estimate::Belief;
 use crate::estimate::belief::PRIOR_DRAWS;
@@ -50,10 +50,10 @@ fn begin(app: &App, Body(body): Body<DesignIn>, keep: Keep<JobOut>) -> Result<Jo
     let (setup, sets) = (body.config()?, body.sets()?);
     let wanted = Wanted { task: body.task, belief: body.belief.map(Value::Object), sets, setup };
     let belief = believed(&wanted)?;
+    looks(&belief, &wanted.setup)?;
     // What was asked for, without the draws themselves.
     let about = json!({"source": belief.source(), "draws": belief.draws().len()});
-    let config =
-        json!({"task": wanted.task, "belief": about, "sets": wanted.sets, "config": json(&wanted.setup)?});
+    let config = json!({"task": wanted.task, "belief": about, "sets": wanted.belief.is_none().then_some(&wanted.sets), "config": json(&wanted.setup)?});
     let new = New { kind: KIND, config: &config, plan: &json(&wanted)?, seed: wanted.setup.seed };
     Ok(app.jobs().submit(new, &|job| keep(&job.into()))?.into())
 }

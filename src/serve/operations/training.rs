@@ -36,6 +36,8 @@ pub fn operations() -> Vec<Operation> {
 }
 
 const KIND: &str = "train";
+/// Most draws of a belief that a training is kept with.
+const MOST_DRAWS: usize = 10_000;
 
 /// A training with everything decided.
 #[derive(Serialize, Deserialize)]
@@ -99,6 +101,10 @@ fn schooling(body: &mut TrainIn, tasks: &TaskSet) -> Result<Training> {
             return Err(Error::input(*field, "given beside belief", "one or the other"));
         }
         let belief = Belief::from_value(Value::Object(document)).map_err(|e| e.under("belief"))?;
+        let draws = belief.draws().len();
+        if draws > MOST_DRAWS {
+            return Err(Error::input("belief", format!("{draws} draws"), format!("at most {MOST_DRAWS}")));
+        }
         return Ok(Training::believed(&belief));
     }
     let given = body.latents.take().map(|Object(l)| l.checked("latents.")).transpose()?;

@@ -26,7 +26,7 @@ pub struct DesignIn {
     pub sets: Option<Vec<Vec<String>>>,
     /// Standard deviation with which a position is seen, m; default 0.005.
     pub noise: Option<f64>,
-    /// Experiments to choose, together, up to `shortlist`; default 1.
+    /// Experiments to choose, together, up to 20; default 1.
     pub batch: Option<u64>,
     /// Random actions that are looked at, up to 2000; default 400.
     pub candidates: Option<u64>,
@@ -53,7 +53,7 @@ impl DesignIn {
             Some(v) if (least..=most).contains(&v) => Ok(v as usize),
             Some(v) => Err(Error::input(field, v, format!("a whole number from {least} to {most}"))),
         };
-        let batch = whole("batch", self.batch, usual.batch, [1, 100])?;
+        let batch = whole("batch", self.batch, usual.batch, [1, 20])?;
         let config = DesignConfig {
             candidates: whole("candidates", self.candidates, usual.candidates, [1, 2000])?,
             shortlist: whole("shortlist", self.shortlist, usual.shortlist.max(batch), [1, 100])?,
