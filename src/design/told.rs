@@ -20,6 +20,7 @@ use rand_distr::{Distribution, StandardNormal};
 use super::shown::Shown;
 use super::smooth;
 use crate::error::{Error, Result};
+use crate::estimate::sampler::log_sum_exp;
 use crate::rng::Stream;
 
 /// Most principal components, fewest, and draws of the smallest group for each.
@@ -152,18 +153,41 @@ impl Seen {
         for i in 0..worlds {
             let own = positive(&self.noises[i] + &follow.left[i])?;
             told.own[i] = log_density(&own, &(self.seen.column(i) - follow.foretold.column(i)));
+        }
+        // Kernels, or every group as one: whichever foretells worlds from the others of their group better.
+        let (kernels, whole) = (self.components(&groups, false)?, self.components(&groups, true)?);
+        told.components =
+            if foretells(&kernels, &groups) > foretells(&whole, &groups) { kernels } else { whole };
+        Ok(told)
+    }
+
+    /// (worlds, worlds): log density of what world i shows in the kernel of world j, or in its group as a whole; of the same world 0.
+    fn components(&self, groups: &Groups, whole: bool) -> Result<DMatrix<f64>> {
+        let (directions, worlds) = self.places.shape();
+        let mut found = DMatrix::zeros(worlds, worlds);
+        for i in 0..worlds {
             let within = groups.covariance_without(&self.places, i);
             for j in (0..worlds).filter(|j| *j != i) {
-                let group = alike.groups[j];
-                let width = groups.width(group, self.places.nrows());
+                let group = groups.of[j];
+                let width = if whole { 1.0 } else { groups.width(group, directions) };
                 let mean = groups.mean_without(&self.places, group, i);
                 let place = &mean + (self.places.column(j) - &mean) * (1.0 - width * width).sqrt();
                 let kernel = positive(&self.noises[j] + &within * (width * width))?;
-                told.components[(i, j)] = log_density(&kernel, &(self.seen.column(i) - place));
+                found[(i, j)] = log_density(&kernel, &(self.seen.column(i) - place));
             }
         }
-        Ok(told)
+        Ok(found)
     }
+}
+
+/// How likely what worlds show is, each told from the others of its group (likelihood cross-validation: Duin, IEEE Trans. Comput. 25
+/// (1976) 1175).
+fn foretells(components: &DMatrix<f64>, groups: &Groups) -> f64 {
+    let of = |i: usize| {
+        let others = (0..groups.of.len()).filter(|j| *j != i && groups.of[*j] == groups.of[i]);
+        log_sum_exp(others.map(|j| components[(i, j)]).collect::<Vec<_>>())
+    };
+    (0..groups.of.len()).map(of).filter(|v| v.is_finite()).sum()
 }
 
 /// A covariance as its factor.

@@ -131,7 +131,7 @@ mod tests {
             let (effect, parameter) = name.split_once('.').unwrap();
             effects.iter().any(|e| e.name == effect && e.parameters.iter().any(|p| p.name == parameter))
         };
-        assert!(names.iter().all(|n| known(n)), "{names:?}");
+        assert!(names.iter().all(known), "{names:?}");
         let columns: std::collections::BTreeMap<&str, _> =
             names.iter().enumerate().map(|(k, n)| (*n, bit(k as u32))).collect();
         let many = read(serde_json::json!(columns));

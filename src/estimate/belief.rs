@@ -116,8 +116,9 @@ impl Belief {
         let mut stream = rng::stream(seed, "belief effects");
         for (i, draw) in belief.draws.iter_mut().enumerate() {
             let Some(set) = sets.get(i % sets.len().max(1)) else { break };
-            for name in set {
-                draw.effects.push(usual(name, &mut stream).map_err(|e| e.under("sets"))?);
+            for (k, name) in set.iter().enumerate() {
+                let field = format!("sets[{}][{k}]", i % sets.len());
+                draw.effects.push(usual(&field, name, &mut stream)?);
             }
         }
         belief.draws.iter().take(sets.len()).try_for_each(|draw| effect::check(&draw.effects))?;
@@ -193,7 +194,7 @@ impl Belief {
 }
 
 /// An effect with amplitudes as large as they usually are.
-fn usual(name: &str, stream: &mut rng::Stream) -> Result<EffectTerm> {
+fn usual(field: &str, name: &str, stream: &mut rng::Stream) -> Result<EffectTerm> {
     let effect = effect::find(name)?;
     let mut parameters = BTreeMap::new();
     for parameter in effect.parameters {
@@ -202,7 +203,7 @@ fn usual(name: &str, stream: &mut rng::Stream) -> Result<EffectTerm> {
                 "effects without a place, time or shape: {}.{} is not known before anything was measured",
                 effect.name, parameter.name
             );
-            return Err(Error::input("effect", format!("{name:?}"), allowed));
+            return Err(Error::input(field, format!("{name:?}"), allowed));
         }
         let [low, high] = parameter.bounds;
         let normal = Normal::new(parameter.prior().0, parameter.prior().1)

@@ -74,7 +74,7 @@ fn which_effect_and_whether_plans_work_can_be_asked() {
 fn what_cannot_be_designed_is_refused() {
     let cases: [(&[&str], &str); 8] = [
         (&["--question", "weather"], "question"),
-        (&["--question", "effects"], "draws of two sets or more"),
+        (&["--question", "effects"], "draws of two sets of effects or more"),
         (&["--set", "ether"], "ether"),
         (&["--set", "sticky_patch"], "sticky_patch"),
         (&["--batch", "0"], "batch"),

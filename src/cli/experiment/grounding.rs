@@ -11,6 +11,7 @@ use iplw::plan::PlanConfig;
 use iplw::policy::Evaluation;
 use iplw::reality::{HiddenConfig, HiddenWorld, standard};
 use iplw::task::{Family, Split, Task, family, split};
+use iplw::world::DRAG;
 use serde::Serialize;
 use serde_json::json;
 
@@ -41,7 +42,7 @@ struct Row {
 pub fn run(args: &ExperimentArgs) -> Result<()> {
     let family = family(&args.task)?;
     let hidden = parse::real(args.real.as_deref().unwrap_or(""), standard(family))?;
-    let set = parse::set(args.set.as_deref().unwrap_or("linear_drag"));
+    let set = parse::set(args.set.as_deref().unwrap_or(DRAG.effect.name));
     let named: Vec<&str> = args.ways.iter().flatten().map(String::as_str).collect();
     let ways = if named.is_empty() { WAYS.to_vec() } else { named };
     let seeds = args.chosen_seeds(&[0]);

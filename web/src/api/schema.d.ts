@@ -1266,7 +1266,7 @@ export interface components {
          *     not given, the family's prior with one of the `sets` of effects each.
          */
         DesignIn: {
-            /** @description Experiments to choose, together, up to `shortlist`; default 1. */
+            /** @description Experiments to choose, together, up to 20; default 1. */
             batch?: number | null;
             /** @description An `iplw.posterior/1` document: equally likely draws as `columns`, of which only those and `effects` are read. */
             belief?: Record<string, never> | null;
