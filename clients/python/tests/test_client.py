@@ -312,7 +312,7 @@ def test_tasks_are_planned(client: iplw.Client) -> None:
 
 
 def test_experiments_are_designed(client: iplw.Client) -> None:
-    small = dict(candidates=16, shortlist=4, worlds=16, copies=2, seed=2)
+    small: dict[str, Any] = {"candidates": 16, "shortlist": 4, "worlds": 16, "copies": 2, "seed": 2}
     found = client.design("basketball", question="effects", sets=[[], ["linear_drag"]], batch=2, **small).wait()
     assert found["format"] == "iplw.design/1" and len(found["experiments"]) == 2
     first = found["experiments"][0]
