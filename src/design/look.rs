@@ -5,16 +5,16 @@ use rayon::prelude::*;
 use super::config::DesignConfig;
 use super::gain::{Gain, Labels, over};
 use super::question::Question;
-use super::shown::{Copied, shown};
+use super::shown::{Copied, in_each, shown};
 use super::told::Seen;
 use super::worlds::Worlds;
 use crate::budget::Endless;
 use crate::error::{Error, Result};
-use crate::estimate::{Belief, Believed};
+use crate::estimate::Belief;
 use crate::plan::{PlanConfig, plan};
 use crate::progress::Progress;
 use crate::rng;
-use crate::task::{Placement, Scene, Task, ValidAction};
+use crate::task::{Placement, Task, ValidAction};
 use crate::trajectory::Trajectory;
 use crate::world::{Rollout, simulate_within};
 
@@ -157,12 +157,4 @@ impl Search<'_> {
         };
         Ok(counts.chunks(few.len()).map(mean).collect())
     }
-}
-
-fn in_each<'a>(scene: &'a Scene, worlds: &'a [&'a Believed]) -> impl Iterator<Item = Rollout<'a>> {
-    worlds.iter().map(move |world| Rollout {
-        latents: world.latents,
-        effects: world.effects.as_slice(),
-        ..Rollout::of(scene)
-    })
 }

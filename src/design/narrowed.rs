@@ -41,23 +41,14 @@ pub fn narrowed(seen: &Seen, worlds: &[&Believed]) -> Vec<Narrowed> {
 
 /// Numbers that every draw has: latents, and parameters of effects that all share.
 fn numbers(worlds: &[&Believed]) -> Vec<(String, Vec<f64>)> {
-    let mut all = Vec::new();
-    for (k, factor) in FACTORS.iter().enumerate() {
-        let values: Option<Vec<f64>> = worlds.iter().map(|w| w.latents.values()[k]).collect();
-        all.extend(values.map(|v| (factor.name.to_string(), v)));
-    }
-    let parameters = worlds.first().into_iter().flat_map(|w| &w.effects);
-    for (effect, parameter) in
-        parameters.flat_map(|e| e.parameters.keys().map(|p| (e.name.clone(), p.clone())))
-    {
-        let of = |w: &&Believed| {
-            let own = w.effects.iter().find(|e| e.name == effect)?;
-            own.parameters.get(&parameter).copied()
-        };
-        let values: Option<Vec<f64>> = worlds.iter().map(of).collect();
-        all.extend(values.map(|v| (format!("{effect}.{parameter}"), v)));
-    }
-    all
+    let effects = worlds.first().into_iter().flat_map(|w| &w.effects);
+    let parameters = effects.flat_map(|e| e.parameters.keys().map(move |p| format!("{}.{p}", e.name)));
+    let names = FACTORS.iter().map(|f| f.name.to_string()).chain(parameters);
+    let of = |name: String| {
+        let values: Option<Vec<f64>> = worlds.iter().map(|w| w.number(&name)).collect();
+        Some((name, values?))
+    };
+    names.filter_map(of).collect()
 }
 
 #[cfg(test)]

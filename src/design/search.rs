@@ -16,7 +16,8 @@ use crate::rng;
 use crate::task::{Split, Task, ValidAction, split};
 use rayon::prelude::*;
 
-/// Fewest worlds of a look, and of a set that is asked about; and so many of each set are looked at.
+/// Fewest worlds of a look, and of a set that is asked about; and so many of each set are looked at where there are: fewer do not tell
+/// the shape of what a set's worlds show.
 const FEW: usize = 8;
 const EACH: usize = 16;
 
@@ -122,12 +123,9 @@ pub fn parts(tasks: &[Task]) -> (Vec<Task>, Vec<Task>) {
 /// The worlds of the first look and of the close one; an error where a belief has no two answers to a question.
 pub fn looks<'a>(belief: &'a Belief, config: &DesignConfig) -> Result<[Worlds<'a>; 2]> {
     let evenly = config.question == Question::Effects;
-    let drawn = |count| worlds(belief, count, evenly, config.seed);
-    let close = drawn(config.worlds[1])?;
-    let sets = close.sets.len();
-    // Fewer do not tell the shape of what a set's worlds show.
-    let least = if evenly { EACH * sets } else { 0 };
-    let looks = [drawn(config.worlds[0].max(least))?, drawn(config.worlds[1].max(least))?];
+    let drawn = |count| worlds(belief, count, evenly.then_some(EACH), config.seed);
+    let looks = [drawn(config.worlds[0])?, drawn(config.worlds[1])?];
+    let sets = looks[0].sets.len();
     let refused = |value: String, allowed: &str| Err(Error::input("belief", value, allowed));
     if evenly && sets < 2 {
         let allowed = "draws of two sets of effects or more (`--set` of iplw posterior, repeated)";

@@ -70,17 +70,8 @@ pub fn shown(
     engine: Engine,
     budget: &dyn Budget,
 ) -> Result<Vec<Shown>> {
-    let rollouts: Vec<Rollout> = actions
-        .iter()
-        .flat_map(|a| &a.scenes)
-        .flat_map(|scene| {
-            worlds.iter().map(move |world| Rollout {
-                latents: world.latents,
-                effects: world.effects.as_slice(),
-                ..Rollout::of(scene)
-            })
-        })
-        .collect();
+    let rollouts: Vec<Rollout> =
+        actions.iter().flat_map(|a| &a.scenes).flat_map(|scene| in_each(scene, worlds)).collect();
     let seen = simulate_within(budget, &rollouts, engine, |i, t| looked_at(rollouts[i].scene, &t))?;
     let mut seen = seen.into_iter();
     let mut of = |action: &Copied| {
@@ -89,6 +80,15 @@ pub fn shown(
         together(&copies)
     };
     Ok(actions.iter().map(|a| of(a)).collect())
+}
+
+/// A scene rolled out in each of some worlds.
+pub fn in_each<'a>(scene: &'a Scene, worlds: &'a [&'a Believed]) -> impl Iterator<Item = Rollout<'a>> {
+    worlds.iter().map(move |world| Rollout {
+        latents: world.latents,
+        effects: world.effects.as_slice(),
+        ..Rollout::of(scene)
+    })
 }
 
 /// By copy and world what was seen, the last copy held out.

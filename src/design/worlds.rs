@@ -24,8 +24,9 @@ pub struct Worlds<'a> {
 /// Most sets of effects of a belief that are asked about.
 const MOST_SETS: usize = 20;
 
-/// About `count` worlds in a seed's order: as many of every set of effects where `evenly`, else as they come.
-pub fn worlds(belief: &Belief, count: usize, evenly: bool, seed: u64) -> Result<Worlds<'_>> {
+/// About `count` worlds in a seed's order: as many of every set of effects, at least so many, where `evenly`; else as they come. An error for a
+/// belief of more sets than can be asked about.
+pub fn worlds(belief: &Belief, count: usize, evenly: Option<usize>, seed: u64) -> Result<Worlds<'_>> {
     let order = belief.shuffled(seed);
     let mut sets: BTreeMap<Vec<String>, usize> = BTreeMap::new();
     let mut owns = Vec::with_capacity(order.len());
@@ -39,7 +40,7 @@ pub fn worlds(belief: &Belief, count: usize, evenly: bool, seed: u64) -> Result<
         owns.push(own);
     }
     let number: BTreeMap<&Vec<String>, usize> = sets.keys().enumerate().map(|(i, s)| (s, i)).collect();
-    let each = if evenly { count.div_ceil(sets.len()) } else { count };
+    let each = evenly.map_or(count, |least| count.div_ceil(sets.len()).max(least));
     let mut taken = vec![0; sets.len()];
     let mut found = Worlds {
         worlds: Vec::new(),
@@ -50,7 +51,7 @@ pub fn worlds(belief: &Belief, count: usize, evenly: bool, seed: u64) -> Result<
     };
     for (world, own) in order.iter().zip(&owns) {
         let set = number[own];
-        if taken[set] < each && (evenly || found.worlds.len() < count) {
+        if taken[set] < each && (evenly.is_some() || found.worlds.len() < count) {
             taken[set] += 1;
             found.worlds.push(world);
             found.groups.push(set);
@@ -101,13 +102,13 @@ mod tests {
     #[test]
     fn sets_are_as_likely_as_their_draws_and_evenly_taken() {
         let belief = belief();
-        let found = worlds(&belief, 16, true, 1).unwrap();
+        let found = worlds(&belief, 16, Some(1), 1).unwrap();
         assert_eq!(found.sets, [vec![], vec!["linear_drag".to_string()]]);
         assert_eq!((found.weights.clone(), found.worlds.len()), (vec![0.25, 0.75], 16));
         assert_eq!(found.groups.iter().filter(|g| **g == 0).count(), 8);
-        let few = worlds(&belief, 30, true, 1).unwrap();
+        let few = worlds(&belief, 30, Some(1), 1).unwrap();
         assert_eq!(few.groups.iter().filter(|g| **g == 0).count(), 10, "no more than there are");
-        assert_eq!(worlds(&belief, 12, false, 1).unwrap().worlds.len(), 12);
+        assert_eq!(worlds(&belief, 12, None, 1).unwrap().worlds.len(), 12);
         assert!(found.worlds.iter().zip(&found.groups).all(|(w, g)| w.effects.len() == *g));
     }
 
@@ -121,7 +122,7 @@ mod tests {
             Belief::from_value(whole).unwrap()
         };
         let belief = read(serde_json::json!({"gust.ax": [1.5, null, 0.5, null]}));
-        let found = worlds(&belief, 4, false, 1).unwrap();
+        let found = worlds(&belief, 4, None, 1).unwrap();
         assert_eq!(found.sets.len(), 1);
         assert!(found.numbers.windows(2).all(|w| w[0].len() == w[1].len()), "{:?}", found.numbers);
         let bit = |k: u32| (0..32).map(|i| (i >> k & 1 == 1).then_some(0.1)).collect::<Vec<Option<f64>>>();
@@ -135,7 +136,7 @@ mod tests {
         let columns: std::collections::BTreeMap<&str, _> =
             names.iter().enumerate().map(|(k, n)| (*n, bit(k as u32))).collect();
         let many = read(serde_json::json!(columns));
-        let error = worlds(&many, 8, true, 1).err().unwrap().to_string();
+        let error = worlds(&many, 8, Some(1), 1).err().unwrap().to_string();
         assert!(error.contains("belief") && error.contains("20 sets"), "{error}");
     }
 }

@@ -70,6 +70,17 @@ struct Document {
     effects: Vec<EffectTerm>,
 }
 
+impl Believed {
+    /// A latent (`friction`), or an effect's parameter (`linear_drag.c`); `None` where the world does not say it.
+    pub fn number(&self, name: &str) -> Option<f64> {
+        if let Some(factor) = FACTORS.iter().position(|f| f.name == name) {
+            return self.latents.values()[factor];
+        }
+        let (effect, parameter) = name.split_once('.')?;
+        self.effects.iter().find(|e| e.name == effect)?.parameters.get(parameter).copied()
+    }
+}
+
 impl Belief {
     /// One world, known for sure.
     pub fn point(latents: Latents, effects: Vec<EffectTerm>) -> Result<Belief> {
@@ -112,6 +123,9 @@ impl Belief {
     /// `count` draws of the prior with one of several sets of effects each, in turn: parameters as large as they usually are, within bounds.
     /// Errors name an effect that no size can be drawn of, since it depends on the scene where it acts.
     pub fn of_sets(prior: [(f64, f64); 3], sets: &[Vec<String>], count: usize, seed: u64) -> Result<Belief> {
+        for (i, set) in sets.iter().enumerate() {
+            effect::check_set(&format!("sets[{i}]"), set)?;
+        }
         let mut belief = Belief::prior(prior, Vec::new(), count, seed)?;
         let mut stream = rng::stream(seed, "belief effects");
         for (i, draw) in belief.draws.iter_mut().enumerate() {
@@ -351,6 +365,8 @@ mod tests {
             |name: &str| Belief::of_sets(PRIOR, &[vec![name.to_string()]], 9, 4).unwrap_err().to_string();
         assert!(refused("sticky_patch").contains("sticky_patch.x_min"), "{}", refused("sticky_patch"));
         assert!(refused("ether").contains("ether"));
+        let twice = Belief::of_sets(PRIOR, &[vec![], vec!["wind".into(), "wind".into()]], 9, 4).unwrap_err();
+        assert!(twice.to_string().contains("sets[1]"), "{twice}");
     }
 
     #[test]

@@ -24,7 +24,7 @@ use crate::progress::Progress;
 use crate::reality::{HiddenConfig, HiddenWorld, Reality, Trial, settled};
 use crate::rng;
 use crate::task::{Family, Placement, Task, ValidAction};
-use crate::world::{Coordinates, EffectParameter, Latents};
+use crate::world::{Coordinates, EffectParameter};
 
 /// Interactions before anything can be drawn of them.
 pub const FIRST: usize = 4;
@@ -78,11 +78,12 @@ impl GroundingConfig {
 
     /// Errors name what cannot be.
     pub fn validate(&self) -> Result<()> {
-        if !WAYS.contains(&self.way.as_str()) {
-            explore::strategy(&self.way).map(|s| s.needs_importance()).and_then(|needs| match needs {
-                true => Err(Error::input("way", format!("{:?}", self.way), "one that needs no surface")),
-                false => Ok(()),
-            })?;
+        // A strategy that needs a performance surface has none here.
+        let known = explore::REGISTRY.iter().filter(|s| !s.needs_importance()).map(|s| s.name());
+        let ways: Vec<&str> = WAYS.into_iter().chain(known).collect();
+        if !ways.contains(&self.way.as_str()) {
+            let allowed = format!("one of {}", ways.join(", "));
+            return Err(Error::input("way", format!("{:?}", self.way), allowed));
         }
         if self.checkpoints.is_empty() || !self.checkpoints.is_sorted_by(|a, b| a < b) {
             return Err(Error::input("checkpoints", format!("{:?}", self.checkpoints), "rising numbers"));
@@ -221,7 +222,7 @@ impl Spent<'_> {
     ) -> Result<Vec<(usize, ValidAction)>> {
         let parameters = self.parameters()?;
         let coordinates = Coordinates::new(&parameters);
-        let of = |world: &Believed, i: usize| number(world, &coordinates.name(i)).unwrap_or(0.0);
+        let of = |world: &Believed, i: usize| world.number(&coordinates.name(i)).unwrap_or(0.0);
         let spread = |draws: &[Believed]| -> (Vec<f64>, Vec<f64>) {
             (0..coordinates.len())
                 .map(|i| moments(&draws.iter().map(|d| of(d, i)).collect::<Vec<_>>()))
@@ -305,20 +306,6 @@ impl Spent<'_> {
             draws: belief.draws().to_vec(),
         };
         Ok((known, belief))
-    }
-}
-
-/// A latent, or `effect.parameter`, of a world.
-fn number(world: &Believed, name: &str) -> Option<f64> {
-    let Latents { density, friction, restitution } = world.latents;
-    match name {
-        "density" => density,
-        "friction" => friction,
-        "restitution" => restitution,
-        _ => {
-            let (effect, parameter) = name.split_once('.')?;
-            world.effects.iter().find(|e| e.name == effect)?.parameters.get(parameter).copied()
-        }
     }
 }
 

@@ -72,11 +72,12 @@ fn which_effect_and_whether_plans_work_can_be_asked() {
 
 #[test]
 fn what_cannot_be_designed_is_refused() {
-    let cases: [(&[&str], &str); 8] = [
+    let cases: [(&[&str], &str); 9] = [
         (&["--question", "weather"], "question"),
         (&["--question", "effects"], "draws of two sets of effects or more"),
         (&["--set", "ether"], "ether"),
         (&["--set", "sticky_patch"], "sticky_patch"),
+        (&["--set", "linear_drag+linear_drag"], "linear_drag twice"),
         (&["--batch", "0"], "batch"),
         (&["--noise", "0"], "noise"),
         (&["--worlds", "1"], "worlds"),

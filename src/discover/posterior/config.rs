@@ -6,7 +6,7 @@ use crate::error::{Error, Result, within};
 use crate::estimate::sampler::mcmc::McmcConfig;
 use crate::estimate::sampler::smc::SmcConfig;
 use crate::world::Engine;
-use crate::world::effect::find;
+use crate::world::effect::check_set;
 
 /// Sets of effects, beliefs, and how draws are made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -52,23 +52,7 @@ impl PosteriorConfig {
             return Err(Error::input("sets", format!("{} sets", self.sets.len()), "1 to 20 sets of effects"));
         }
         for (i, set) in self.sets.iter().enumerate() {
-            if set.len() > 4 {
-                return Err(Error::input(
-                    format!("sets[{i}]"),
-                    format!("{} effects", set.len()),
-                    "at most 4",
-                ));
-            }
-            for (k, name) in set.iter().enumerate() {
-                find(name)?;
-                if set[..k].contains(name) {
-                    return Err(Error::input(
-                        format!("sets[{i}]"),
-                        format!("{name} twice"),
-                        "each effect once",
-                    ));
-                }
-            }
+            check_set(&format!("sets[{i}]"), set)?;
         }
         for (i, (mean, sd)) in self.prior.iter().enumerate() {
             within(&format!("prior[{i}][0]"), *mean, -1e6, 1e6)?;

@@ -129,6 +129,24 @@ pub fn check(terms: &[EffectTerm]) -> Result<()> {
     terms.iter().enumerate().try_for_each(|(i, term)| resolve(term, &format!("effects[{i}]")).map(|_| ()))
 }
 
+/// Most effects of a set.
+const MOST_OF_A_SET: usize = 4;
+
+/// Errors unless these names are effects that may be asked about together; `field` is the set's.
+pub fn check_set(field: &str, names: &[String]) -> Result<()> {
+    if names.len() > MOST_OF_A_SET {
+        let allowed = format!("at most {MOST_OF_A_SET}");
+        return Err(Error::input(field, format!("{} effects", names.len()), allowed));
+    }
+    for (k, name) in names.iter().enumerate() {
+        find(name)?;
+        if names[..k].contains(name) {
+            return Err(Error::input(field, format!("{name} twice"), "each effect once"));
+        }
+    }
+    Ok(())
+}
+
 /// The effect named `name`.
 pub fn find(name: &str) -> Result<&'static Effect> {
     REGISTRY.iter().copied().find(|e| e.name == name).ok_or_else(|| Error::NotFound {
