@@ -10,6 +10,7 @@
 
 mod choice;
 mod config;
+pub mod estimators;
 pub mod extension;
 mod fit;
 pub mod grounding;

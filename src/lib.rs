@@ -6,6 +6,7 @@
 //! |---|---|
 //! | `error` `json` `rng` `progress` `budget` `trajectory` | the words everybody speaks |
 //! | `distribution` | Fisher's and Student's, for intervals |
+//! | `neural` | layers of small networks, and how they learn; dfdx |
 //! | `task/` | what is asked: scenes, actions, goals; plain data |
 //! | `world/` | what physics does: scene + latents + effects -> trajectory; sole home of rapier2d |
 //! | `residual` | two trajectories -> how far apart |
@@ -13,7 +14,7 @@
 //! | `explore/` | which actions to spend on the real world |
 //! | `estimate/` | trials -> latents, by the cross-entropy method; what performance asks of them |
 //! | `discover/` | measured minus simulated -> what the simulation lacks |
-//! | `policy/` | scoring actions; sole home of dfdx |
+//! | `policy/` | scoring actions |
 //! | `plan/` | actions ranked by rollouts under what is believed |
 //! | `design/` | which experiment would tell the most about a question |
 //! | `picture/` | scenes, films and plots as SVG and PNG |
@@ -44,6 +45,7 @@ pub mod experiment;
 pub mod explore;
 pub mod job;
 pub mod json;
+pub mod neural;
 pub mod picture;
 pub mod plan;
 pub mod policy;

@@ -3,7 +3,8 @@
 //! [`cem`] proposes and learns from losses (ask, tell); [`piece`] is what is simulated for a trial; [`fitness`] turns
 //! samples and pieces into losses; [`shooting`] cuts trials into pieces; [`refine`] goes from where the search ends to
 //! the optimum; [`interval`] says how well each latent is known, and whether it can be known at all. [`surface`] holds
-//! what a task asks of the latents, by way of [`gp`]. [`belief`] is what is known as equally likely worlds.
+//! what a task asks of the latents, by way of [`gp`]. [`belief`] is what is known as equally likely worlds. [`tunenet`]
+//! learns a step of the latents from pairs of worlds, as another estimator to compare with.
 
 pub mod belief;
 pub mod cem;
@@ -15,6 +16,7 @@ pub mod refine;
 pub mod sampler;
 pub mod shooting;
 pub mod surface;
+pub mod tunenet;
 
 pub use belief::{Belief, Believed};
 pub use cem::{Cem, CemConfig};

@@ -178,6 +178,6 @@ fn all(config: &EstimateConfig) -> Field {
 }
 
 /// The simulation that the trials are compared with.
-fn simulation<'a>(config: &'a EstimateConfig, coordinates: &'a Coordinates) -> Simulation<'a> {
+pub(super) fn simulation<'a>(config: &'a EstimateConfig, coordinates: &'a Coordinates) -> Simulation<'a> {
     Simulation { engine: config.engine, effects: &config.effects, coordinates }
 }

@@ -12,19 +12,18 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::estimators::{Asked, Estimator, Told, parameters};
 use crate::design::{DesignConfig, Question, design, parts};
-use crate::discover::posterior::{Document, PosteriorConfig, Sampler, posterior};
 use crate::error::{Error, Result, within};
 use crate::estimate::belief::PRIOR_DRAWS;
-use crate::estimate::sampler::smc::SmcConfig;
 use crate::estimate::{Belief, Believed};
 use crate::explore::{self, Situation};
 use crate::plan::{PlanConfig, plan};
 use crate::progress::Progress;
-use crate::reality::{HiddenConfig, HiddenWorld, Reality, Trial, settled};
+use crate::reality::{HiddenConfig, HiddenWorld, Reality, Trial};
 use crate::rng;
 use crate::task::{Family, Placement, Task, ValidAction};
-use crate::world::{Coordinates, EffectParameter};
+use crate::world::Coordinates;
 
 /// Interactions before anything can be drawn of them.
 pub const FIRST: usize = 4;
@@ -34,6 +33,9 @@ pub const FIRST: usize = 4;
 pub struct GroundingConfig {
     /// `probing`, `success`, `acting`, or a strategy.
     pub way: String,
+    /// Who says what they tell.
+    #[serde(default)]
+    pub estimator: Estimator,
     /// Real interactions after which what is known is handed over; rising.
     pub checkpoints: Vec<usize>,
     /// Effects whose parameters are to be known beside the latents.
@@ -52,8 +54,8 @@ pub struct Known {
     pub interactions: usize,
     /// Of them, how many solved the task that they were made in.
     pub solved: usize,
-    /// Mean and standard deviation of every number.
-    pub numbers: Vec<(String, f64, f64)>,
+    /// Mean of every number, and standard deviation where there is one.
+    pub numbers: Vec<(String, f64, Option<f64>)>,
     /// Whether the draws can be trusted.
     pub converged: bool,
     /// The draws.
@@ -67,6 +69,7 @@ impl GroundingConfig {
             PlanConfig { actions: 2000, rollouts: Some(15_000), exact: 1, ..PlanConfig::standard(seed) };
         GroundingConfig {
             way: way.into(),
+            estimator: Estimator::default(),
             checkpoints: vec![5, 20],
             set: set.to_vec(),
             hidden: HiddenConfig { noise: 0.005, seed, ..hidden },
@@ -220,7 +223,7 @@ impl Spent<'_> {
         seed: u64,
         progress: &dyn Progress,
     ) -> Result<Vec<(usize, ValidAction)>> {
-        let parameters = self.parameters()?;
+        let parameters = parameters(&self.config.set)?;
         let coordinates = Coordinates::new(&parameters);
         let of = |world: &Believed, i: usize| world.number(&coordinates.name(i)).unwrap_or(0.0);
         let spread = |draws: &[Believed]| -> (Vec<f64>, Vec<f64>) {
@@ -260,17 +263,6 @@ impl Spent<'_> {
         Ok(chosen.indices.iter().map(of).collect())
     }
 
-    fn parameters(&self) -> Result<Vec<EffectParameter>> {
-        let mut all = Vec::new();
-        for name in &self.config.set {
-            let effect = crate::world::effect::find(name)?;
-            for parameter in effect.parameters {
-                all.push(EffectParameter::parse(&format!("{}.{}", effect.name, parameter.name))?);
-            }
-        }
-        Ok(all)
-    }
-
     fn measure(&mut self, world: &mut HiddenWorld, task: usize, action: ValidAction) -> Result<()> {
         let task = &self.training[task];
         if !matches!(task.place(&action), Placement::Valid(_)) {
@@ -285,24 +277,21 @@ impl Spent<'_> {
 
     /// What the trials so far say.
     fn known(&self, progress: &dyn Progress) -> Result<(Known, Belief)> {
-        let (scene, trials) = settled(&self.training[0].scene, self.trials.clone())?;
-        let usual = SmcConfig::standard(self.config.seed);
-        let sampler = SmcConfig { particles: self.config.draws.div_ceil(usual.runs), ..usual };
-        let config = PosteriorConfig {
-            sets: vec![self.config.set.clone()],
-            prior: self.family.prior,
-            sampler: Sampler::Smc(sampler),
-            ..PosteriorConfig::standard(self.config.seed)
+        let asked = Asked {
+            family: self.family,
+            base: &self.training[0].scene,
+            set: &self.config.set,
+            draws: self.config.draws,
+            noise: self.config.hidden.noise,
+            seed: self.config.seed,
         };
-        let document = Document::new(&posterior(&scene, &trials, &config, progress)?, &config);
-        let numbers = document.parameters.iter().map(|p| (p.name.clone(), p.mean, p.sd)).collect();
-        let value = serde_json::to_value(&document).map_err(|e| Error::Failed(e.to_string()))?;
-        let belief = Belief::from_value(value)?;
+        let Told { numbers, converged, draws } = asked.told(self.config.estimator, &self.trials, progress)?;
+        let belief = Belief::of_draws(draws)?;
         let known = Known {
             interactions: self.trials.len(),
             solved: self.solved,
             numbers,
-            converged: document.converged,
+            converged,
             draws: belief.draws().to_vec(),
         };
         Ok((known, belief))
@@ -341,7 +330,7 @@ mod tests {
             assert_eq!((known.interactions, known.draws.len()), (FIRST, 64), "{way}");
             let (_, mean, sd) = known.numbers.iter().find(|n| n.0 == "linear_drag.c").unwrap();
             let truth = -libm::log(0.8);
-            assert!((mean - truth).abs() < 0.02 && *sd < 0.02, "{way}: {mean} +- {sd}");
+            assert!((mean - truth).abs() < 0.02 && sd.unwrap() < 0.02, "{way}: {mean} +- {sd:?}");
         }
         let again = |way| ground(family, &small(way), &Silent).unwrap();
         assert_eq!(again("random"), again("random"));

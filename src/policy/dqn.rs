@@ -13,7 +13,6 @@
 //! Differences from the source: object and action-relative features instead of a convolutional net on images
 //! (see `features`); the film's scale is 1 + gamma, so that an untrained film passes the scene through.
 
-mod adam;
 mod card;
 #[cfg(test)]
 mod files;
@@ -28,14 +27,14 @@ pub use fit::{TrainConfig, TrainLog};
 pub use saturate::{Saturation, train_saturated};
 
 use super::view::View;
-use super::weights::{self, Layer};
+use super::weights;
 use super::{CHUNK, Check, Labelled, Policy, Validation};
 use crate::error::{Error, Result};
+use crate::neural::{Adam, Layer, matrix};
 use crate::progress::Progress;
 use crate::task::{Learning, Task, ValidAction};
-use adam::Adam;
 use fit::fit;
-use net::{Net, initial, matrix, shapes};
+use net::{Net, initial, shapes};
 
 /// A trained policy.
 #[derive(Clone, Debug, PartialEq)]

@@ -9,32 +9,7 @@ use std::collections::HashMap;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView, serialize};
 
 use crate::error::{Error, Result};
-
-/// An affine layer: y = W x + b.
-#[derive(Clone, PartialEq)]
-pub struct Layer {
-    pub name: &'static str,
-    /// Numbers of outputs and inputs.
-    pub shape: [usize; 2],
-    /// (out, in), row-major
-    pub weight: Vec<f32>,
-    /// (out,)
-    pub bias: Vec<f32>,
-}
-
-impl Layer {
-    /// Whether every weight is a finite number.
-    pub fn is_finite(&self) -> bool {
-        self.weight.iter().chain(&self.bias).all(|v| v.is_finite())
-    }
-}
-
-/// Name and shape only: nobody reads 100,000 weights.
-impl std::fmt::Debug for Layer {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{} {:?}", self.name, self.shape)
-    }
-}
+use crate::neural::Layer;
 
 /// Key of the metadata.
 const KEY: &str = "iplw";

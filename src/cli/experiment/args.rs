@@ -28,7 +28,8 @@ pub struct RunArgs {
 /// against real interactions. `latents`: policies from latents estimated on 10,000 random real trajectories beside
 /// every baseline, learning on in the real world. The name of a family (`bowling`, say): jump start of every strategy
 /// over 10 rounds of 50 interactions. `harder`: real worlds with wind, quadratic drag, a sticky patch, another engine.
-/// `grounding`: 5 and 20 interactions spent one way or another, what is known by them, and what plans under it are worth.
+/// `grounding`: 5 and 20 interactions spent one way or another, what is known by them, to
+/// one estimator or another, and what plans under it are worth.
 #[derive(clap::Args)]
 pub struct ExperimentArgs {
     /// quickstart, strategies, latents, harder, grounding or the name of a family.
@@ -59,6 +60,10 @@ pub struct ExperimentArgs {
     /// work), acting (the best planned attempt) or a strategy; `random,informative,probing,success,acting` if not given.
     #[arg(long, value_delimiter = ',')]
     pub ways: Option<Vec<String>>,
+    /// Of `grounding`: who says what they tell, posterior (draws by sequential Monte Carlo), galileo (by Markov chains), iplw (the point
+    /// of the cross-entropy method, refined) or tunenet (learned steps); posterior if not given.
+    #[arg(long, value_delimiter = ',')]
+    pub estimators: Option<Vec<String>>,
     /// Of `grounding`: the hidden world, over the family's own: `damping=0.8,density=..,friction=..,restitution=..,engine=..`.
     #[arg(long)]
     pub real: Option<String>,

@@ -4,6 +4,7 @@ use iplw::budget::Endless;
 use iplw::error::{Error, Result};
 use iplw::estimate::Belief;
 use iplw::estimate::belief::PRIOR_DRAWS;
+use iplw::experiment::estimators::Estimator;
 use iplw::experiment::grounding::{GroundingConfig, Known, ground};
 use iplw::experiment::planning::{PlannedTask, PlanningConfig, plan_and_try};
 use iplw::experiment::statistics::Summary;
@@ -11,7 +12,7 @@ use iplw::plan::PlanConfig;
 use iplw::policy::Evaluation;
 use iplw::reality::{HiddenConfig, HiddenWorld, standard};
 use iplw::task::{Family, Split, Task, family, split};
-use iplw::world::DRAG;
+use iplw::world::{DRAG, EffectParameter};
 use serde::Serialize;
 use serde_json::json;
 
@@ -28,11 +29,15 @@ const ROLLOUTS: usize = 40_000;
 #[derive(Serialize)]
 struct Row {
     way: String,
+    estimator: Estimator,
     seed: u64,
     interactions: usize,
     /// Interactions that solved the task that they were made in.
     solved: usize,
-    numbers: Vec<(String, f64, f64)>,
+    /// Name, mean, and standard deviation where the estimator has one.
+    numbers: Vec<(String, f64, Option<f64>)>,
+    /// By number: how far the mean is from the truth.
+    off: Vec<(String, f64)>,
     converged: bool,
     auccess: f64,
     first: f64,
@@ -45,41 +50,48 @@ pub fn run(args: &ExperimentArgs) -> Result<()> {
     let set = parse::set(args.set.as_deref().unwrap_or(DRAG.effect.name));
     let named: Vec<&str> = args.ways.iter().flatten().map(String::as_str).collect();
     let ways = if named.is_empty() { WAYS.to_vec() } else { named };
+    let estimators = match &args.estimators {
+        Some(names) => names.iter().map(|n| Estimator::from_name(n)).collect::<Result<Vec<_>>>()?,
+        None => vec![Estimator::default()],
+    };
+    let arms: Vec<(&str, Estimator)> =
+        estimators.iter().flat_map(|e| ways.iter().map(|way| (*way, *e))).collect();
     let seeds = args.chosen_seeds(&[0]);
     let test = split(&family.tasks(), Split::Test);
     if test.is_empty() {
         return Err(Error::input("--task", format!("{:?}", family.name), "a family with test tasks"));
     }
-    let standard = |way: &str, seed| {
-        let mut own = GroundingConfig::standard(way, hidden.clone(), &set, seed);
+    let standard = |(way, estimator): (&str, Estimator), seed| {
+        let usual = GroundingConfig::standard(way, hidden.clone(), &set, seed);
+        let mut own = GroundingConfig { estimator, ..usual };
         if args.quick {
             own.checkpoints = vec![5];
         }
         own
     };
-    ways.iter().try_for_each(|way| standard(way, 0).validate())?;
-    let points = standard("random", 0).checkpoints.len();
+    arms.iter().try_for_each(|arm| standard(*arm, 0).validate())?;
+    let points = standard(("random", Estimator::default()), 0).checkpoints.len();
     let cells =
-        Cells::new(&args.out, seeds.len() * (ways.len() * (1 + points * test.len()) + 2 * test.len()))?;
+        Cells::new(&args.out, seeds.len() * (arms.len() * (1 + points * test.len()) + 2 * test.len()))?;
     let mut rows = Vec::new();
     for seed in &seeds {
-        let trial = Trial { cells: &cells, family, hidden: &hidden, test: &test, seed: *seed };
-        let prior = Belief::of_sets(family.prior, std::slice::from_ref(&set), PRIOR_DRAWS, *seed)?;
         let truth = HiddenWorld::new(hidden.clone())?.reveal();
+        let truth = Belief::point(truth.latents, truth.effects)?;
+        let trial = Trial { cells: &cells, family, hidden: &hidden, test: &test, truth, seed: *seed };
+        let prior = Belief::of_sets(family.prior, std::slice::from_ref(&set), PRIOR_DRAWS, *seed)?;
         rows.push(trial.row("prior", &blank(0), &prior, 0.0)?);
-        for way in &ways {
-            let config = standard(way, *seed);
+        for (way, estimator) in &arms {
+            let config = standard((way, *estimator), *seed);
+            let key = format!("{}, {}, seed {seed}", family.name, arm(way, *estimator));
             let (known, seconds): (Vec<Known>, f64) =
-                cells.get(&format!("{}, {way}, seed {seed}", family.name), &config, |p| {
-                    ground(family, &config, p)
-                })?;
+                cells.get(&key, &config, |p| ground(family, &config, p))?;
             for known in &known {
                 let belief = Belief::of_draws(known.draws.clone())?;
-                rows.push(trial.row(way, known, &belief, seconds)?);
+                let row = trial.row(&arm(way, *estimator), known, &belief, seconds)?;
+                rows.push(Row { way: way.to_string(), estimator: *estimator, ..row });
             }
         }
-        let truth = Belief::point(truth.latents, truth.effects)?;
-        rows.push(trial.row("truth", &blank(0), &truth, 0.0)?);
+        rows.push(trial.row("truth", &blank(0), &trial.truth, 0.0)?);
     }
     cells.finish();
     let about = json!({"format": "iplw.grounding/1", "version": env!("CARGO_PKG_VERSION"), "family": family.name,
@@ -88,6 +100,14 @@ pub fn run(args: &ExperimentArgs) -> Result<()> {
     output::write_whole(&args.out.join("grounding.json"), text.as_bytes())?;
     output::write_whole(&args.out.join("table.txt"), table(&rows).as_bytes())?;
     output::print(&table(&rows))
+}
+
+/// A way and who says what it tells, for people.
+fn arm(way: &str, estimator: Estimator) -> String {
+    match estimator {
+        Estimator::Posterior => way.to_string(),
+        other => format!("{way}, {}", other.name()),
+    }
 }
 
 fn blank(interactions: usize) -> Known {
@@ -100,6 +120,7 @@ struct Trial<'a> {
     family: &'a Family,
     hidden: &'a HiddenConfig,
     test: &'a [Task],
+    truth: Belief,
     seed: u64,
 }
 
@@ -119,12 +140,19 @@ impl Trial<'_> {
                 .push(self.cells.get(&key, &depends, |p| plan_and_try(task, belief, &setup, &Endless, p))?.0);
         }
         let solved: Vec<Option<usize>> = tried.iter().map(|t| t.solved_at).collect();
+        let truth = &self.truth.draws()[0];
+        let off = |(name, mean, _): &(String, f64, Option<f64>)| {
+            let true_value = truth.number(name).or_else(|| neutral(name))?;
+            Some((name.clone(), mean - true_value))
+        };
         Ok(Row {
             way: way.into(),
+            estimator: Estimator::default(),
             seed: self.seed,
             interactions: known.interactions,
             solved: known.solved,
             numbers: known.numbers.clone(),
+            off: known.numbers.iter().filter_map(off).collect(),
             converged: known.converged,
             first: solved.iter().filter(|s| **s == Some(1)).count() as f64 / solved.len() as f64,
             auccess: Evaluation::of(solved).auccess,
@@ -133,32 +161,42 @@ impl Trial<'_> {
     }
 }
 
-/// Rows for people: means over seeds with standard errors.
+/// What a parameter is where its effect is absent.
+fn neutral(name: &str) -> Option<f64> {
+    EffectParameter::parse(name).ok().map(|p| p.parameter().neutral)
+}
+
+/// Rows for people: means over seeds with standard errors, and how far numbers are off (the root of the mean square).
 fn table(rows: &[Row]) -> String {
     let mut text = String::from(
-        "way            interactions   AUCCESS             first attempt   solved while learning   what is known\n",
+        "way                    interactions   AUCCESS             first attempt   solved while learning   off by\n",
     );
-    let mut kinds: Vec<(&str, usize)> = rows.iter().map(|r| (r.way.as_str(), r.interactions)).collect();
-    let mut seen = Vec::new();
-    kinds.retain(|k| {
-        !seen.contains(k) && {
-            seen.push(*k);
-            true
+    let mut kinds: Vec<(String, usize)> = Vec::new();
+    for row in rows {
+        let own = (arm(&row.way, row.estimator), row.interactions);
+        if !kinds.contains(&own) {
+            kinds.push(own);
         }
-    });
+    }
     for (way, interactions) in kinds {
-        let own: Vec<&Row> = rows.iter().filter(|r| r.way == way && r.interactions == interactions).collect();
+        let own: Vec<&Row> = rows
+            .iter()
+            .filter(|r| arm(&r.way, r.estimator) == way && r.interactions == interactions)
+            .collect();
         let of = |f: &dyn Fn(&Row) -> f64| Summary::of(&own.iter().map(|r| f(r)).collect::<Vec<_>>());
         let auccess = of(&|r| r.auccess);
-        let known: Vec<String> =
-            own[0].numbers.iter().map(|(n, mean, sd)| format!("{n} {mean:.4} +- {sd:.4}")).collect();
+        let off = |(k, (name, _)): (usize, &(String, f64))| {
+            let square = of(&|r| r.off.get(k).map_or(f64::NAN, |o| o.1.powi(2))).mean;
+            format!("{name} {:.2e}", square.sqrt())
+        };
+        let off: Vec<String> = own[0].off.iter().enumerate().map(off).collect();
         text += &format!(
-            "{way:<14} {interactions:>12}   {:.3}{:<14} {:>11.0} % {:>19.1}       {}{}\n",
+            "{way:<22} {interactions:>12}   {:.3}{:<14} {:>11.0} % {:>19.1}       {}{}\n",
             auccess.mean,
             auccess.standard_error.map_or(String::new(), |e| format!(" +- {e:.3}")),
             100.0 * of(&|r| r.first).mean,
             of(&|r| r.solved as f64).mean,
-            known.join(", "),
+            off.join(", "),
             if own.iter().all(|r| r.converged) { "" } else { " (not converged)" },
         );
     }

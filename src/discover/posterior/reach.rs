@@ -49,8 +49,8 @@ pub struct Grounds<'a> {
 }
 
 /// The model of a fit, beginnings as long as it predicts them. The fit may stand in a hollow of its own, which longer beginnings
-/// contradict: of it and of what is found over longer ones, whichever predicts most is taken (as RANSAC does: Fischler and Bolles,
-/// Commun. ACM 24 (1981) 381).
+/// contradict: of it, of what is found over longer ones, and of what is found where each number is tried over its whole range,
+/// whichever predicts them best is taken (MSAC: Torr and Zisserman, Comput. Vis. Image Underst. 78 (2000) 138).
 pub fn reached(grounds: &Grounds, fit: &Fitted) -> Result<OfModel> {
     let layout = &fit.layout;
     let shots = Shots::fitted(grounds, layout, &fit.state.values)?;
@@ -62,9 +62,14 @@ pub fn reached(grounds: &Grounds, fit: &Fitted) -> Result<OfModel> {
             break;
         }
         let other = survey::survey(&data, layout, &start, grounds.seed)?;
-        let other = shots.grown(grounds, layout, other.values)?;
-        if other.predicted > best.predicted {
-            best = other;
+        best = best.or(shots.grown(grounds, layout, other.values)?);
+    }
+    let open = cut(&grounds.ready.whole, &vec![f64::INFINITY; grounds.ready.settings.len()], RUN);
+    let (data, start) = shots.data(grounds, &open, &best.values, grounds.ready.simulated);
+    if survey::possible(&data, layout) {
+        let other = survey::ranged(&data, layout, &start)?;
+        if other.values != best.values {
+            best = best.or(shots.grown(grounds, layout, other.values)?);
         }
     }
     let Grown { values, until, noise, .. } = best;
@@ -85,8 +90,16 @@ struct Grown {
     until: Vec<f64>,
     /// Noise of an observed coordinate, m.
     noise: f64,
-    /// Observations of beginnings that are predicted.
-    predicted: usize,
+    /// What beginnings as long as there are leave: of each observation the mean square of its coordinates, 1 where it is off or
+    /// comes after one that is, in squares of [`OFF`] deviations of one noise for all.
+    left: f64,
+}
+
+impl Grown {
+    /// Whichever leaves less.
+    fn or(self, other: Grown) -> Grown {
+        if other.left < self.left { other } else { self }
+    }
 }
 
 /// Every stretch whose start was found along, fitted at some values.
@@ -145,10 +158,10 @@ impl Shots {
         until.clone_from(&open);
         let all = cut(&grounds.ready.whole, &open, RUN);
         let (data, start) = self.data(grounds, &all, &values, noise);
-        ends(&all, &model::shown(&data, layout, &start)?, noise, &mut until);
-        let before = |w: &Window| w.points.iter().filter(|p| p.time < until[w.trial]).count();
-        let predicted = all.iter().filter(|w| w.kind == Kind::Run).map(before).sum();
-        Ok(Grown { values, until, noise, predicted })
+        let shown = model::shown(&data, layout, &start)?;
+        ends(&all, &shown, noise, &mut until);
+        let left = left(&all, &shown, grounds.ready.simulated, &until);
+        Ok(Grown { values, until, noise, left })
     }
 
     /// Windows as data, and where they start.
@@ -207,6 +220,19 @@ fn ends(windows: &[Window], shown: &[Vec<f64>], sd: f64, until: &mut [f64]) {
             until[window.trial] = until[window.trial].min(point.time - 1e-9);
         }
     }
+}
+
+/// What beginnings leave that are predicted until their ends ([`Grown::left`]).
+fn left(windows: &[Window], shown: &[Vec<f64>], sd: f64, until: &[f64]) -> f64 {
+    let runs = windows.iter().zip(shown).filter(|(w, _)| w.kind == Kind::Run);
+    let of = |(point, at, until): (&Point, &[f64], f64)| {
+        let square = |k: usize| ((point.seen[k] - at[k]) / (OFF * sd)).powi(2);
+        if point.time < until { (0.5 * (square(0) + square(1))).min(1.0) } else { 1.0 }
+    };
+    let points = runs.flat_map(|(w, shown)| {
+        w.points.iter().zip(shown.chunks_exact(2)).map(|(point, at)| (point, at, until[w.trial]))
+    });
+    points.map(of).sum()
 }
 
 /// Noise of beginnings that are predicted, m, by their median residual; what was known before where there are none.

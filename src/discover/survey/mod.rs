@@ -15,7 +15,7 @@ use super::library;
 use super::model::{self, Data, Layout, Look, Slot, State};
 use super::window::{self, Kind};
 use crate::error::Result;
-use crate::world::effect::{Role, Shape};
+use crate::world::effect::{Parameter, Role, Shape};
 use cross_entropy::NARROW;
 use scan::Over;
 
@@ -57,6 +57,20 @@ pub fn survey(data: &Data, layout: &Layout, start: &State, seed: u64) -> Result<
     let best = over.crossed(best, &spread)?;
     let best = over.scan(best, &spread, &NEAR)?;
     if layout.has_edges() { framed_survey(over, start, best, &spread, seed) } else { Ok(best) }
+}
+
+/// The state of the best values found about `start` where each number is tried over its whole reach, one after the other: what is
+/// rough enough to stick and what slips, say, are far apart. Edges stay where they are.
+pub fn ranged(data: &Data, layout: &Layout, start: &State) -> Result<State> {
+    let looks = model::looks(data, layout, start, &[])?;
+    let mut spread = reach(data, layout, start, &looks);
+    for (i, spread) in spread.iter_mut().enumerate() {
+        let edge = |p: &Parameter| matches!(p.role, Role::Shape(Shape::Edge { .. }));
+        if layout.parameter(i).is_some_and(edge) {
+            *spread = 0.0;
+        }
+    }
+    Over { data, layout, stretches: &counting(data) }.scan(start.clone(), &spread, &WIDTHS)
 }
 
 /// The best values with edges in space, which paths feel by leaps and bounds as they cross them a step sooner or later: they

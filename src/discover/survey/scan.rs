@@ -27,14 +27,14 @@ impl Over<'_> {
 
     /// One number after the other is tried over its whole reach (`spread`) and ever closer, by shares of that and so many
     /// values on each side (`widths`), amplitudes first. Stretches that lie within the edges tell an amplitude sharply
-    /// whatever the edges are, and a draw of all numbers at once hardly ever meets so narrow a place.
+    /// whatever the edges are, and a draw of all numbers at once hardly ever meets so narrow a place. What has no reach stays.
     pub fn scan(&self, start: State, spread: &[f64], widths: &[(f64, i32)]) -> Result<State> {
         let mut best = self.judged(start.values)?;
         let amplitude = |i: &usize| self.layout.parameter(*i).is_some_and(Parameter::is_amplitude);
         let (first, then): (Vec<usize>, Vec<usize>) = (0..self.layout.slots.len()).partition(amplitude);
         for _ in 0..TURNS {
             let before = best.0;
-            for i in first.iter().chain(&then).copied() {
+            for i in first.iter().chain(&then).copied().filter(|i| spread[*i] > 0.0) {
                 for (width, side) in widths.iter().copied() {
                     let to = self.steps(&best.1, spread, i, width, side);
                     let tried = to.into_iter().map(|to| replaced(&best.1, &[(i, to)])).collect();

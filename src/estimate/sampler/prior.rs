@@ -54,8 +54,12 @@ impl Prior {
 
     /// Log density; minus infinity outside of the bounds.
     pub fn log_density(&self, point: &[f64]) -> f64 {
-        let of = |((m, inside), x): ((&Marginal, &f64), &f64)| m.log_density(*x) - inside;
-        self.marginals.iter().zip(&self.inside).zip(point).map(of).sum()
+        point.iter().enumerate().take(self.marginals.len()).map(|(i, x)| self.log_density_of(i, *x)).sum()
+    }
+
+    /// Log density of one number.
+    pub fn log_density_of(&self, number: usize, x: f64) -> f64 {
+        self.marginals[number].log_density(x) - self.inside[number]
     }
 
     /// Whether a point lies within the bounds.

@@ -1,4 +1,6 @@
-//! Where draws begin: near a fit, with a share from the prior, so that nothing the prior allows is out of reach.
+//! Where draws begin: near a fit, with a share from the prior, so that nothing the prior allows is out of reach, and a share that is
+//! near the fit but for one number: a long even stretch of one number (a floor rough enough to stick is as good as a rougher one)
+//! would be missed otherwise, since a draw of all numbers from the prior hardly ever meets the others.
 
 use nalgebra::{DMatrix, DVector};
 use rand::RngExt;
@@ -17,17 +19,20 @@ pub struct Student {
     log_scale: f64,
 }
 
-/// A mixture of a wide Student t about a fit and the prior.
+/// A mixture of a wide Student t about a fit, the same with one number from the prior, and the prior.
 #[derive(Clone, Debug)]
 pub struct Reference {
     near: Student,
+    /// By number: the others' density near the fit. Nothing where there is but one number.
+    others: Vec<Student>,
     prior: Prior,
 }
 
 /// Degrees of freedom: tails that no posterior's are wider than, as far as they matter.
 const FREEDOM: f64 = 5.0;
-/// Share of draws from the prior.
+/// Share of draws from the prior; and of those near the fit but for one number.
 const ANYWHERE: f64 = 0.1;
+const BUT_ONE: f64 = 0.2;
 /// Least scale along a direction, as a share of the prior's width: a fit may be surer than it has reason to.
 const LEAST: f64 = 1e-9;
 
@@ -88,17 +93,48 @@ impl Reference {
             let own = |i: usize| (covariance[(i, i)].recip() + unit[i].powi(-2)).recip();
             DMatrix::from_diagonal(&DVector::from_fn(fit.len(), |i, _| own(i)))
         });
-        let near = Student::new(DVector::from_column_slice(fit), &(scale * wider.powi(2)), &unit);
-        Reference { near, prior: prior.clone() }
+        let (centre, scale) = (DVector::from_column_slice(fit), scale * wider.powi(2));
+        let without = |i: usize| {
+            let unit: Vec<f64> = unit.iter().enumerate().filter(|(j, _)| *j != i).map(|(_, u)| *u).collect();
+            let scale = scale.clone().remove_row(i).remove_column(i);
+            Student::new(centre.clone().remove_row(i), &scale, &unit)
+        };
+        let others = if fit.len() > 1 { (0..fit.len()).map(without).collect() } else { Vec::new() };
+        Reference { near: Student::new(centre, &scale, &unit), others, prior: prior.clone() }
+    }
+
+    /// Share of draws about the fit, and of those but for each number.
+    fn shares(&self) -> [f64; 2] {
+        let but_one = if self.others.is_empty() { 0.0 } else { BUT_ONE };
+        [1.0 - ANYWHERE - but_one, but_one / self.others.len().max(1) as f64]
     }
 
     pub fn draw(&self, stream: &mut Stream) -> Sample {
-        if stream.random::<f64>() < ANYWHERE { self.prior.draw(stream) } else { self.near.draw(stream) }
+        let u: f64 = stream.random();
+        if u < ANYWHERE {
+            return self.prior.draw(stream);
+        }
+        let [near, but_one] = self.shares();
+        let mut out = self.near.draw(stream);
+        if u >= ANYWHERE + near {
+            let number = (((u - ANYWHERE - near) / but_one) as usize).min(out.len() - 1);
+            out[number] = self.prior.marginals()[number].quantile(stream.random());
+        }
+        out
     }
 
     pub fn log_density(&self, point: &[f64]) -> f64 {
-        let near = libm::log(1.0 - ANYWHERE) + self.near.log_density(point);
-        super::log_sum_exp([near, libm::log(ANYWHERE) + self.prior.log_density(point)])
+        let [near, but_one] = self.shares();
+        let mut all = vec![
+            libm::log(near) + self.near.log_density(point),
+            libm::log(ANYWHERE) + self.prior.log_density(point),
+        ];
+        for (i, others) in self.others.iter().enumerate() {
+            let rest: Sample = point.iter().enumerate().filter(|(j, _)| *j != i).map(|(_, x)| *x).collect();
+            let own = self.prior.log_density_of(i, point[i]);
+            all.push(libm::log(but_one) + own + others.log_density(&rest));
+        }
+        super::log_sum_exp(all)
     }
 }
 

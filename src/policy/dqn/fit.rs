@@ -6,11 +6,10 @@ use rand::RngExt;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::adam::Adam;
-use super::net::{Net, matrix};
+use super::net::Net;
 use crate::error::{Error, Result};
 use crate::policy::view::{Look, View};
-use crate::policy::weights::Layer;
+use crate::neural::{Adam, Layer, matrix};
 use crate::policy::{Check, Labelled};
 use crate::progress::Progress;
 use crate::rng;
@@ -156,7 +155,7 @@ impl State<'_> {
         let share = batch as f64 / config.batches as f64;
         let rate = config.learning_rate * 0.5 * (1.0 + libm::cos(std::f64::consts::PI * share));
         let adam = self.adam.get_or_insert_with(|| Adam::new(self.layers));
-        adam.update(self.layers, &net, &loss.backward(), rate as f32);
+        adam.update(self.layers, &net.layers, &loss.backward(), rate as f32);
         // Not the loss alone: a rectifier turns a NaN into 0 and hides it.
         if !(value.is_finite() && self.layers.iter().all(Layer::is_finite)) {
             return Err(Error::Failed(format!(

@@ -2,35 +2,36 @@
 
 use dfdx::prelude::{Cpu, Gradients};
 
-use super::net::Net;
-use crate::policy::weights::Layer;
+use super::{Affine, Layer};
 
 /// Adam's decay rates and its guard against division by zero, as its authors recommend.
 const ADAM: (f32, f32, f32) = (0.9, 0.999, 1e-8);
 
 /// Adam's running moments, one pair per value; on plain slices, because dfdx's own optimiser needs shapes known
 /// at compile time.
-pub(super) struct Adam {
+pub struct Adam {
     updates: i32,
     moments: Vec<[Vec<[f32; 2]>; 2]>,
 }
 
 impl Adam {
-    pub(super) fn new(layers: &[Layer]) -> Adam {
+    /// Before the first update.
+    pub fn new(layers: &[Layer]) -> Adam {
         let zeros = |l: &Layer| [vec![[0.0; 2]; l.weight.len()], vec![[0.0; 2]; l.bias.len()]];
         Adam { updates: 0, moments: layers.iter().map(zeros).collect() }
     }
 
-    pub(super) fn update(
+    /// One step of every weight; `tensors` are those that the gradients are by.
+    pub fn update(
         &mut self,
         layers: &mut [Layer],
-        net: &Net,
+        tensors: &[Affine],
         gradients: &Gradients<f32, Cpu>,
         rate: f32,
     ) {
         self.updates += 1;
         for ((layer, (weight, bias)), [m_weight, m_bias]) in
-            layers.iter_mut().zip(&net.layers).zip(&mut self.moments)
+            layers.iter_mut().zip(tensors).zip(&mut self.moments)
         {
             step(&mut layer.weight, &gradients.get(weight).as_vec(), m_weight, self.updates, rate);
             step(&mut layer.bias, &gradients.get(bias).as_vec(), m_bias, self.updates, rate);

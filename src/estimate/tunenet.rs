@@ -1,0 +1,361 @@
+//! A learned step of the latents: a network looks at what was seen beside what the simulation makes of it, and says how the
+//! simulation's numbers should change; simulate again, look again.
+//!
+//! The network learns in simulation alone. Worlds are drawn from the prior and all trials' actions carried out in each; any two worlds
+//! then are an example, one of them played as the real one, whose answer is known. So `n` worlds, `n` rollouts a trial, are `n^2`
+//! examples.
+//!
+//! Source: Allevato, Schaertl Short, Pryor and Thomaz, TuneNet: one-shot residual tuning for system identification and sim-to-real
+//! robot task transfer, CoRL 2019.
+//!
+//! Differences from the source: a network is trained for the experiments at hand, however many, rather than once for one experiment;
+//! half of the worlds lie near another, since the last of several steps is a small one; the played real worlds are seen with the noise
+//! of the real one; what is seen is positions at a few times, standardised by how worlds differ; a hidden layer more.
+//!
+//! Range of validity: of numbers that the prior finds unlikely, and of a real world that the simulation cannot be, no example was seen.
+
+use dfdx::prelude::{AsArray as _, Backward as _, Cpu, Tape, Trace as _, mse_loss};
+use rand::RngExt;
+use rand_distr::{Distribution, StandardNormal};
+use serde::{Deserialize, Serialize};
+
+use super::fitness::Simulation;
+use super::piece::replay;
+use crate::error::{Error, Result, within};
+use crate::neural::{Adam, Affine, Layer, Matrix, affine, matrix, tensors};
+use crate::progress::Progress;
+use crate::reality::Trial;
+use crate::rng::{self, Stream};
+use crate::task::Scene;
+use crate::residual::differences;
+use crate::trajectory::{Track, Trajectory};
+use crate::world::{Rollout, Sample, simulate_map};
+
+/// Knobs of the method.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TuneNetConfig {
+    /// Worlds that examples are pairs of; even.
+    pub worlds: usize,
+    /// Hidden units of each of two layers.
+    pub hidden: usize,
+    /// Updates, and examples of each.
+    pub batches: usize,
+    pub batch_size: usize,
+    /// Adam's step size at the start; it falls by a half cosine to zero.
+    pub learning_rate: f64,
+    /// Times at which a trial is looked at, evenly spread.
+    pub times: usize,
+    /// Steps from the prior's mean on.
+    pub steps: usize,
+    /// Standard deviation of what is seen, m.
+    pub noise: f64,
+    pub seed: u64,
+}
+
+impl TuneNetConfig {
+    /// Four thousand worlds, five steps.
+    pub fn standard(noise: f64, seed: u64) -> TuneNetConfig {
+        TuneNetConfig {
+            worlds: 4000,
+            hidden: 128,
+            batches: 4000,
+            batch_size: 128,
+            learning_rate: 1e-3,
+            times: 12,
+            steps: 5,
+            noise,
+            seed,
+        }
+    }
+
+    /// Errors name what is out of range.
+    pub fn validate(&self) -> Result<()> {
+        within("worlds", self.worlds as f64, 4.0, 1e6)?;
+        within("hidden", self.hidden as f64, 1.0, 4096.0)?;
+        within("batches", self.batches as f64, 1.0, 1e6)?;
+        within("batch_size", self.batch_size as f64, 2.0, 4096.0)?;
+        within("learning_rate", self.learning_rate, 1e-9, 1.0)?;
+        within("times", self.times as f64, 1.0, 1000.0)?;
+        within("steps", self.steps as f64, 1.0, 1000.0)?;
+        within("noise", self.noise, 0.0, 1e3).map(drop)
+    }
+}
+
+/// Where the steps led.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tuned {
+    pub estimate: Sample,
+    /// Before the first step and after each.
+    pub path: Vec<Sample>,
+    /// Mean loss of the last tenth of the updates: squares of what an example's answer is off by, in the prior's variances.
+    pub loss: f64,
+    /// Rollouts of the simulation.
+    pub rollouts: u64,
+}
+
+/// The coordinates of a simulation that trials ask for, from where it is believed to be. `prior`: mean and standard deviation by
+/// coordinate; one without any stays at its mean.
+pub fn tune(
+    trials: &[Trial],
+    prior: &[(f64, f64)],
+    simulation: Simulation,
+    config: &TuneNetConfig,
+    progress: &dyn Progress,
+) -> Result<Tuned> {
+    config.validate()?;
+    let open: Vec<usize> = (0..prior.len()).filter(|i| prior[*i].1 > 0.0).collect();
+    if trials.is_empty() || open.is_empty() {
+        return Err(Error::input("trials", "nothing", "trials, and at least one number to be found"));
+    }
+    let bench = Bench::new(trials, simulation, config.times);
+    let worlds = worlds(prior, &open, simulation, config);
+    let shown = bench.shown(&worlds, progress)?;
+    let measured = bench.measured();
+    let gauge = Gauge::of(&shown, &measured, config.noise);
+    if gauge.kept.is_empty() {
+        let allowed = "trials in which something that is seen depends on the numbers to be found";
+        return Err(Error::input("trials", "nothing that differs between worlds", allowed));
+    }
+    let mut student = Student {
+        gauge: &gauge,
+        shown: &shown,
+        answers: worlds.iter().map(|w| scaled(w, prior, &open)).collect(),
+        config,
+        layers: Student::layers(2 * gauge.kept.len(), open.len(), config),
+    };
+    let loss = student.learn(progress)?;
+    let mut path = vec![simulation.coordinates.clamp(&prior.iter().map(|p| p.0).collect::<Sample>())];
+    for _ in 0..config.steps {
+        let mut at = path[path.len() - 1].clone();
+        let shown = bench.shown(std::slice::from_ref(&at), progress)?;
+        let step = student.answer(gauge.row(&measured, &shown[0]));
+        for (i, step) in open.iter().zip(step) {
+            at[*i] += f64::from(step) * prior[*i].1;
+        }
+        path.push(simulation.coordinates.clamp(&at));
+    }
+    let rollouts = ((worlds.len() + config.steps) * trials.len()) as u64;
+    Ok(Tuned { estimate: path[path.len() - 1].clone(), path, loss, rollouts })
+}
+
+/// Worlds drawn from the prior, each followed by one near it.
+fn worlds(
+    prior: &[(f64, f64)],
+    open: &[usize],
+    simulation: Simulation,
+    config: &TuneNetConfig,
+) -> Vec<Sample> {
+    let mut stream = rng::stream(config.seed, "tunenet worlds");
+    let mut all = Vec::with_capacity(config.worlds);
+    for _ in 0..config.worlds.div_ceil(2) {
+        // From a standard deviation down to a hundredth.
+        let near = libm::exp(-stream.random::<f64>() * libm::log(100.0));
+        let mut moved = |at: &[f64], share: f64| -> Sample {
+            let mut out = at.to_vec();
+            for i in open {
+                let z: f64 = StandardNormal.sample(&mut stream);
+                out[*i] += z * share * prior[*i].1;
+            }
+            simulation.coordinates.clamp(&out)
+        };
+        let mean: Sample = prior.iter().map(|p| p.0).collect();
+        let one = moved(&mean, 1.0);
+        let other = moved(&one, near);
+        all.extend([one, other]);
+    }
+    all
+}
+
+/// The open coordinates in the prior's standard deviations.
+fn scaled(world: &[f64], prior: &[(f64, f64)], open: &[usize]) -> Vec<f32> {
+    open.iter().map(|i| (world[*i] / prior[*i].1) as f32).collect()
+}
+
+/// What is simulated and looked at.
+struct Bench<'a> {
+    scenes: Vec<Scene>,
+    /// What was seen of each trial at the times at which it is looked at.
+    seen: Vec<Trajectory>,
+    simulation: Simulation<'a>,
+}
+
+impl<'a> Bench<'a> {
+    fn new(trials: &[Trial], simulation: Simulation<'a>, times: usize) -> Bench<'a> {
+        let seen = trials.iter().map(|t| thinned(&t.observed, times)).collect();
+        Bench { scenes: trials.iter().map(replay).collect(), seen, simulation }
+    }
+
+    /// Positions in every world, all trials behind each other, m: `[world][number]`. Not a number where nothing was seen, or a world
+    /// diverged.
+    fn shown(&self, worlds: &[Sample], progress: &dyn Progress) -> Result<Vec<Vec<f32>>> {
+        let all = self.simulation.coordinates;
+        let physics: Vec<_> =
+            worlds.iter().map(|w| (all.latents(w), all.effects(w, self.simulation.effects))).collect();
+        let mut out = vec![Vec::new(); worlds.len()];
+        for (k, (seen, scene)) in self.seen.iter().zip(&self.scenes).enumerate() {
+            progress.report("simulating worlds to learn from", k as u64, self.seen.len() as u64)?;
+            let rollout = |(latents, effects)| Rollout { latents, effects, stop: false, ..Rollout::of(scene) };
+            let batch: Vec<Rollout> = physics.iter().map(|(l, e)| rollout((*l, e))).collect();
+            let positions = positions(seen);
+            let found = simulate_map(&batch, self.simulation.engine, |_, path| {
+                let off = differences(seen, &path);
+                positions.iter().zip(off).map(|(seen, off)| (seen - off) as f32).collect::<Vec<f32>>()
+            })?;
+            out.iter_mut().zip(found).for_each(|(out, own)| out.extend(own));
+        }
+        Ok(out)
+    }
+
+    /// What was measured, in the same order.
+    fn measured(&self) -> Vec<f32> {
+        self.seen.iter().flat_map(positions).map(|v| v as f32).collect()
+    }
+}
+
+/// At most so many of the times, evenly spread, the last among them.
+fn thinned(observed: &Trajectory, times: usize) -> Trajectory {
+    let n = observed.times.len();
+    let mut kept: Vec<usize> = (1..=times).map(|k| k * n.saturating_sub(1) / times).collect();
+    kept.dedup();
+    kept.retain(|i| *i < n);
+    let of = |column: &[f64]| kept.iter().map(|i| column[*i]).collect::<Vec<f64>>();
+    let track = |t: &Track| Track { name: t.name.clone(), x: of(&t.x), y: of(&t.y), ..Track::default() };
+    Trajectory {
+        times: of(&observed.times),
+        bodies: observed.bodies.iter().map(track).collect(),
+        ..Trajectory::default()
+    }
+}
+
+/// In the order of [`differences`].
+fn positions(seen: &Trajectory) -> Vec<f64> {
+    seen.bodies.iter().flat_map(|t| t.x.iter().zip(&t.y)).flat_map(|(x, y)| [*x, *y]).collect()
+}
+
+/// What of all that is seen a network looks at, and how large it is there.
+struct Gauge {
+    /// Index, mean over worlds and standard deviation, m.
+    kept: Vec<(usize, f32, f32)>,
+    /// Difference, m, up to which it counts in proportion; beyond it its logarithm does.
+    fine: f32,
+}
+
+/// Standard deviation over worlds, m, below which nothing is told; least [`Gauge::fine`], m.
+const STILL: f32 = 1e-6;
+const FINE: f64 = 1e-3;
+
+impl Gauge {
+    /// Of what worlds show, where `measured` was seen.
+    fn of(shown: &[Vec<f32>], measured: &[f32], noise: f64) -> Gauge {
+        let moments = |i: usize| {
+            let own = || shown.iter().map(|w| f64::from(w[i])).filter(|v| v.is_finite());
+            let n = own().count().max(1) as f64;
+            let mean = own().sum::<f64>() / n;
+            (i, mean as f32, (own().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt() as f32)
+        };
+        let seen = (0..measured.len()).filter(|i| measured[*i].is_finite());
+        Gauge { kept: seen.map(moments).filter(|k| k.2 > STILL).collect(), fine: noise.max(FINE) as f32 }
+    }
+
+    /// What is seen of one world beside what another shows.
+    fn row(&self, seen: &[f32], shown: &[f32]) -> Vec<f32> {
+        let number = |v: f32| if v.is_finite() { v } else { 0.0 };
+        let off = |(i, _, _): &(usize, f32, f32)| number(libm::asinhf((seen[*i] - shown[*i]) / self.fine));
+        let at = |(i, mean, sd): &(usize, f32, f32)| number((shown[*i] - mean) / sd);
+        self.kept.iter().map(off).chain(self.kept.iter().map(at)).collect()
+    }
+}
+
+/// A network that learns.
+struct Student<'a> {
+    gauge: &'a Gauge,
+    /// By world: what it shows, and what its numbers are in the prior's standard deviations.
+    shown: &'a [Vec<f32>],
+    answers: Vec<Vec<f32>>,
+    config: &'a TuneNetConfig,
+    layers: Vec<Layer>,
+}
+
+impl Student<'_> {
+    /// The layers as they begin.
+    fn layers(inputs: usize, outputs: usize, config: &TuneNetConfig) -> Vec<Layer> {
+        let mut stream = rng::stream(config.seed, "tunenet weights");
+        let h = config.hidden;
+        [("first", [h, inputs]), ("second", [h, h]), ("step", [outputs, h])]
+            .into_iter()
+            .map(|(name, shape)| Layer::drawn(name, shape, &mut stream))
+            .collect()
+    }
+
+    /// On one thread, so that sums do not depend on how many there are.
+    fn learn(&mut self, progress: &dyn Progress) -> Result<f64> {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(1)
+            .build()
+            .map_err(|e| Error::Failed(format!("no thread to train on: {e}")))?;
+        let mut stream = rng::stream(self.config.seed, "tunenet batches");
+        let (mut adam, batches) = (Adam::new(&self.layers), self.config.batches);
+        let (mut loss, last) = (0.0, batches.div_ceil(10));
+        for batch in 0..batches {
+            if batch.is_multiple_of(50) {
+                progress.report("learning to tune", batch as u64, batches as u64)?;
+            }
+            let own = pool.install(|| self.update(batch, &mut adam, &mut stream));
+            if !(own.is_finite() && self.layers.iter().all(Layer::is_finite)) {
+                let why = format!("training diverged after batch {batch}: a smaller learning_rate may help");
+                return Err(Error::Failed(why));
+            }
+            if batch + last >= batches {
+                loss += own / last as f64;
+            }
+        }
+        Ok(loss)
+    }
+
+    /// One update; its loss.
+    fn update(&mut self, batch: usize, adam: &mut Adam, stream: &mut Stream) -> f64 {
+        let device = Cpu::default();
+        let examples: Vec<[Vec<f32>; 2]> =
+            (0..self.config.batch_size).map(|k| self.example(k, stream)).collect();
+        let rows = matrix(&device, examples.iter().map(|[row, _]| row));
+        let answers = matrix(&device, examples.iter().map(|[_, answer]| answer));
+        let net = tensors(&self.layers, &device);
+        let loss = mse_loss(forward(&net, rows.leaky_traced()), answers);
+        let value = f64::from(loss.array());
+        let share = batch as f64 / self.config.batches as f64;
+        let rate = self.config.learning_rate * 0.5 * (1.0 + libm::cos(std::f64::consts::PI * share));
+        adam.update(&mut self.layers, &net, &loss.backward(), rate as f32);
+        value
+    }
+
+    /// A row and its answer: two worlds near each other, or any two, in turn.
+    fn example(&self, k: usize, stream: &mut Stream) -> [Vec<f32>; 2] {
+        let n = self.shown.len();
+        let real = stream.random_range(0..n);
+        let simulated = if k.is_multiple_of(2) { (real ^ 1).min(n - 1) } else { stream.random_range(0..n) };
+        let noise = self.config.noise as f32;
+        let noisy = |v: &f32| {
+            let z: f32 = StandardNormal.sample(stream);
+            v + noise * z
+        };
+        let seen: Vec<f32> = self.shown[real].iter().map(noisy).collect();
+        let answer = self.answers[real].iter().zip(&self.answers[simulated]).map(|(r, s)| r - s).collect();
+        [self.gauge.row(&seen, &self.shown[simulated]), answer]
+    }
+
+    /// What a row asks the open coordinates to change by, in the prior's standard deviations.
+    fn answer(&self, row: Vec<f32>) -> Vec<f32> {
+        let device = Cpu::default();
+        let rows = matrix(&device, std::iter::once(&row));
+        forward(&tensors(&self.layers, &device), rows).as_vec()
+    }
+}
+
+/// (n, outputs) from (n, inputs).
+fn forward<T: Tape<f32, Cpu>>(net: &[Affine], x: Matrix<T>) -> Matrix<T> {
+    let (last, hidden) = net.split_last().expect("three layers: see `Student::layers`");
+    let shown = hidden.iter().fold(x, |x, layer| affine(x, layer).relu());
+    affine(shown, last)
+}
+
