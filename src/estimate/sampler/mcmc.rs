@@ -140,7 +140,7 @@ mod tests {
         let target = Tilted::new();
         let reference =
             Reference::new(&[0.6, 0.5, 1.0], &(DMatrix::identity(3, 3) * 0.01), 1.0, target.prior());
-        let config = McmcConfig { steps: 1500, ..McmcConfig::standard(5) };
+        let config = McmcConfig { steps: 3000, ..McmcConfig::standard(5) };
         let draws = mcmc(&target, &reference, &config, &Silent).unwrap();
         let weights = vec![1.0 / draws.points.len() as f64; draws.points.len()];
         let (mean, covariance) = moments(&draws.points, &weights);
