@@ -25,9 +25,9 @@ use crate::error::{Error, Result, within};
 use crate::neural::{Adam, Affine, Layer, Matrix, affine, matrix, tensors};
 use crate::progress::Progress;
 use crate::reality::Trial;
+use crate::residual::differences;
 use crate::rng::{self, Stream};
 use crate::task::Scene;
-use crate::residual::differences;
 use crate::trajectory::{Track, Trajectory};
 use crate::world::{Rollout, Sample, simulate_map};
 
@@ -195,7 +195,8 @@ impl<'a> Bench<'a> {
         let mut out = vec![Vec::new(); worlds.len()];
         for (k, (seen, scene)) in self.seen.iter().zip(&self.scenes).enumerate() {
             progress.report("simulating worlds to learn from", k as u64, self.seen.len() as u64)?;
-            let rollout = |(latents, effects)| Rollout { latents, effects, stop: false, ..Rollout::of(scene) };
+            let rollout =
+                |(latents, effects)| Rollout { latents, effects, stop: false, ..Rollout::of(scene) };
             let batch: Vec<Rollout> = physics.iter().map(|(l, e)| rollout((*l, e))).collect();
             let positions = positions(seen);
             let found = simulate_map(&batch, self.simulation.engine, |_, path| {
@@ -359,3 +360,110 @@ fn forward<T: Tape<f32, Cpu>>(net: &[Affine], x: Matrix<T>) -> Matrix<T> {
     affine(shown, last)
 }
 
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::progress::Silent;
+    use crate::task::{Split, family, split};
+    use crate::trajectory::Outcome;
+    use crate::world::{Coordinates, DRAG, Engine, simulate};
+
+    const PRIOR: [(f64, f64); 4] = [(1.0, 0.0), (1.0, 0.5), (0.5, 0.25), (0.2, 0.1)];
+
+    /// Scenes of tasks as they fall by themselves in a world.
+    fn measured(world: &[f64], coordinates: &Coordinates) -> Vec<Trial> {
+        let tasks = split(&family("bowling").unwrap().fold(0), Split::Train);
+        let mut scenes: Vec<Scene> = tasks.iter().take(3).map(|t| t.scene.clone()).collect();
+        // Without what an action would place.
+        scenes.iter_mut().for_each(|s| s.bodies.retain(|b| b.position.is_some()));
+        let effects = coordinates.effects(world, &[]);
+        let rollouts: Vec<Rollout> = scenes
+            .iter()
+            .map(|s| Rollout { latents: coordinates.latents(world), effects: &effects, ..Rollout::of(s) })
+            .collect();
+        let observed = simulate(&rollouts, Engine::Auto).unwrap();
+        scenes
+            .into_iter()
+            .zip(observed)
+            .map(|(scene, observed)| Trial { name: String::new(), setting: None, scene, observed })
+            .collect()
+    }
+
+    fn small(seed: u64) -> TuneNetConfig {
+        TuneNetConfig { worlds: 400, hidden: 32, batches: 400, ..TuneNetConfig::standard(0.0, seed) }
+    }
+
+    /// Balls that fall tell how they bounce and what slows them; each step leads nearer than the one before, or stays as near.
+    #[test]
+    fn steps_lead_to_a_world_that_shows_the_same() {
+        let coordinates = Coordinates::new(&[DRAG]);
+        let simulation = Simulation { engine: Engine::Auto, effects: &[], coordinates: &coordinates };
+        let truth = [1.0, 1.0, 0.7, 0.3];
+        let trials = measured(&truth, &coordinates);
+        let of = |seed| tune(&trials, &PRIOR, simulation, &small(seed), &Silent).unwrap();
+        let found = of(1);
+        let off = |at: &[f64]| (2..4).map(|i| ((at[i] - truth[i]) / PRIOR[i].1).powi(2)).sum::<f64>().sqrt();
+        assert_eq!(found.path.len(), 6);
+        assert!(off(&found.estimate) < 0.25 * off(&found.path[0]), "{:?}", found.path);
+        assert_eq!(found.estimate[0], 1.0, "what is sure stays");
+        assert_eq!(found, of(1), "a seed decides every bit");
+        assert_ne!(found.estimate, of(2).estimate);
+        assert_eq!(found.rollouts, 3 * 405);
+    }
+
+    #[test]
+    fn what_cannot_be_learned_from_is_refused() {
+        let coordinates = Coordinates::new(&[]);
+        let simulation = Simulation { engine: Engine::Auto, effects: &[], coordinates: &coordinates };
+        let ask = |trials: &[Trial], prior: &[(f64, f64)], config: TuneNetConfig| {
+            tune(trials, prior, simulation, &config, &Silent).unwrap_err().to_string()
+        };
+        let trials = measured(&[1.0, 1.0, 0.5, 0.0], &coordinates);
+        assert!(ask(&[], &PRIOR, small(1)).contains("trials"));
+        assert!(ask(&trials, &[(1.0, 0.0); 4], small(1)).contains("trials"));
+        assert!(ask(&trials, &PRIOR, TuneNetConfig { steps: 0, ..small(1) }).contains("steps"));
+        // Nothing that is seen moves differently.
+        let mut still = trials;
+        still.iter_mut().for_each(|t| t.observed.times.truncate(1));
+        for track in still.iter_mut().flat_map(|t| &mut t.observed.bodies) {
+            *track = Track {
+                x: vec![track.x[0]],
+                y: vec![track.y[0]],
+                name: track.name.clone(),
+                ..Track::default()
+            };
+        }
+        assert!(ask(&still, &PRIOR, small(1)).contains("differs"));
+    }
+
+    #[test]
+    fn the_last_observation_is_looked_at() {
+        let track = Track {
+            name: "a".into(),
+            x: (0..8).map(f64::from).collect(),
+            y: vec![0.0; 8],
+            ..Track::default()
+        };
+        let path = Trajectory {
+            times: (0..8).map(f64::from).collect(),
+            bodies: vec![track],
+            outcome: Outcome::default(),
+            ..Trajectory::default()
+        };
+        let of = |times| thinned(&path, times).times;
+        assert_eq!(of(3), [2.0, 4.0, 7.0]);
+        assert_eq!(of(100).last(), Some(&7.0));
+        assert_eq!(of(100).len(), 8);
+        assert!(thinned(&Trajectory::default(), 3).times.is_empty());
+    }
+
+    /// What is alike in all worlds, or was not seen, is not looked at; what diverged counts as nothing.
+    #[test]
+    fn a_gauge_keeps_what_tells_worlds_apart() {
+        let worlds = [vec![1.0, 0.0, 5.0], vec![1.0, 2.0, 5.5], vec![1.0, f32::NAN, 6.0]];
+        let gauge = Gauge::of(&worlds, &[1.0, 1.0, f32::NAN], 0.0);
+        assert_eq!(gauge.kept, [(1, 1.0, 1.0)]);
+        assert_eq!(gauge.row(&[1.0, 1.0, 0.0], &worlds[1]), [libm::asinhf(-1000.0), 1.0]);
+        assert_eq!(gauge.row(&[1.0, 1.0, 0.0], &worlds[2]), [0.0, 0.0]);
+    }
+}

@@ -137,8 +137,7 @@ impl Asked<'_> {
         let config = self.config()?;
         let coordinates = config.cem.coordinates();
         let own = TuneNetConfig::standard(self.noise, self.seed);
-        let told =
-            tune(trials, &config.cem.start(), simulation(&config, &coordinates), &own, progress)?;
+        let told = tune(trials, &config.cem.start(), simulation(&config, &coordinates), &own, progress)?;
         self.point(&config, &told.estimate)
     }
 
@@ -181,8 +180,7 @@ mod tests {
         let tasks = split(&family.fold(0), Split::Train);
         let trials = random_trials(&tasks, &mut HiddenWorld::new(hidden).unwrap(), 6, 5, &Silent).unwrap();
         let set = ["linear_drag".to_string()];
-        let asked =
-            Asked { family, base: &tasks[0].scene, set: &set, draws: 64, noise: 0.005, seed: 5 };
+        let asked = Asked { family, base: &tasks[0].scene, set: &set, draws: 64, noise: 0.005, seed: 5 };
         for (name, by) in ESTIMATORS {
             let told = asked.told(by, &trials, &Silent).unwrap();
             let of = |wanted: &str| told.numbers.iter().find(|n| n.0 == wanted).unwrap();

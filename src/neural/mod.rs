@@ -30,9 +30,8 @@ impl Layer {
     /// Uniform in +-1 / sqrt(inputs), as PyTorch's `Linear` starts.
     pub fn drawn(name: &'static str, shape: [usize; 2], stream: &mut Stream) -> Layer {
         let bound = 1.0 / (shape[1] as f32).sqrt();
-        let mut draw = |n: usize| -> Vec<f32> {
-            (0..n).map(|_| bound * (2.0 * stream.random::<f32>() - 1.0)).collect()
-        };
+        let mut draw =
+            |n: usize| -> Vec<f32> { (0..n).map(|_| bound * (2.0 * stream.random::<f32>() - 1.0)).collect() };
         Layer { name, shape, weight: draw(shape[0] * shape[1]), bias: draw(shape[0]) }
     }
 

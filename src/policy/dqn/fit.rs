@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 
 use super::net::Net;
 use crate::error::{Error, Result};
-use crate::policy::view::{Look, View};
 use crate::neural::{Adam, Layer, matrix};
+use crate::policy::view::{Look, View};
 use crate::policy::{Check, Labelled};
 use crate::progress::Progress;
 use crate::rng;
