@@ -6,7 +6,7 @@
 //! |---|---|
 //! | `error` `json` `rng` `progress` `budget` `trajectory` | the words everybody speaks |
 //! | `distribution` | Fisher's and Student's, for intervals |
-//! | `neural` | layers of small networks, and how they learn; dfdx |
+//! | `neural/` | layers of small networks, and how they learn; dfdx |
 //! | `task/` | what is asked: scenes, actions, goals; plain data |
 //! | `world/` | what physics does: scene + latents + effects -> trajectory; sole home of rapier2d |
 //! | `residual` | two trajectories -> how far apart |

@@ -33,7 +33,7 @@ pub const FIRST: usize = 4;
 pub struct GroundingConfig {
     /// `probing`, `success`, `acting`, or a strategy.
     pub way: String,
-    /// Who says what they tell.
+    /// Which estimator reads them.
     #[serde(default)]
     pub estimator: Estimator,
     /// Real interactions after which what is known is handed over; rising.
@@ -88,6 +88,11 @@ impl GroundingConfig {
             let allowed = format!("one of {}", ways.join(", "));
             return Err(Error::input("way", format!("{:?}", self.way), allowed));
         }
+        if !self.estimator.draws() && BY_DRAWS.contains(&self.way.as_str()) {
+            let allowed =
+                format!("another way, or an estimator that draws: {} is a point", self.estimator.name());
+            return Err(Error::input("way", format!("{:?}", self.way), allowed));
+        }
         if self.checkpoints.is_empty() || !self.checkpoints.is_sorted_by(|a, b| a < b) {
             return Err(Error::input("checkpoints", format!("{:?}", self.checkpoints), "rising numbers"));
         }
@@ -101,6 +106,9 @@ impl GroundingConfig {
 
 /// Ways that are no strategies of `explore`.
 const WAYS: [&str; 3] = ["probing", "success", "acting"];
+
+/// Ways that go by how sure numbers are.
+const BY_DRAWS: [&str; 3] = ["probing", "success", "informative"];
 
 /// Spends interactions on a family's training tasks; what is known at every checkpoint.
 pub fn ground(family: &Family, config: &GroundingConfig, progress: &dyn Progress) -> Result<Vec<Known>> {
@@ -348,5 +356,7 @@ mod tests {
         refused(GroundingConfig { checkpoints: vec![20, 5], ..small("random") }, "checkpoints");
         refused(GroundingConfig { checkpoints: vec![5, 5], ..small("random") }, "checkpoints");
         refused(GroundingConfig { draws: 1, ..small("random") }, "draws");
+        refused(GroundingConfig { estimator: Estimator::Iplw, ..small("success") }, "iplw");
+        assert!(GroundingConfig { estimator: Estimator::Tunenet, ..small("acting") }.validate().is_ok());
     }
 }

@@ -7,8 +7,7 @@ use super::{Affine, Layer};
 /// Adam's decay rates and its guard against division by zero, as its authors recommend.
 const ADAM: (f32, f32, f32) = (0.9, 0.999, 1e-8);
 
-/// Adam's running moments, one pair per value; on plain slices, because dfdx's own optimiser needs shapes known
-/// at compile time.
+/// Running moments, a pair for each value.
 pub struct Adam {
     updates: i32,
     moments: Vec<[Vec<[f32; 2]>; 2]>,

@@ -6,12 +6,14 @@
 mod adam;
 
 use dfdx::prelude::{
-    Axes2, Axis, BroadcastTo, Cpu, HasShape, NoneTape, PermuteTo, Tape, Tensor, TensorFromVec, TryMatMul,
+    AsArray as _, Axes2, Axis, Backward as _, BroadcastTo, Cpu, HasShape, NoneTape, PermuteTo, Tape, Tensor,
+    TensorFromVec, Trace as _, TryMatMul, mse_loss,
 };
 use rand::RngExt;
 
 pub use adam::Adam;
 
+use crate::error::{Error, Result};
 use crate::rng::Stream;
 
 /// An affine layer: y = W x + b.
@@ -75,4 +77,70 @@ pub fn matrix<'a>(device: &Cpu, rows: impl ExactSizeIterator<Item = &'a Vec<f32>
     let values: Vec<f32> = rows.flatten().copied().collect();
     let width = values.len() / n.max(1);
     device.tensor_from_vec(values, (n, width))
+}
+
+/// A pool of one thread: batches are too small to gain from more, and one cannot change the order in which products are summed.
+pub fn one_thread() -> Result<rayon::ThreadPool> {
+    let built = rayon::ThreadPoolBuilder::new().num_threads(1).build();
+    built.map_err(|e| Error::Failed(format!("no thread to train on: {e}")))
+}
+
+/// A step size that falls by a half cosine to zero.
+pub fn half_cosine(begun: f64, batch: usize, batches: usize) -> f64 {
+    let share = batch as f64 / batches as f64;
+    begun * 0.5 * (1.0 + libm::cos(std::f64::consts::PI * share))
+}
+
+/// An update of layers one behind the other, rectified but for the last, by the mean square of what they answer to rows less
+/// `answers`; that, before the update.
+pub fn regress(
+    layers: &mut [Layer],
+    adam: &mut Adam,
+    rows: &[Vec<f32>],
+    answers: &[Vec<f32>],
+    rate: f64,
+) -> f64 {
+    let device = Cpu::default();
+    let net = tensors(layers, &device);
+    let shown = stacked(&net, matrix(&device, rows.iter()).leaky_traced());
+    let loss = mse_loss(shown, matrix(&device, answers.iter()));
+    let value = f64::from(loss.array());
+    adam.update(layers, &net, &loss.backward(), rate as f32);
+    value
+}
+
+/// What such layers answer to a row.
+pub fn answered(layers: &[Layer], row: &Vec<f32>) -> Vec<f32> {
+    let device = Cpu::default();
+    stacked(&tensors(layers, &device), matrix(&device, std::iter::once(row))).as_vec()
+}
+
+fn stacked<T: Tape<f32, Cpu>>(net: &[Affine], x: Matrix<T>) -> Matrix<T> {
+    let last = net.len().saturating_sub(1);
+    let layer = |x, (i, layer): (usize, &Affine)| {
+        let y: Matrix<T> = affine(x, layer);
+        if i < last { y.relu() } else { y }
+    };
+    net.iter().enumerate().fold(x, layer)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rng;
+
+    #[test]
+    fn layers_learn_a_difference() {
+        let mut stream = rng::stream(3, "neural");
+        let mut layers =
+            [("one", [8, 2]), ("two", [1, 8])].map(|(name, shape)| Layer::drawn(name, shape, &mut stream));
+        let rows: Vec<Vec<f32>> = (0..32).map(|_| vec![stream.random(), stream.random()]).collect();
+        let answers: Vec<Vec<f32>> = rows.iter().map(|r| vec![r[0] - r[1]]).collect();
+        let mut adam = Adam::new(&layers);
+        let losses: Vec<f64> = (0..400)
+            .map(|k| regress(&mut layers, &mut adam, &rows, &answers, half_cosine(0.02, k, 400)))
+            .collect();
+        assert!(losses[399] < 1e-3 && losses[0] > 0.05, "{} {}", losses[0], losses[399]);
+        assert!((answered(&layers, &vec![0.75, 0.25])[0] - 0.5).abs() < 0.1);
+    }
 }

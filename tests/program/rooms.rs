@@ -42,7 +42,7 @@ const LAST: &str = "serve";
 /// A crate and the only places that may name it.
 const HOMES: [(&str, &[&str]); 21] = [
     ("rapier2d", &["world"]),
-    ("dfdx", &["estimate", "neural", "policy"]),
+    ("dfdx", &["neural", "policy"]),
     ("safetensors", &["policy"]),
     ("axum", &["serve"]),
     ("utoipa", &["serve"]),

@@ -28,8 +28,8 @@ pub struct RunArgs {
 /// against real interactions. `latents`: policies from latents estimated on 10,000 random real trajectories beside
 /// every baseline, learning on in the real world. The name of a family (`bowling`, say): jump start of every strategy
 /// over 10 rounds of 50 interactions. `harder`: real worlds with wind, quadratic drag, a sticky patch, another engine.
-/// `grounding`: 5 and 20 interactions spent one way or another, what is known by them, to
-/// one estimator or another, and what plans under it are worth.
+/// `grounding`: 5 and 20 interactions spent one way or another, what each estimator
+/// makes of them, and what plans under it are worth.
 #[derive(clap::Args)]
 pub struct ExperimentArgs {
     /// quickstart, strategies, latents, harder, grounding or the name of a family.
@@ -60,8 +60,9 @@ pub struct ExperimentArgs {
     /// work), acting (the best planned attempt) or a strategy; `random,informative,probing,success,acting` if not given.
     #[arg(long, value_delimiter = ',')]
     pub ways: Option<Vec<String>>,
-    /// Of `grounding`: who says what they tell, posterior (draws by sequential Monte Carlo), galileo (by Markov chains), iplw (the point
-    /// of the cross-entropy method, refined) or tunenet (learned steps); posterior if not given.
+    /// Of `grounding`: which estimators read the trials, posterior (draws by sequential Monte Carlo), galileo (by Markov chains), iplw (the
+    /// point of the cross-entropy method, refined) or tunenet (a point by learned steps); posterior if not given. A point goes with ways that
+    /// do not ask how sure it is, random or acting.
     #[arg(long, value_delimiter = ',')]
     pub estimators: Option<Vec<String>>,
     /// Of `grounding`: the hidden world, over the family's own: `damping=0.8,density=..,friction=..,restitution=..,engine=..`.

@@ -29,7 +29,8 @@ const ROLLOUTS: usize = 40_000;
 #[derive(Serialize)]
 struct Row {
     way: String,
-    estimator: Estimator,
+    /// Nobody's where nothing was measured.
+    estimator: Option<Estimator>,
     seed: u64,
     interactions: usize,
     /// Interactions that solved the task that they were made in.
@@ -44,6 +45,13 @@ struct Row {
     seconds: f64,
 }
 
+impl Row {
+    /// For people.
+    fn arm(&self) -> String {
+        self.estimator.map_or_else(|| self.way.clone(), |estimator| arm(&self.way, estimator))
+    }
+}
+
 pub fn run(args: &ExperimentArgs) -> Result<()> {
     let family = family(&args.task)?;
     let hidden = parse::real(args.real.as_deref().unwrap_or(""), standard(family))?;
@@ -54,8 +62,12 @@ pub fn run(args: &ExperimentArgs) -> Result<()> {
         Some(names) => names.iter().map(|n| Estimator::from_name(n)).collect::<Result<Vec<_>>>()?,
         None => vec![Estimator::default()],
     };
-    let arms: Vec<(&str, Estimator)> =
-        estimators.iter().flat_map(|e| ways.iter().map(|way| (*way, *e))).collect();
+    let mut arms: Vec<(&str, Estimator)> = Vec::new();
+    for arm in estimators.iter().flat_map(|e| ways.iter().map(|way| (*way, *e))) {
+        if !arms.contains(&arm) {
+            arms.push(arm);
+        }
+    }
     let seeds = args.chosen_seeds(&[0]);
     let test = split(&family.tasks(), Split::Test);
     if test.is_empty() {
@@ -88,7 +100,7 @@ pub fn run(args: &ExperimentArgs) -> Result<()> {
             for known in &known {
                 let belief = Belief::of_draws(known.draws.clone())?;
                 let row = trial.row(&arm(way, *estimator), known, &belief, seconds)?;
-                rows.push(Row { way: way.to_string(), estimator: *estimator, ..row });
+                rows.push(Row { way: way.to_string(), estimator: Some(*estimator), ..row });
             }
         }
         rows.push(trial.row("truth", &blank(0), &trial.truth, 0.0)?);
@@ -102,7 +114,7 @@ pub fn run(args: &ExperimentArgs) -> Result<()> {
     output::print(&table(&rows))
 }
 
-/// A way and who says what it tells, for people.
+/// A way and what reads its trials, for people.
 fn arm(way: &str, estimator: Estimator) -> String {
     match estimator {
         Estimator::Posterior => way.to_string(),
@@ -147,7 +159,7 @@ impl Trial<'_> {
         };
         Ok(Row {
             way: way.into(),
-            estimator: Estimator::default(),
+            estimator: None,
             seed: self.seed,
             interactions: known.interactions,
             solved: known.solved,
@@ -173,23 +185,21 @@ fn table(rows: &[Row]) -> String {
     );
     let mut kinds: Vec<(String, usize)> = Vec::new();
     for row in rows {
-        let own = (arm(&row.way, row.estimator), row.interactions);
+        let own = (row.arm(), row.interactions);
         if !kinds.contains(&own) {
             kinds.push(own);
         }
     }
     for (way, interactions) in kinds {
-        let own: Vec<&Row> = rows
-            .iter()
-            .filter(|r| arm(&r.way, r.estimator) == way && r.interactions == interactions)
-            .collect();
+        let own: Vec<&Row> =
+            rows.iter().filter(|r| r.arm() == way && r.interactions == interactions).collect();
         let of = |f: &dyn Fn(&Row) -> f64| Summary::of(&own.iter().map(|r| f(r)).collect::<Vec<_>>());
         let auccess = of(&|r| r.auccess);
-        let off = |(k, (name, _)): (usize, &(String, f64))| {
-            let square = of(&|r| r.off.get(k).map_or(f64::NAN, |o| o.1.powi(2))).mean;
-            format!("{name} {:.2e}", square.sqrt())
+        let off = |(name, _): &(String, f64)| {
+            let square = |r: &Row| r.off.iter().find(|o| o.0 == *name).map_or(f64::NAN, |o| o.1.powi(2));
+            format!("{name} {:.2e}", of(&square).mean.sqrt())
         };
-        let off: Vec<String> = own[0].off.iter().enumerate().map(off).collect();
+        let off: Vec<String> = own[0].off.iter().map(off).collect();
         text += &format!(
             "{way:<22} {interactions:>12}   {:.3}{:<14} {:>11.0} % {:>19.1}       {}{}\n",
             auccess.mean,

@@ -49,8 +49,8 @@ pub struct Grounds<'a> {
 }
 
 /// The model of a fit, beginnings as long as it predicts them. The fit may stand in a hollow of its own, which longer beginnings
-/// contradict: of it, of what is found over longer ones, and of what is found where each number is tried over its whole range,
-/// whichever predicts them best is taken (MSAC: Torr and Zisserman, Comput. Vis. Image Underst. 78 (2000) 138).
+/// contradict: of it, of what is found over longer ones, and of what is found where each number is tried far to either side, whichever
+/// predicts them best is taken (MSAC: Torr and Zisserman, Comput. Vis. Image Underst. 78 (2000) 138).
 pub fn reached(grounds: &Grounds, fit: &Fitted) -> Result<OfModel> {
     let layout = &fit.layout;
     let shots = Shots::fitted(grounds, layout, &fit.state.values)?;
@@ -90,8 +90,8 @@ struct Grown {
     until: Vec<f64>,
     /// Noise of an observed coordinate, m.
     noise: f64,
-    /// What beginnings as long as there are leave: of each observation the mean square of its coordinates, 1 where it is off or
-    /// comes after one that is, in squares of [`OFF`] deviations of one noise for all.
+    /// Loss over the longest beginnings: of each observation the mean square of its coordinates, in squares of [`OFF`] deviations of one noise
+    /// for all fits; 1 where it is off or comes after one that is.
     left: f64,
 }
 
@@ -160,7 +160,7 @@ impl Shots {
         let (data, start) = self.data(grounds, &all, &values, noise);
         let shown = model::shown(&data, layout, &start)?;
         ends(&all, &shown, noise, &mut until);
-        let left = left(&all, &shown, grounds.ready.simulated, &until);
+        let left = left(&all, &shown, grounds.ready.simulated, &mut open.clone());
         Ok(Grown { values, until, noise, left })
     }
 
@@ -222,8 +222,9 @@ fn ends(windows: &[Window], shown: &[Vec<f64>], sd: f64, until: &mut [f64]) {
     }
 }
 
-/// What beginnings leave that are predicted until their ends ([`Grown::left`]).
-fn left(windows: &[Window], shown: &[Vec<f64>], sd: f64, until: &[f64]) -> f64 {
+/// [`Grown::left`]; `until`: by trial, when nothing is looked at any more, s, brought forward to what is off first.
+fn left(windows: &[Window], shown: &[Vec<f64>], sd: f64, until: &mut [f64]) -> f64 {
+    ends(windows, shown, sd, until);
     let runs = windows.iter().zip(shown).filter(|(w, _)| w.kind == Kind::Run);
     let of = |(point, at, until): (&Point, &[f64], f64)| {
         let square = |k: usize| ((point.seen[k] - at[k]) / (OFF * sd)).powi(2);
@@ -247,3 +248,45 @@ fn noise_of(windows: &[Window], pass: &Pass, known: f64) -> f64 {
 /// Fewest residuals by which noise is told anew, and least share of what was known: beginnings at rest fit themselves.
 const FEWEST: usize = 100;
 const LEAST: f64 = 0.2;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::discover::fixture::leaps;
+
+    /// Beginnings of one body, three observations each, and what is shown of them.
+    fn runs(off: [[f64; 3]; 2]) -> (Vec<Window>, Vec<Vec<f64>>) {
+        let template = leaps(0.0).0.remove(0);
+        let point = |k: usize| Point { time: k as f64, seen: [0.0, 0.0], ..template.points[0] };
+        let run = |trial: usize| Window {
+            trial,
+            kind: Kind::Run,
+            points: (1..=3).map(point).collect(),
+            ..template.clone()
+        };
+        let shown = off.map(|own| own.iter().flat_map(|x| [*x, 0.0]).collect());
+        (vec![run(0), run(1)], shown.to_vec())
+    }
+
+    /// Squares count in proportion up to where a beginning is off, and from there on all alike, whatever noise a fit took itself to have.
+    #[test]
+    fn what_is_off_and_what_follows_counts_as_lost() {
+        let of = |off| {
+            let (windows, shown) = runs(off);
+            left(&windows, &shown, 0.1, &mut [f64::INFINITY; 2])
+        };
+        assert_eq!(of([[0.0; 3]; 2]), 0.0);
+        let square = |x: f64| 0.5 * (x / (OFF * 0.1)).powi(2);
+        assert!((of([[0.3, 0.0, 0.1], [0.0; 3]]) - square(0.3) - square(0.1)).abs() < 1e-12);
+        assert!((of([[0.3, 0.7, 0.0], [0.0, 0.0, 0.2]]) - square(0.3) - 2.0 - square(0.2)).abs() < 1e-12);
+        assert_eq!(of([[f64::NAN, 0.0, 0.0], [0.0; 3]]), 3.0);
+    }
+
+    #[test]
+    fn of_two_fits_that_which_leaves_less_is_taken() {
+        let grown = |left| Grown { values: vec![left], until: Vec::new(), noise: 0.0, left };
+        assert_eq!(grown(2.0).or(grown(1.0)).left, 1.0);
+        assert_eq!(grown(1.0).or(grown(2.0)).left, 1.0);
+        assert_eq!(grown(1.0).or(grown(f64::NAN)).left, 1.0);
+    }
+}

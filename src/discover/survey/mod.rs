@@ -59,8 +59,8 @@ pub fn survey(data: &Data, layout: &Layout, start: &State, seed: u64) -> Result<
     if layout.has_edges() { framed_survey(over, start, best, &spread, seed) } else { Ok(best) }
 }
 
-/// The state of the best values found about `start` where each number is tried over its whole reach, one after the other: what is
-/// rough enough to stick and what slips, say, are far apart. Edges stay where they are.
+/// The state of the best values found about `start` where each number is tried twice as far to either side as it may plausibly be, one
+/// after the other: what is rough enough to stick and what slips, say, are far apart. Edges stay where they are.
 pub fn ranged(data: &Data, layout: &Layout, start: &State) -> Result<State> {
     let looks = model::looks(data, layout, start, &[])?;
     let mut spread = reach(data, layout, start, &looks);
@@ -211,6 +211,24 @@ mod tests {
         let start = State::new(vec![0.0, 0.0], vec![Vec::new(); windows.len()]);
         let found = survey(&data, &layout, &start, 3).unwrap().values;
         assert!((found[0] - 0.731).abs() < 2e-3 && found[1].abs() < 2e-3, "{found:?}");
+    }
+
+    /// From a wind that is far off; edges that nothing tells stay.
+    #[test]
+    fn a_number_far_off_is_found_and_edges_stay() {
+        let (windows, settings) = leaps(0.731);
+        let data = Data::new(&windows, &settings, vec![1e-3; windows.len()], Engine::Lanes);
+        let layout = Layout::new(&[], vec![term("wind")], 1);
+        let start = State::new(vec![-0.6, 0.0], vec![Vec::new(); windows.len()]);
+        let found = ranged(&data, &layout, &start).unwrap().values;
+        assert!((found[0] - 0.731).abs() < 2e-2 && found[1].abs() < 2e-2, "{found:?}");
+        let layout = Layout::new(&[], vec![term("sticky_patch")], 1);
+        let start = State::new(layout.start(&[0.0, 0.0, 0.0]), vec![Vec::new(); windows.len()]);
+        let found = ranged(&data, &layout, &start).unwrap().values;
+        for i in 0..layout.slots.len() {
+            let edge = layout.parameter(i).is_some_and(|p| matches!(p.role, Role::Shape(Shape::Edge { .. })));
+            assert!(!edge || found[i] == start.values[i], "{i}: {found:?}");
+        }
     }
 
     #[test]

@@ -42,7 +42,7 @@ const ADAPTED: usize = 25;
 const TAKEN: f64 = 0.3;
 
 impl McmcConfig {
-    /// 16 chains of 400 steps, the first half to warm up.
+    /// 16 chains of 200 steps to warm up and 400 that are kept.
     pub fn standard(seed: u64) -> McmcConfig {
         McmcConfig { chains: 16, warm_up: 200, steps: 400, seed }
     }

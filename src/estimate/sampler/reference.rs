@@ -94,13 +94,16 @@ impl Reference {
             DMatrix::from_diagonal(&DVector::from_fn(fit.len(), |i, _| own(i)))
         });
         let (centre, scale) = (DVector::from_column_slice(fit), scale * wider.powi(2));
+        let near = Student::new(centre.clone(), &scale, &unit);
+        // As it is drawn from, should its covariance have had to be made one.
+        let scale = near.root() * near.root().transpose();
         let without = |i: usize| {
             let unit: Vec<f64> = unit.iter().enumerate().filter(|(j, _)| *j != i).map(|(_, u)| *u).collect();
             let scale = scale.clone().remove_row(i).remove_column(i);
             Student::new(centre.clone().remove_row(i), &scale, &unit)
         };
         let others = if fit.len() > 1 { (0..fit.len()).map(without).collect() } else { Vec::new() };
-        Reference { near: Student::new(centre, &scale, &unit), others, prior: prior.clone() }
+        Reference { near, others, prior: prior.clone() }
     }
 
     /// Share of draws about the fit, and of those but for each number.
@@ -144,14 +147,30 @@ mod tests {
     use crate::estimate::sampler::Marginal;
     use crate::rng;
 
-    /// What is drawn is drawn as its density says: the mean of one over the density is the area, where it is bounded.
+    /// What is drawn is drawn as its density says: the mean of one over the density is the area, where it is bounded; of numbers whose
+    /// widths and priors differ, of one alone, and of a covariance that is none.
     #[test]
     fn a_density_is_of_its_draws() {
-        let prior = Prior::new(vec![Marginal::Uniform { low: -1.0, high: 2.0 }; 2]).unwrap();
-        let covariance = DMatrix::from_row_slice(2, 2, &[0.04, 0.03, 0.03, 0.05]);
-        let reference = Reference::new(&[0.5, 0.4], &covariance, 1.5, &prior);
+        let uniform = |low, high| Marginal::Uniform { low, high };
+        let normal = Marginal::Normal { mean: 0.2, sd: 0.8, low: 0.0, high: 3.0 };
+        let all = [uniform(-1.0, 2.0), normal, uniform(0.0, 4.0)];
+        let tilted = [0.04, 0.03, 0.0, 0.03, 0.05, 0.02, 0.0, 0.02, 0.5];
+        let none = [0.04, 0.3, 0.0, 0.3, 0.05, 0.02, 0.0, 0.02, 0.5];
+        for (d, covariance) in [(3, tilted), (3, none), (1, tilted)] {
+            let prior = Prior::new(all[..d].to_vec()).unwrap();
+            let covariance = DMatrix::from_row_slice(3, 3, &covariance).view((0, 0), (d, d)).into_owned();
+            let reference = Reference::new(&[0.5, 0.4, 3.0][..d], &covariance, 1.5, &prior);
+            let wanted: f64 = all[..d].iter().map(|m| m.bounds()[1] - m.bounds()[0]).product();
+            let [area, within] = area(&reference, &prior);
+            assert!((area / wanted - 1.0).abs() < 0.06, "{area} for an area of {wanted}");
+            assert!(within > 0.7, "{within}");
+        }
+    }
+
+    /// The area within the prior's bounds by a reference's draws, and their share that lies there.
+    fn area(reference: &Reference, prior: &Prior) -> [f64; 2] {
         let mut stream = rng::stream(9, "reference");
-        let n = 20_000;
+        let n = 40_000;
         let (mut within, mut area) = (0.0, 0.0);
         for _ in 0..n {
             let x = reference.draw(&mut stream);
@@ -160,8 +179,7 @@ mod tests {
                 area += (-reference.log_density(&x)).exp();
             }
         }
-        assert!((area / n as f64 - 9.0).abs() < 0.35, "{} for an area of 9", area / n as f64);
-        assert!(within / n as f64 > 0.9, "{within}");
+        [area / n as f64, within / n as f64]
     }
 
     /// What the data say nothing of is as wide as it is believed to be.

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::net::Net;
 use crate::error::{Error, Result};
-use crate::neural::{Adam, Layer, matrix};
+use crate::neural::{Adam, Layer, half_cosine, matrix, one_thread};
 use crate::policy::view::{Look, View};
 use crate::policy::{Check, Labelled};
 use crate::progress::Progress;
@@ -93,10 +93,7 @@ pub(super) fn fit(
     let pairs = Pairs::new(data)?;
     let looks: Vec<Look> = data.tasks().par_iter().map(|task| view.look(task)).collect();
     let scenes: Vec<Vec<f32>> = looks.iter().map(Look::scene).collect();
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(1)
-        .build()
-        .map_err(|e| Error::Failed(format!("no thread to train on: {e}")))?;
+    let pool = one_thread()?;
     let mut rng = rng::stream(config.seed, "dqn batches");
     let mut state = State { layers, adam, losses: Vec::new() };
     look(0, state.layers)?;
@@ -152,8 +149,7 @@ impl State<'_> {
         let loss = binary_cross_entropy_with_logits_loss(scores, solved);
         let value = loss.array();
         self.losses.push(value);
-        let share = batch as f64 / config.batches as f64;
-        let rate = config.learning_rate * 0.5 * (1.0 + libm::cos(std::f64::consts::PI * share));
+        let rate = half_cosine(config.learning_rate, batch, config.batches);
         let adam = self.adam.get_or_insert_with(|| Adam::new(self.layers));
         adam.update(self.layers, &net.layers, &loss.backward(), rate as f32);
         // Not the loss alone: a rectifier turns a NaN into 0 and hides it.
