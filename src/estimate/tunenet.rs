@@ -336,7 +336,7 @@ impl Student<'_> {
     fn example(&self, k: usize, stream: &mut Stream) -> (Vec<f32>, Vec<f32>) {
         let n = self.shown.len();
         let real = stream.random_range(0..n);
-        let simulated = if k.is_multiple_of(2) { (real ^ 1).min(n - 1) } else { stream.random_range(0..n) };
+        let simulated = if k.is_multiple_of(2) { real ^ 1 } else { stream.random_range(0..n) };
         let noise = self.config.noise as f32;
         let noisy = |v: &f32| {
             let z: f32 = StandardNormal.sample(stream);

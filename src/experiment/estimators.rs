@@ -167,9 +167,7 @@ pub(super) fn parameters(set: &[String]) -> Result<Vec<EffectParameter>> {
     let mut all = Vec::new();
     for name in set {
         let effect = effect::find(name)?;
-        for parameter in effect.parameters {
-            all.push(EffectParameter::parse(&format!("{}.{}", effect.name, parameter.name))?);
-        }
+        all.extend((0..effect.parameters.len()).map(|index| EffectParameter { effect, index }));
     }
     Ok(all)
 }

@@ -48,7 +48,7 @@ struct Row {
 impl Row {
     /// For people.
     fn arm(&self) -> String {
-        self.estimator.map_or_else(|| self.way.clone(), |estimator| arm(&self.way, estimator))
+        arm(&self.way, self.estimator)
     }
 }
 
@@ -91,19 +91,18 @@ pub fn run(args: &ExperimentArgs) -> Result<()> {
         let truth = Belief::point(truth.latents, truth.effects)?;
         let trial = Trial { cells: &cells, family, hidden: &hidden, test: &test, truth, seed: *seed };
         let prior = Belief::of_sets(family.prior, std::slice::from_ref(&set), PRIOR_DRAWS, *seed)?;
-        rows.push(trial.row("prior", &blank(0), &prior, 0.0)?);
+        rows.push(trial.row(("prior", None), &blank(0), &prior, 0.0)?);
         for (way, estimator) in &arms {
             let config = standard((way, *estimator), *seed);
-            let key = format!("{}, {}, seed {seed}", family.name, arm(way, *estimator));
+            let key = format!("{}, {}, seed {seed}", family.name, arm(way, Some(*estimator)));
             let (known, seconds): (Vec<Known>, f64) =
                 cells.get(&key, &config, |p| ground(family, &config, p))?;
             for known in &known {
                 let belief = Belief::of_draws(known.draws.clone())?;
-                let row = trial.row(&arm(way, *estimator), known, &belief, seconds)?;
-                rows.push(Row { way: way.to_string(), estimator: Some(*estimator), ..row });
+                rows.push(trial.row((way, Some(*estimator)), known, &belief, seconds)?);
             }
         }
-        rows.push(trial.row("truth", &blank(0), &trial.truth, 0.0)?);
+        rows.push(trial.row(("truth", None), &blank(0), &trial.truth, 0.0)?);
     }
     cells.finish();
     let about = json!({"format": "iplw.grounding/1", "version": env!("CARGO_PKG_VERSION"), "family": family.name,
@@ -115,10 +114,10 @@ pub fn run(args: &ExperimentArgs) -> Result<()> {
 }
 
 /// A way and what reads its trials, for people.
-fn arm(way: &str, estimator: Estimator) -> String {
+fn arm(way: &str, estimator: Option<Estimator>) -> String {
     match estimator {
-        Estimator::Posterior => way.to_string(),
-        other => format!("{way}, {}", other.name()),
+        None | Some(Estimator::Posterior) => way.to_string(),
+        Some(other) => format!("{way}, {}", other.name()),
     }
 }
 
@@ -138,14 +137,24 @@ struct Trial<'a> {
 
 impl Trial<'_> {
     /// Plans every test task under a belief and tries the orders.
-    fn row(&self, way: &str, known: &Known, belief: &Belief, seconds: f64) -> Result<Row> {
+    fn row(
+        &self,
+        (way, estimator): (&str, Option<Estimator>),
+        known: &Known,
+        belief: &Belief,
+        seconds: f64,
+    ) -> Result<Row> {
         let plan = PlanConfig { rollouts: Some(ROLLOUTS), ..PlanConfig::standard(self.seed) };
         let setup = PlanningConfig { plan, hidden: self.hidden.clone(), predictions: 0 };
         let mut tried: Vec<PlannedTask> = Vec::with_capacity(self.test.len());
         for task in self.test {
             let key = format!(
-                "{}, {way} with {}, seed {}, {}",
-                self.family.name, known.interactions, self.seed, task.id
+                "{}, {} with {}, seed {}, {}",
+                self.family.name,
+                arm(way, estimator),
+                known.interactions,
+                self.seed,
+                task.id
             );
             let depends = json!({"setup": setup, "belief": belief.draws()});
             tried
@@ -159,7 +168,7 @@ impl Trial<'_> {
         };
         Ok(Row {
             way: way.into(),
-            estimator: None,
+            estimator,
             seed: self.seed,
             interactions: known.interactions,
             solved: known.solved,
