@@ -54,6 +54,10 @@ pub struct Sampling {
     /// Take the model for complete: nothing is allowed for that trials share and the model lacks.
     #[arg(long, help_heading = SAMPLING)]
     no_discrepancy: bool,
+    /// Where trials share something that the model lacks, fit it as a force field and go on from there: latents come out nearer what they
+    /// are, minutes later. Naming the effect (`iplw diagnose`, then `--set`) is better and faster, where it has a name.
+    #[arg(long, conflicts_with = "no_discrepancy", help_heading = SAMPLING)]
+    follow: bool,
     /// Engine of the simulation.
     #[arg(long, default_value = "auto", help_heading = SAMPLING)]
     engine: String,
@@ -121,6 +125,7 @@ impl Sampling {
             method: Some(self.method.clone()),
             draws: Some(self.draws as usize),
             discrepancy: Some(!self.no_discrepancy),
+            follow: self.follow,
             engine: Engine::from_name(&self.engine)?,
             seed: self.seed,
         };

@@ -21,7 +21,7 @@ use crate::error::Result;
 use crate::world::effect::{Act, Effect, Moving, Surroundings, gust, monomial};
 
 /// Powers of x, y, vx, vy and |v|.
-const POWERS: [[u8; 5]; 12] = [
+pub const POWERS: [[u8; 5]; 12] = [
     [0, 0, 0, 0, 0],
     [1, 0, 0, 0, 0],
     [0, 1, 0, 0, 0],

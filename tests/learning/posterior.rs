@@ -95,6 +95,21 @@ fn what_a_model_lacks_is_said() {
     assert!(document.columns["linear_drag.c"].iter().flatten().count() > 250);
 }
 
+/// Where the field that launches share is followed, bounces are blamed for less of what the drag took.
+#[test]
+fn what_a_model_lacks_is_followed() {
+    let (scene, trials) = measured(10, 72, true);
+    let off = |follow: bool| {
+        let wanted = PosteriorConfig { follow, ..config(&[&[]], 4) };
+        let found = posterior(&scene, &trials, &wanted, &Silent).unwrap();
+        let points = &found.sets[0].draws.points;
+        assert!(found.sets[0].set.is_empty(), "a field has no name: {:?}", found.sets[0].set);
+        (points.iter().map(|p| p[1]).sum::<f64>() / points.len() as f64 - 0.447_213_595).abs()
+    };
+    let (left, followed) = (off(false), off(true));
+    assert!(followed < left, "restitution is off by {followed}, {left} where the field is not followed");
+}
+
 #[test]
 fn what_cannot_be_known_is_said_or_refused() {
     let (scene, trials) = measured(6, 73, false);

@@ -29,9 +29,11 @@ pub enum Over {
     Clock,
     /// Place, and which way the body moves.
     Heading,
+    /// Place, velocity and speed, by powers of them and no bumps; see `law`.
+    Powers,
 }
 
-/// All there are, the order in which they are tried.
+/// All kinds of bumps, the order in which they are tried.
 pub const OVERS: [Over; 5] = [Over::All, Over::Place, Over::Velocity, Over::Clock, Over::Heading];
 
 /// What the field is made of: bumps over places, velocities and times, two functions each; those of places come twice.
@@ -85,6 +87,7 @@ impl Functions {
             Over::Velocity => place..place + speed,
             Over::Clock => place + speed..place + speed + clock,
             Over::Heading => place + speed + clock..self.count(),
+            Over::Powers => 0..0,
         }
     }
 

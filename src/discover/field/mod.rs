@@ -227,7 +227,7 @@ fn components(model: &Fitted, parts: &[Part]) -> Option<Components> {
 }
 
 /// What is believed of a model's slots and of a field's coefficients of some strength, `all` of them together.
-fn believed(model: &Fitted, all: usize, strength: f64) -> Prior {
+pub fn believed(model: &Fitted, all: usize, strength: f64) -> Prior {
     let own = &model.prior;
     let q = own.off.len();
     let mut precision = DMatrix::from_diagonal_element(all, all, strength.powi(-2));
@@ -278,7 +278,7 @@ pub fn said(fitter: &Fitter, model: &Fitted, form: Form) -> Result<Option<Said>>
 
 /// Where launches ask slots and field to go under a model's own components, and the components that they show from there: what a
 /// field explains is no slow misfit of each launch.
-fn beside(parts: &[Part], own: &Components, prior: &Prior) -> Option<(DVector<f64>, Components)> {
+pub fn beside(parts: &[Part], own: &Components, prior: &Prior) -> Option<(DVector<f64>, Components)> {
     let told = gaussian::all_told(parts, own)?;
     let Pooled { step, .. } = gaussian::pooled(told.iter(), prior)?;
     let mut beside = parts.to_vec();

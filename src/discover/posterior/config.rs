@@ -18,6 +18,10 @@ pub struct PosteriorConfig {
     pub prior: [(f64, f64); 3],
     /// Whether what launches share and the model lacks may be there, and is integrated out.
     pub discrepancy: bool,
+    /// Whether a field that is likelier than none is followed first: simulated, fitted with everything else, and integrated out about
+    /// where that leads. Minutes instead of seconds.
+    #[serde(default)]
+    pub follow: bool,
     pub sampler: Sampler,
     pub engine: Engine,
     pub seed: u64,
@@ -40,6 +44,7 @@ impl PosteriorConfig {
             sets: vec![Vec::new()],
             prior: [(1.0, 0.5), (1.0, 0.5), (0.5, 0.25)],
             discrepancy: true,
+            follow: false,
             sampler: Sampler::Smc(SmcConfig::standard(seed)),
             engine: Engine::Auto,
             seed,
@@ -57,6 +62,13 @@ impl PosteriorConfig {
         for (i, (mean, sd)) in self.prior.iter().enumerate() {
             within(&format!("prior[{i}][0]"), *mean, -1e6, 1e6)?;
             within(&format!("prior[{i}][1]"), *sd, 1e-9, 1e6)?;
+        }
+        if self.follow && !self.discrepancy {
+            return Err(Error::input(
+                "follow",
+                "true",
+                "false where discrepancy is false: nothing may be lacking there",
+            ));
         }
         match &self.sampler {
             Sampler::Smc(config) => config.validate().map_err(|e| e.under("sampler")),
@@ -80,6 +92,7 @@ mod tests {
         refused(PosteriorConfig { sets: Vec::new(), ..usual() }, "sets");
         refused(PosteriorConfig { sets: vec![vec!["wind".into(); 5]], ..usual() }, "sets[0]");
         refused(PosteriorConfig { prior: [(1.0, 0.5), (1.0, 0.5), (0.5, 0.0)], ..usual() }, "prior[2][1]");
+        refused(PosteriorConfig { follow: true, discrepancy: false, ..usual() }, "follow");
         let sampler = Sampler::Smc(SmcConfig { runs: 1, ..SmcConfig::standard(0) });
         refused(PosteriorConfig { sampler, ..usual() }, "sampler.runs");
     }

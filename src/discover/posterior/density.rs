@@ -10,17 +10,15 @@
 //! Differences from the source: how windows depend on their starts, and the variance components, are those at the fit (empirical
 //! Bayes); within a window that dependence is taken for straight.
 
-use std::ops::Range;
-
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::discrepancy::{Discrepancy, Field};
+use super::unnamed::Lacks;
 use super::whitened::{Whitened, whiten};
-use crate::discover::field::Over;
 use crate::discover::fit::{Fitted, Fitter};
 use crate::discover::launch;
-use crate::discover::model::{self, Extra, Layout, Mode, State};
+use crate::discover::model::{self, Layout, Mode, State};
 use crate::discover::window::Window;
 use crate::error::Result;
 use crate::estimate::sampler::{Prior, Target};
@@ -55,17 +53,12 @@ struct Kept {
 }
 
 impl Density {
-    /// Of the windows of a fitted model; `extras`: functions of shared fields that may be there beside it, and which of them each kind
-    /// of field has. `None` where the model cannot be simulated or its covariance fails.
-    pub fn new(
-        fitter: &Fitter,
-        fit: &Fitted,
-        prior: Prior,
-        extras: &[Extra],
-        kinds: &[(Over, Range<usize>)],
-    ) -> Result<Option<Density>> {
+    /// Of the windows of a fitted model, and of shared fields that may be there beside it. `None` where the model cannot be simulated or its covariance fails.
+    pub fn new(fitter: &Fitter, fit: &Fitted, prior: Prior, lacks: &Lacks) -> Result<Option<Density>> {
         let (data, layout, state) = (fitter.data, &fit.layout, &fit.state);
-        let Some((looks, parts)) = fitter.parts(layout, &fit.set, state, extras)? else { return Ok(None) };
+        let Some((looks, parts)) = fitter.parts(layout, &fit.set, state, &lacks.extras())? else {
+            return Ok(None);
+        };
         let slots = layout.slots.len();
         let mut shown = model::shown(data, layout, state)?;
         let (mut windows, mut whitened) = (Vec::new(), Vec::new());
@@ -100,7 +93,7 @@ impl Density {
             }
             whitened.push(own);
         }
-        let discrepancy = Discrepancy::new(&whitened, kinds);
+        let discrepancy = lacks.discrepancy(&whitened);
         let engine = data.engine;
         Ok(Some(Density { layout: layout.clone(), prior, engine, windows, parts: whitened, discrepancy }))
     }

@@ -7,7 +7,8 @@
 //!
 //! log p(r | t) = sum_p log student(|r_p - Z_p a|^2) - |a|^2 / (2 t^2) - log det(I + t^2 A) / 2,  a = (A + I / t^2)^-1 sum_p w_p Z_p' r_p,
 //!
-//! A = sum_p w_p Z_p' Z_p. No field is as believable as all fields together, each kind as the others, each strength as the others. A
+//! A = sum_p w_p Z_p' Z_p. Where the model has a field already, of coefficients b (`unnamed`), what is sought is how far they are from those:
+//! -|b + a|^2 / (2 t^2) in place of -|a|^2 / (2 t^2), with a to match. No field is as believable as all fields together, each kind as the others, each strength as the others. A
 //! simulation that leaves nothing out loses little by that; one that does is not as sure as it would be.
 //!
 //! Source: Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425; Tierney and Kadane, J. Am. Stat. Assoc. 81 (1986) 82.
@@ -52,13 +53,15 @@ pub struct Discrepancy {
     kinds: Vec<Kind>,
     /// Fields that are tried: index of the kind, strength and log prior probability.
     tried: Vec<(usize, f64, f64)>,
-    /// Log prior probability of none.
-    none: f64,
+    /// Log prior probability of none, if that is possible at all.
+    none: Option<f64>,
 }
 
 /// A kind of field, in the directions that data tell of.
 struct Kind {
     over: Over,
+    /// Where the model's own field stands in each direction, m/s^2.
+    at: DVector<f64>,
     /// Information of each direction at the fit.
     information: DVector<f64>,
     /// By part: weight, and derivatives by the directions.
@@ -68,11 +71,22 @@ struct Kind {
 impl Discrepancy {
     /// Of parts with derivatives by all functions; `kinds`: which of those each kind has.
     pub fn new(parts: &[Whitened], kinds: &[(Over, Range<usize>)]) -> Discrepancy {
-        let left: Vec<&DVector<f64>> = parts.iter().map(|p| &p.left).collect();
-        let kinds: Vec<Kind> =
-            kinds.iter().map(|(over, range)| Kind::new(parts, &left, *over, range)).collect();
         let none = if kinds.is_empty() { 0.0 } else { libm::log(0.5) };
-        let each = libm::log(0.5 / (kinds.len() * STRENGTHS.len()).max(1) as f64);
+        let kinds = kinds.iter().map(|(over, range)| Kind::new(parts, *over, range, None)).collect();
+        Discrepancy::of(parts, kinds, Some(none))
+    }
+
+    /// Of parts of a model that has a field of a kind already, with derivatives by its functions, and their coefficients there.
+    pub fn about(parts: &[Whitened], over: Over, coefficients: &[f64]) -> Discrepancy {
+        let at = DVector::from_column_slice(coefficients);
+        let kind = Kind::new(parts, over, &(0..coefficients.len()), Some(&at));
+        Discrepancy::of(parts, vec![kind], None)
+    }
+
+    fn of(parts: &[Whitened], kinds: Vec<Kind>, none: Option<f64>) -> Discrepancy {
+        let left: Vec<&DVector<f64>> = parts.iter().map(|p| &p.left).collect();
+        let share = if none.is_some() { 0.5 } else { 1.0 };
+        let each = libm::log(share / (kinds.len() * STRENGTHS.len()).max(1) as f64);
         let all = (0..kinds.len()).flat_map(|k| STRENGTHS.map(|s| (k, s, each)));
         let mut found = Discrepancy { tried: all.collect(), kinds, none };
         let densities = found.log_likelihoods(parts, &left.into_iter().cloned().collect::<Vec<_>>());
@@ -99,8 +113,8 @@ impl Discrepancy {
     /// Log likelihood of what parts leave beside every field, its prior probability in it; infinitely little where a path diverged.
     pub fn log_likelihoods(&self, parts: &[Whitened], left: &[DVector<f64>]) -> Vec<f64> {
         let density = |(part, left): (&Whitened, &DVector<f64>)| part.log_density(left.norm_squared());
-        let none = self.none + parts.iter().zip(left).map(density).sum::<f64>();
-        let mut out = vec![none];
+        let none = self.none.map(|none| none + parts.iter().zip(left).map(density).sum::<f64>());
+        let mut out = vec![none.unwrap_or(f64::NEG_INFINITY)];
         let mut asked: Vec<Option<DVector<f64>>> = vec![None; self.kinds.len()];
         for (k, strength, believed) in &self.tried {
             let kind = &self.kinds[*k];
@@ -127,10 +141,11 @@ impl Discrepancy {
 }
 
 impl Kind {
-    fn new(parts: &[Whitened], left: &[&DVector<f64>], over: Over, range: &Range<usize>) -> Kind {
+    /// `at`: coefficients that a field of the model has already, by function of the range.
+    fn new(parts: &[Whitened], over: Over, range: &Range<usize>, at: Option<&DVector<f64>>) -> Kind {
         let mut weights = vec![1.0; parts.len()];
-        let mut found = Kind::turned(parts, &weights, over, range);
-        let own: Vec<DVector<f64>> = left.iter().map(|l| (*l).clone()).collect();
+        let mut found = Kind::turned(parts, &weights, over, range, at);
+        let own: Vec<DVector<f64>> = parts.iter().map(|p| p.left.clone()).collect();
         for _ in 0..ROUNDS {
             let asked = found.asked(&own);
             let density = |s: &f64| found.log_likelihood(parts, &own, &asked, *s);
@@ -139,18 +154,24 @@ impl Kind {
                 .max_by(|a, b| density(a).total_cmp(&density(b)))
                 .unwrap_or(STRENGTHS[0]);
             let field = found.field(&asked, best);
-            for ((weight, (_, columns)), left) in weights.iter_mut().zip(&found.parts).zip(left) {
+            for ((weight, (_, columns)), left) in weights.iter_mut().zip(&found.parts).zip(&own) {
                 let n = left.len() as f64;
-                let square = (*left - columns * &field).norm_squared();
+                let square = (left - columns * &field).norm_squared();
                 *weight = (FREEDOM + n) / (FREEDOM + square);
             }
-            found = Kind::turned(parts, &weights, over, range);
+            found = Kind::turned(parts, &weights, over, range, at);
         }
         found
     }
 
     /// Columns turned to directions in which information is diagonal.
-    fn turned(parts: &[Whitened], weights: &[f64], over: Over, range: &Range<usize>) -> Kind {
+    fn turned(
+        parts: &[Whitened],
+        weights: &[f64],
+        over: Over,
+        range: &Range<usize>,
+        at: Option<&DVector<f64>>,
+    ) -> Kind {
         let count = range.len();
         let mut gram = DMatrix::zeros(count, count);
         for (part, weight) in parts.iter().zip(weights) {
@@ -166,8 +187,10 @@ impl Kind {
         let turn = eigen.eigenvectors.select_columns(&order);
         let turned =
             |(part, weight): (&Whitened, &f64)| (*weight, part.field.columns(range.start, count) * &turn);
+        let along = at.map_or_else(|| DVector::zeros(order.len()), |at| turn.tr_mul(at));
         Kind {
             over,
+            at: along,
             information: DVector::from_fn(order.len(), |k, _| eigen.eigenvalues[order[k]]),
             parts: parts.iter().zip(weights).map(turned).collect(),
         }
@@ -182,10 +205,11 @@ impl Kind {
         asked
     }
 
-    /// The most likely field of a strength.
+    /// By how much the most likely field of a strength differs from the model's own.
     fn field(&self, asked: &DVector<f64>, strength: f64) -> DVector<f64> {
         let variance = strength.powi(2);
-        DVector::from_fn(asked.len(), |k, _| variance * asked[k] / (1.0 + variance * self.information[k]))
+        let room = |k: usize| 1.0 + variance * self.information[k];
+        DVector::from_fn(asked.len(), |k, _| (variance * asked[k] - self.at[k]) / room(k))
     }
 
     fn log_likelihood(
@@ -196,7 +220,7 @@ impl Kind {
         strength: f64,
     ) -> f64 {
         let field = self.field(asked, strength);
-        let mut own = -0.5 * field.norm_squared() / strength.powi(2);
+        let mut own = -0.5 * (&self.at + &field).norm_squared() / strength.powi(2);
         for ((part, left), (_, columns)) in parts.iter().zip(left).zip(&self.parts) {
             let mut rest = left.clone();
             rest.gemv(-1.0, columns, &field, 1.0);
@@ -267,6 +291,29 @@ mod tests {
                 let wanted = log_sum_exp(logs.iter().copied()) + libm::log(at(1) - at(0)) + libm::log(0.1);
                 assert!((density - wanted).abs() < 0.12, "{field:?}: {density} for {wanted}");
             }
+        }
+    }
+
+    /// About a field that the model has already, the integral is over what it may be in all, and none is out of the question.
+    #[test]
+    fn about_a_field_its_strength_is_of_all_of_it() {
+        let parts = parts(0.3);
+        let found = Discrepancy::about(&parts, Over::Powers, &[0.7]);
+        let all = found.log_likelihoods(&parts, &lefts(&parts));
+        assert_eq!((all[0], found.probabilities(std::slice::from_ref(&all))[0]), (f64::NEG_INFINITY, 0.0));
+        for (field, density) in found.fields().iter().zip(&all).skip(1) {
+            let n = 4001;
+            let at = |i: usize| field.strength * 8.0 * (2.0 * i as f64 / (n - 1) as f64 - 1.0);
+            let of = |b: f64| {
+                let own =
+                    parts.iter().map(|p| p.log_density((&p.left - &p.field * (b - 0.7)).norm_squared()));
+                own.sum::<f64>()
+                    - 0.5 * (b / field.strength).powi(2)
+                    - libm::log(field.strength * 2.506_628_274_631)
+            };
+            let logs: Vec<f64> = (0..n).map(|i| of(at(i))).collect();
+            let wanted = log_sum_exp(logs.iter().copied()) + libm::log(at(1) - at(0)) - libm::log(5.0);
+            assert!((density - wanted).abs() < 0.12, "{field:?}: {density} for {wanted}");
         }
     }
 

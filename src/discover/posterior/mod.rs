@@ -3,7 +3,7 @@
 //! 1. Trials are cut into windows and the model of every set is fitted, as a diagnosis does it.
 //!    `models`: they; `reach`: beginnings of trials, whose starts are known, go on as far as the model predicts them.
 //! 2. `density`: how likely the windows are at any values, about that fit; `discrepancy`: what launches share that the model lacks
-//!    is integrated out; `whitened`: coordinates in which that is plain; `prior`: what is believed of every number.
+//!    is integrated out; `unnamed`: if it is to be followed, it is put into the model first; `whitened`: coordinates in which that is plain; `prior`: what is believed of every number.
 //! 3. `estimate::sampler` draws, beginning near the fit; `likelihood`: the same density for samplers of one's own.
 //! 4. Sets are weighed by how well each predicts launches from the others (`decide`); their evidence stands beside that.
 //!    `document`: all of it as it is written; `config`: what can be asked; `wanted`: what people
@@ -22,6 +22,7 @@ mod likelihood;
 mod models;
 mod prior;
 mod reach;
+mod unnamed;
 mod wanted;
 mod whitened;
 
@@ -89,7 +90,7 @@ pub fn posterior(
             };
             noise = noise.min(model.noise.sd);
             sets.push(OfSet {
-                set: model.layout.terms.iter().map(|t| t.effect.name.to_string()).collect(),
+                set: model.named().iter().map(|t| t.effect.name.to_string()).collect(),
                 numbers,
                 fit,
                 fields: density.fields(&draws.points)?,

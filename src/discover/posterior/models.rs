@@ -2,13 +2,12 @@
 
 use super::config::PosteriorConfig;
 use super::density::Density;
-use super::discrepancy::Kinds;
 use super::prior::{self, Known, known};
 use super::reach::{Grounds, OfModel, RUN, STAGES, cut, reached};
+use super::unnamed::{Every, Lacks, completed};
 use crate::discover::decide::Bootstrap;
-use crate::discover::field::{self, OVERS};
 use crate::discover::fit::{Fitted, Fitter};
-use crate::discover::model::{Data, Extra, Layout, State, paths};
+use crate::discover::model::Data;
 use crate::discover::open;
 use crate::discover::prepare::{Ready, prepare};
 use crate::discover::search::Hunt;
@@ -19,13 +18,10 @@ use crate::progress::Progress;
 use crate::reality::Trial;
 use crate::rng;
 use crate::task::Scene;
-use crate::world::effect::Effect;
 use crate::world::latent::factor_index;
 
 /// By how much the reference is wider than the fit says.
 const WIDER: f64 = 1.5;
-/// Amplitude by which derivatives by a field's functions are taken, m/s^2.
-const SLIGHT: f64 = 0.02;
 
 /// A model, how much its set weighs among all, and how likely launches are, each told from the others.
 pub struct Weighed {
@@ -77,13 +73,18 @@ pub fn with_models<T>(
             Error::input(format!("sets[{i}]"), set.join("+"), allowed)
         })?;
         let model = match begun.is_some() {
-            true => reached(&grounds, &fit)?,
+            true => {
+                let found = reached(&grounds, &fit.layout, &fit.state.values)?;
+                if config.follow { completed(&grounds, found, progress)? } else { found }
+            }
             false => OfModel {
                 windows: ready.windows.clone(),
                 sd: opened.data.sd.clone(),
                 layout: fit.layout.clone(),
                 state: fit.state.clone(),
                 noise: ready.noise,
+                left: 0.0,
+                unnamed: None,
             },
         };
         scores.push(fit.score);
@@ -109,34 +110,30 @@ pub struct Ask<'a> {
 impl Ask<'_> {
     /// The likelihood, what its numbers are, where draws begin, and where the fit stands.
     pub fn likelihood(&self) -> Result<(Density, Vec<Known>, Reference, Vec<f64>)> {
-        let OfModel { windows, sd, layout, state, noise } = self.model;
+        let OfModel { windows, sd, layout, state, noise, .. } = self.model;
         let data = Data::new(windows, &self.ready.settings, sd.clone(), self.config.engine);
         let fitter = Fitter::new(&data, noise);
         let fit = fitter.refined(layout.clone(), state.clone())?;
         let fit =
             fit.ok_or_else(|| Error::Failed("the model could not be scored where its fit stands".into()))?;
-        let (density, numbers) = ready_to_draw(&fitter, &fit, self.ready, self.config)?;
+        let (density, numbers) = self.ready_to_draw(&fitter, &fit)?;
         let reference = reference(&fit, &density);
         Ok((density, numbers, reference, fit.state.values))
     }
-}
 
-/// The likelihood of a fitted model, and what its numbers are.
-fn ready_to_draw(
-    fitter: &Fitter,
-    fit: &Fitted,
-    ready: &Ready,
-    config: &PosteriorConfig,
-) -> Result<(Density, Vec<Known>)> {
-    let numbers = known(&fit.layout, &ready.names, &config.prior);
-    let prior = prior::of(&numbers)?;
-    let (extras, kinds) = match config.discrepancy {
-        true => functions(fitter, &fit.layout, &fit.state)?,
-        false => (Vec::new(), Vec::new()),
-    };
-    let density = Density::new(fitter, fit, prior, &extras, &kinds)?;
-    let failed = || Error::Failed("the windows cannot be simulated where the fit stands".into());
-    Ok((density.ok_or_else(failed)?, numbers))
+    /// The likelihood of a fitted model, and what its numbers are.
+    fn ready_to_draw(&self, fitter: &Fitter, fit: &Fitted) -> Result<(Density, Vec<Known>)> {
+        let numbers = known(&fit.layout, &self.ready.names, &self.config.prior);
+        let prior = prior::of(&numbers)?;
+        let lacks = match (&self.model.unnamed, self.config.discrepancy) {
+            (Some(unnamed), _) => Lacks::Known(unnamed),
+            (None, true) => Lacks::Any(Every::of(fitter, &fit.layout, &fit.state)?),
+            (None, false) => Lacks::Nothing,
+        };
+        let density = Density::new(fitter, fit, prior, &lacks)?;
+        let failed = || Error::Failed("the windows cannot be simulated where the fit stands".into());
+        Ok((density.ok_or_else(failed)?, numbers))
+    }
 }
 
 /// Where draws begin.
@@ -157,19 +154,4 @@ fn reference(fit: &Fitted, density: &Density) -> Reference {
         }
     }
     Reference::new(&at, &covariance, WIDER, prior)
-}
-
-/// Functions of a shared field where windows were, and which of them are a field of each kind.
-fn functions(fitter: &Fitter, layout: &Layout, state: &State) -> Result<(Vec<Extra>, Kinds)> {
-    let paths = paths(fitter.data, layout, state)?;
-    let of = |(effect, values): &(&'static Effect, Vec<f64>)| {
-        [0, 1].map(|k| {
-            let mut values = values.clone();
-            values[k] = SLIGHT;
-            Extra { effect, values, unit: SLIGHT }
-        })
-    };
-    let functions = field::functions(fitter.data.windows, &paths);
-    let extras = functions.effects().iter().flat_map(of).collect();
-    Ok((extras, OVERS.map(|over| (over, functions.range(over))).to_vec()))
 }

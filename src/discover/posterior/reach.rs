@@ -8,8 +8,8 @@
 use std::cmp::Ordering;
 use std::collections::HashMap;
 
+use super::unnamed::Unnamed;
 use crate::discover::base;
-use crate::discover::fit::Fitted;
 use crate::discover::model::{self, Data, Frozen, Layout, Pass, Slot, State};
 use crate::discover::noise::Noise;
 use crate::discover::prepare::Ready;
@@ -37,6 +37,10 @@ pub struct OfModel {
     pub layout: Layout,
     pub state: State,
     pub noise: Noise,
+    /// What the longest beginnings lose, by which models of the same trials are judged; see [`Grown`].
+    pub left: f64,
+    /// A field that the set has no name for, among the layout's terms.
+    pub unnamed: Option<Unnamed>,
 }
 
 /// What sets' models are fitted to.
@@ -51,10 +55,9 @@ pub struct Grounds<'a> {
 /// The model of a fit, beginnings as long as it predicts them. The fit may stand in a hollow of its own, which longer beginnings
 /// contradict: of it, of what is found over longer ones, and of what is found where each number is tried far to either side, whichever
 /// predicts them best is taken (MSAC: Torr and Zisserman, Comput. Vis. Image Underst. 78 (2000) 138).
-pub fn reached(grounds: &Grounds, fit: &Fitted) -> Result<OfModel> {
-    let layout = &fit.layout;
-    let shots = Shots::fitted(grounds, layout, &fit.state.values)?;
-    let mut best = shots.grown(grounds, layout, fit.state.values.clone())?;
+pub fn reached(grounds: &Grounds, layout: &Layout, values: &[f64]) -> Result<OfModel> {
+    let shots = Shots::fitted(grounds, layout, values)?;
+    let mut best = shots.grown(grounds, layout, values.to_vec())?;
     for most in STAGES.into_iter().skip(1) {
         let windows = cut(&grounds.ready.whole, &vec![f64::INFINITY; grounds.ready.settings.len()], most);
         let (data, start) = shots.data(grounds, &windows, &best.values, best.noise);
@@ -72,7 +75,12 @@ pub fn reached(grounds: &Grounds, fit: &Fitted) -> Result<OfModel> {
             best = best.or(shots.grown(grounds, layout, other.values)?);
         }
     }
-    let Grown { values, until, noise, .. } = best;
+    settled(grounds, layout, best)
+}
+
+/// What a fit's beginnings are cut to, and where it stands on them.
+fn settled(grounds: &Grounds, layout: &Layout, grown: Grown) -> Result<OfModel> {
+    let Grown { values, until, noise, left } = grown;
     let windows = cut(&grounds.ready.whole, &until, RUN);
     let (mut data, start) = Shots::fitted(grounds, layout, &values)?.data(grounds, &windows, &values, noise);
     // The last word on starts is of where the values are by now.
@@ -80,19 +88,19 @@ pub fn reached(grounds: &Grounds, fit: &Fitted) -> Result<OfModel> {
     let (state, _) = model::fit(&data, layout, start, STEPS)?;
     let sd = data.sd;
     let noise = Noise { sd: noise, ..grounds.ready.noise };
-    Ok(OfModel { windows, sd, layout: layout.clone(), state, noise })
+    Ok(OfModel { windows, sd, layout: layout.clone(), state, noise, left, unnamed: None })
 }
 
 /// Values, and how far beginnings go that they predict.
-struct Grown {
-    values: Vec<f64>,
+pub struct Grown {
+    pub values: Vec<f64>,
     /// When each trial's beginning ends, s.
-    until: Vec<f64>,
+    pub until: Vec<f64>,
     /// Noise of an observed coordinate, m.
-    noise: f64,
+    pub noise: f64,
     /// Loss over the longest beginnings: of each observation the mean square of its coordinates, in squares of [`OFF`] deviations of one noise
     /// for all fits; 1 where it is off or comes after one that is.
-    left: f64,
+    pub left: f64,
 }
 
 impl Grown {
@@ -103,7 +111,7 @@ impl Grown {
 }
 
 /// Every stretch whose start was found along, fitted at some values.
-struct Shots {
+pub struct Shots {
     /// By trial and place among the whole windows.
     known: HashMap<(usize, u64), Known>,
 }
@@ -116,7 +124,7 @@ struct Known {
 }
 
 impl Shots {
-    fn fitted(grounds: &Grounds, layout: &Layout, values: &[f64]) -> Result<Shots> {
+    pub fn fitted(grounds: &Grounds, layout: &Layout, values: &[f64]) -> Result<Shots> {
         let windows: Vec<Window> =
             grounds.ready.whole.iter().filter(|w| w.kind == Kind::Shot).cloned().collect();
         let sd = vec![grounds.ready.simulated; windows.len()];
@@ -138,7 +146,7 @@ impl Shots {
     }
 
     /// Values fitted to beginnings that grow in stages, as far as they are predicted.
-    fn grown(&self, grounds: &Grounds, layout: &Layout, mut values: Vec<f64>) -> Result<Grown> {
+    pub fn grown(&self, grounds: &Grounds, layout: &Layout, mut values: Vec<f64>) -> Result<Grown> {
         let mut noise = grounds.ready.simulated;
         let open = vec![f64::INFINITY; grounds.ready.settings.len()];
         let mut until = open.clone();
@@ -165,7 +173,7 @@ impl Shots {
     }
 
     /// Windows as data, and where they start.
-    fn data<'a>(
+    pub fn data<'a>(
         &self,
         grounds: &'a Grounds,
         windows: &'a [Window],

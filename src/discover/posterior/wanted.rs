@@ -21,6 +21,8 @@ pub struct Wanted {
     /// Draws in all.
     pub draws: Option<usize>,
     pub discrepancy: Option<bool>,
+    /// Whether what the model lacks is followed.
+    pub follow: bool,
     pub engine: Engine,
     pub seed: u64,
 }
@@ -55,6 +57,7 @@ impl Wanted {
             sets: if self.sets.is_empty() { usual.sets.clone() } else { self.sets.clone() },
             prior,
             discrepancy: self.discrepancy.unwrap_or(usual.discrepancy),
+            follow: self.follow,
             sampler,
             engine: self.engine,
             ..usual

@@ -55,6 +55,8 @@ impl PosteriorIn {
             method: self.method,
             draws: self.draws,
             discrepancy: self.discrepancy,
+            // Minutes of a server's processors for one request: on the command line only.
+            follow: false,
             engine: Engine::Auto,
             seed: seed.unwrap_or(0),
         };

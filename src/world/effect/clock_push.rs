@@ -12,8 +12,11 @@
 //!
 //! Differences from the source: none.
 
-use super::bump::{bump, centre, height, width};
-use super::{Act, Constants, Effect, Motion, Moving, Search, Shape, Surroundings, constants};
+use super::bump::{bump, bumps, centre, height, width};
+use super::{
+    Act, Constants, Effect, LANES, MOST_PARAMETERS, Motion, Moving, MovingLanes, Search, Shape, Surroundings,
+    constants,
+};
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
@@ -41,5 +44,15 @@ impl Motion for ClockPush {
         let [ax, ay, t0, per_w, ..] = *constants;
         let near = bump([(body.time - t0) * per_w, 0.0]);
         [body.vx + ax * near, body.vy + ay * near, body.omega]
+    }
+
+    fn kick_lanes(&self, constants: &[[f64; LANES]; MOST_PARAMETERS], bodies: &mut MovingLanes, _dt: f64) {
+        let [ax, ay, t0, per_w, ..] = constants;
+        let at = std::array::from_fn(|l| (bodies.time[l] - t0[l]) * per_w[l]);
+        let near = bumps(&at, &[0.0; LANES]);
+        for lane in 0..LANES {
+            bodies.vx[lane] += ax[lane] * near[lane];
+            bodies.vy[lane] += ay[lane] * near[lane];
+        }
     }
 }

@@ -31,6 +31,7 @@ mod sticky_patch;
 mod tangential_restitution;
 mod time_scale;
 pub mod velocity_push;
+mod wide;
 mod wind;
 
 use crate::error::{Error, Result, within};

@@ -13,8 +13,11 @@
 //!
 //! Differences from the source: the force does not depend on the speed, like dry friction; what lies still is left alone.
 
-use super::bump::{bump, centre, height, width};
-use super::{Act, Constants, Effect, Motion, Moving, Search, Shape, Surroundings, constants};
+use super::bump::{bump, bumps, centre, height, width};
+use super::{
+    Act, Constants, Effect, LANES, MOST_PARAMETERS, Motion, Moving, MovingLanes, Search, Shape, Surroundings,
+    constants,
+};
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
@@ -60,5 +63,22 @@ impl Motion for PlaceDrive {
 
     fn timeless(&self) -> bool {
         true
+    }
+
+    fn kick_lanes(&self, constants: &[[f64; LANES]; MOST_PARAMETERS], bodies: &mut MovingLanes, _dt: f64) {
+        let [along, across, x0, y0, per_wx, per_wy, ..] = constants;
+        let at = [
+            std::array::from_fn(|l| (bodies.x[l] - x0[l]) * per_wx[l]),
+            std::array::from_fn(|l| (bodies.y[l] - y0[l]) * per_wy[l]),
+        ];
+        let near = bumps(&at[0], &at[1]);
+        for lane in 0..LANES {
+            let (vx, vy) = (bodies.vx[lane], bodies.vy[lane]);
+            let speed = (vx * vx + vy * vy).sqrt();
+            let [ex, ey] = [vx, vy].map(|v| v / speed.max(STILL));
+            let (along, across) = ((along[lane] * near[lane]).max(-speed), across[lane] * near[lane]);
+            bodies.vx[lane] = vx + along * ex - across * ey;
+            bodies.vy[lane] = vy + along * ey + across * ex;
+        }
     }
 }

@@ -11,8 +11,11 @@
 //!
 //! Differences from the source: none.
 
-use super::bump::{bump, centre, height, width};
-use super::{Act, Constants, Effect, Motion, Moving, Search, Shape, Surroundings, constants};
+use super::bump::{bump, bumps, centre, height, width};
+use super::{
+    Act, Constants, Effect, LANES, MOST_PARAMETERS, Motion, Moving, MovingLanes, Search, Shape, Surroundings,
+    constants,
+};
 
 /// The effect's row in the registry.
 pub static EFFECT: Effect = Effect {
@@ -51,5 +54,18 @@ impl Motion for VelocityPush {
 
     fn timeless(&self) -> bool {
         true
+    }
+
+    fn kick_lanes(&self, constants: &[[f64; LANES]; MOST_PARAMETERS], bodies: &mut MovingLanes, _dt: f64) {
+        let [ax, ay, ux, uy, per_wx, per_wy, ..] = constants;
+        let at = [
+            std::array::from_fn(|l| (bodies.vx[l] - ux[l]) * per_wx[l]),
+            std::array::from_fn(|l| (bodies.vy[l] - uy[l]) * per_wy[l]),
+        ];
+        let near = bumps(&at[0], &at[1]);
+        for lane in 0..LANES {
+            bodies.vx[lane] += ax[lane] * near[lane];
+            bodies.vy[lane] += ay[lane] * near[lane];
+        }
     }
 }

@@ -1,0 +1,24 @@
+//! Numbers of all lanes at once, by the widest instructions that there are.
+
+use super::LANES;
+
+/// A number of every lane; the same bits as one after the other. It pays where the numbers are worked out without branches.
+#[inline]
+pub fn lanes(of: impl Fn(usize) -> f64) -> [f64; LANES] {
+    #[cfg(target_arch = "x86_64")]
+    if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512dq") {
+        #[allow(
+            unsafe_code,
+            reason = "calls what was compiled for instructions that this machine was seen to have"
+        )]
+        // SAFETY: the machine has both, as was just seen.
+        return unsafe { widest(of) };
+    }
+    std::array::from_fn(of)
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512dq")]
+fn widest(of: impl Fn(usize) -> f64) -> [f64; LANES] {
+    std::array::from_fn(of)
+}
