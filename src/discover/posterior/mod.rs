@@ -3,7 +3,7 @@
 //! 1. Trials are cut into windows and the model of every set is fitted, as a diagnosis does it.
 //!    `models`: they; `reach`: beginnings of trials, whose starts are known, go on as far as the model predicts them.
 //! 2. `density`: how likely the windows are at any values, about that fit; `discrepancy`: what launches share that the model lacks
-//!    is integrated out; `unnamed`: if it is to be followed, it is put into the model first; `whitened`: coordinates in which that is plain; `prior`: what is believed of every number.
+//!    is integrated out; `follow`: if it is to be followed, it is put into the model first (`unnamed`: what such a field is); `whitened`: coordinates in which that is plain; `prior`: what is believed of every number.
 //! 3. `estimate::sampler` draws, beginning near the fit; `likelihood`: the same density for samplers of one's own.
 //! 4. Sets are weighed by how well each predicts launches from the others (`decide`); their evidence stands beside that.
 //!    `document`: all of it as it is written; `config`: what can be asked; `wanted`: what people
@@ -18,6 +18,7 @@ mod config;
 mod density;
 mod discrepancy;
 mod document;
+mod follow;
 mod likelihood;
 mod models;
 mod prior;

@@ -2,9 +2,10 @@
 
 use super::config::PosteriorConfig;
 use super::density::Density;
+use super::follow::completed;
 use super::prior::{self, Known, known};
 use super::reach::{Grounds, OfModel, RUN, STAGES, cut, reached};
-use super::unnamed::{Every, Lacks, completed};
+use super::unnamed::{Every, Lacks};
 use crate::discover::decide::Bootstrap;
 use crate::discover::fit::{Fitted, Fitter};
 use crate::discover::model::Data;

@@ -10,7 +10,7 @@ use std::collections::HashMap;
 
 use super::unnamed::Unnamed;
 use crate::discover::base;
-use crate::discover::model::{self, Data, Frozen, Layout, Pass, Slot, State};
+use crate::discover::model::{self, Data, Frozen, Layout, Pass, Slot, State, Term};
 use crate::discover::noise::Noise;
 use crate::discover::prepare::Ready;
 use crate::discover::stats::median;
@@ -41,6 +41,14 @@ pub struct OfModel {
     pub left: f64,
     /// A field that the set has no name for, among the layout's terms.
     pub unnamed: Option<Unnamed>,
+}
+
+impl OfModel {
+    /// Terms that have names.
+    pub fn named(&self) -> &[Term] {
+        let unnamed = self.unnamed.as_ref().map_or(0, |u| u.effects.len());
+        &self.layout.terms[..self.layout.terms.len() - unnamed]
+    }
 }
 
 /// What sets' models are fitted to.
