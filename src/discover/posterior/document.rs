@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Field, OfSet, Posterior, PosteriorConfig, Sampler};
+use crate::discover::field::Over;
 use crate::estimate::belief::POSTERIOR_FORMAT;
 use crate::estimate::sampler::{Marginal, Quality, log_sum_exp};
 use crate::rng;
@@ -117,7 +118,7 @@ impl Document {
                 parameters.push(parameter(number, column, &run));
             }
         }
-        let warnings = warnings(posterior);
+        let warnings = warnings(posterior, config.follow);
         Document {
             format: POSTERIOR_FORMAT.into(),
             version: env!("CARGO_PKG_VERSION").into(),
@@ -240,7 +241,18 @@ fn reweighed(of: &OfSet, wider: f64) -> f64 {
     log_sum_exp(logs.iter().copied()) - libm::log(logs.len().max(1) as f64)
 }
 
-fn warnings(posterior: &Posterior) -> Vec<String> {
+/// What a field is made of.
+fn words(over: Over) -> &'static str {
+    match over {
+        Over::Powers => "powers of place, velocity and speed",
+        Over::Velocity => "bumps over velocity",
+        Over::Clock => "bumps over the clock",
+        Over::All | Over::Place | Over::Heading => "bumps over place",
+    }
+}
+
+/// What is to be said of draws before they are trusted.
+fn warnings(posterior: &Posterior, follow: bool) -> Vec<String> {
     let mut out = Vec::new();
     for of in posterior.sets.iter().filter(|of| of.weight > SLIGHT) {
         let name = if of.set.is_empty() { "the scene as it is".to_string() } else { of.set.join(" + ") };
@@ -249,9 +261,14 @@ fn warnings(posterior: &Posterior) -> Vec<String> {
         }
         let shared = 1.0 - of.fields.first().map_or(1.0, |f| f.1);
         if shared > LIKELY {
+            let then = match (of.followed, follow) {
+                (Some(over), _) => format!("{} stand in for it, and no draw carries them", words(over)),
+                (None, true) => "no field that was followed predicts beginnings better".into(),
+                (None, false) => "draws allow for it, too little where it is strong (`--follow`)".into(),
+            };
             out.push(format!(
-                "{name}: launches share something that this model lacks (probability {shared:.3}); draws allow for it; \
-                 `iplw diagnose` looks for its name"
+                "{name}: launches share something that this model lacks (probability {shared:.3}); {then}; `iplw diagnose` looks for its \
+                 name"
             ));
         }
     }

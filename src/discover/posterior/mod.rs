@@ -27,6 +27,7 @@ mod unnamed;
 mod wanted;
 mod whitened;
 
+use crate::discover::field::Over;
 use crate::error::Result;
 use crate::estimate::sampler::Draws;
 use crate::estimate::sampler::mcmc::mcmc;
@@ -65,6 +66,8 @@ pub struct OfSet {
     pub draws: Draws,
     /// Probability of each kind of shared field that the model may lack, the first of which is none.
     pub fields: Vec<(Field, f64)>,
+    /// What the field depends on that the model lacked and that was followed.
+    pub followed: Option<Over>,
     /// Probability of the set among all, by how it predicts launches; and how likely each launch was, told from the others.
     pub weight: f64,
     pub predictive: f64,
@@ -95,6 +98,7 @@ pub fn posterior(
                 numbers,
                 fit,
                 fields: density.fields(&draws.points)?,
+                followed: model.unnamed.as_ref().map(|u| u.over),
                 draws,
                 weight: *weight,
                 predictive: *predictive,
