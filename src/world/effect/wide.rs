@@ -1,5 +1,7 @@
 //! Numbers of all lanes at once, by the widest instructions that there are.
 
+#![allow(unsafe_code, reason = "calls what was compiled for instructions that this machine was seen to have")]
+
 use super::LANES;
 
 /// A number of every lane; the same bits as one after the other. It pays where the numbers are worked out without branches.
@@ -7,10 +9,6 @@ use super::LANES;
 pub fn lanes(of: impl Fn(usize) -> f64) -> [f64; LANES] {
     #[cfg(target_arch = "x86_64")]
     if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512dq") {
-        #[allow(
-            unsafe_code,
-            reason = "calls what was compiled for instructions that this machine was seen to have"
-        )]
         // SAFETY: the machine has both, as was just seen.
         return unsafe { widest(of) };
     }
