@@ -18,7 +18,7 @@ pub struct PosteriorConfig {
     pub prior: [(f64, f64); 3],
     /// Whether what launches share and the model lacks may be there, and is integrated out.
     pub discrepancy: bool,
-    /// Whether a field that is likelier than none is followed first: simulated, fitted with everything else, and integrated out about
+    /// Whether a field, where none is unlikely, is followed first: simulated, fitted with everything else, and integrated out about
     /// where that leads. Minutes instead of seconds.
     #[serde(default)]
     pub follow: bool,

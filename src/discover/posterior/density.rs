@@ -53,7 +53,8 @@ struct Kept {
 }
 
 impl Density {
-    /// Of the windows of a fitted model, and of shared fields that may be there beside it. `None` where the model cannot be simulated or its covariance fails.
+    /// Of the windows of a fitted model, and of shared fields that may be there beside it. `None` where the model cannot be simulated or its
+    /// covariance fails.
     pub fn new(fitter: &Fitter, fit: &Fitted, prior: Prior, lacks: &Lacks) -> Result<Option<Density>> {
         let (data, layout, state) = (fitter.data, &fit.layout, &fit.state);
         let Some((looks, parts)) = fitter.parts(layout, &fit.set, state, &lacks.extras())? else {

@@ -8,7 +8,8 @@
 //! log p(r | t) = sum_p log student(|r_p - Z_p a|^2) - |a|^2 / (2 t^2) - log det(I + t^2 A) / 2,  a = (A + I / t^2)^-1 sum_p w_p Z_p' r_p,
 //!
 //! A = sum_p w_p Z_p' Z_p. Where the model has a field already, of coefficients b (`unnamed`), what is sought is how far they are from those:
-//! -|b + a|^2 / (2 t^2) in place of -|a|^2 / (2 t^2), with a to match. No field is as believable as all fields together, each kind as the others, each strength as the others. A
+//! -|b + a|^2 / (2 t^2) in place of -|a|^2 / (2 t^2), with a to match. No field is as believable as all fields together, each kind as
+//! the others, each strength as the others. A
 //! simulation that leaves nothing out loses little by that; one that does is not as sure as it would be.
 //!
 //! Source: Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425; Tierney and Kadane, J. Am. Stat. Assoc. 81 (1986) 82.

@@ -263,8 +263,8 @@ fn warnings(posterior: &Posterior, follow: bool) -> Vec<String> {
         if shared > LIKELY {
             let then = match (of.followed, follow) {
                 (Some(over), _) => format!("{} stand in for it, and no draw carries them", words(over)),
-                (None, true) => "no field that was followed predicts beginnings better".into(),
-                (None, false) => "draws allow for it, too little where it is strong (`--follow`)".into(),
+                (None, true) => "nothing could be followed that predicts beginnings better".into(),
+                (None, false) => "draws allow for it, too little where it is strong (`iplw posterior --follow` comes nearer)".into(),
             };
             out.push(format!(
                 "{name}: launches share something that this model lacks (probability {shared:.3}); {then}; `iplw diagnose` looks for its \

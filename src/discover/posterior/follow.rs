@@ -1,12 +1,15 @@
-//! What launches share and no set of effects accounts for, put into the model: a field of Gaussian bumps, fitted with everything else.
+//! What launches share and no set of effects accounts for, put into the model: a force field, fitted with everything else.
 //!
 //! A field that is integrated out straight about a model without it (`discrepancy`) cannot follow what bends paths by a hundred times the
-//! noise: values then make up for it, and are sure of what is wrong. So where a field is likelier than none, the kind that is likeliest is
-//! simulated, and values and its coefficients take steps together (Gauss and Newton), each kept if beginnings, which grow with it, are
-//! predicted better than before. About the field where it ends up, what is not known of it is integrated out.
+//! noise: values then make up for it, and are sure of what is wrong. So where none is unlikely, a field of each of some kinds is simulated, and
+//! values and its coefficients take steps together (Gauss and Newton), each kept if beginnings, which grow with it, are predicted better than
+//! before; the kind that predicts them best goes on. About the field where it ends up, what is not known of it is integrated out.
 //!
 //! Differences from Kennedy and O'Hagan (2001): the field is part of the forces and not of what is seen, so that it goes on through
-//! contacts and can be rolled out anywhere.
+//! contacts.
+//!
+//! Range of validity: steps may end in a hollow of their own, and what is not known of the field is straight about where they do, so that
+//! intervals are narrower than errors are (`docs/posterior.md`). Draws do not carry the field.
 
 use super::discrepancy::Discrepancy;
 use super::reach::{Grounds, Grown, OfModel, RUN, Shots, cut, reached};

@@ -14,8 +14,9 @@ use crate::world::effect::{Effect, monomial};
 
 /// Amplitude by which derivatives by a field's functions are taken, m/s^2.
 const SLIGHT: f64 = 0.02;
-/// Least size of a power where paths lead: of what is nothing there a unit would be without end.
-const LEAST: f64 = 1e-6;
+/// Least size of a power where paths lead: of what is nothing there (x, where all falls straight down) a unit would be without end, and a
+/// little of it more than its effect may have.
+const LEAST: f64 = 1e-3;
 
 /// A field in a model.
 #[derive(Clone)]
@@ -170,6 +171,8 @@ mod tests {
         assert_eq!((field.amounts.len(), field.effects.len()), (2 * POWERS.len(), POWERS.len()));
         let still = powers(&[vec![[0.0; 4]]]);
         assert!(still.units.iter().all(|u| u.is_finite()));
+        let within = |e: &Extra| (0..2).all(|k| e.values[k].abs() < e.effect.parameters[k].bounds[1]);
+        assert!(still.extras().iter().all(within), "what stands still is simulated all the same");
         let extra = &field.extras()[2 * place([0, 0, 0, 1, 1]) + 1];
         assert_eq!((extra.values[0], extra.values[1], extra.unit), (0.0, SLIGHT / 20.0, SLIGHT));
     }
