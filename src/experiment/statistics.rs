@@ -22,6 +22,8 @@ pub struct Summary {
 pub enum Verdict {
     Reproduced,
     NotReproduced,
+    /// Neither, and whatever difference there is, is smaller than what would matter.
+    Small,
     Undecided,
 }
 
@@ -58,6 +60,15 @@ impl Summary {
         }
     }
 
+    /// As [`Summary::above_zero`]; where the mean cannot be told from zero, whether it lies within `matters` of it.
+    pub fn above_zero_by(&self, matters: f64) -> Verdict {
+        let within = self.half_width.is_some_and(|w| self.mean.abs() + w < matters);
+        match self.above_zero() {
+            Verdict::Undecided if within => Verdict::Small,
+            decided => decided,
+        }
+    }
+
     /// `mean +- standard error`, for tables.
     pub fn show(&self, digits: usize) -> String {
         match self.standard_error {
@@ -73,6 +84,7 @@ impl Verdict {
         match self {
             Verdict::Reproduced => "reproduced",
             Verdict::NotReproduced => "not reproduced",
+            Verdict::Small => "small",
             Verdict::Undecided => "undecided",
         }
     }
@@ -98,5 +110,10 @@ mod tests {
         assert_eq!(Summary::of(&[-1.0, -1.1, -0.9]).above_zero(), Verdict::NotReproduced);
         assert_eq!(Summary::of(&[1.0, -1.1, 0.9]).above_zero(), Verdict::Undecided);
         assert_eq!(Summary::of(&[1.0]).above_zero(), Verdict::Undecided);
+        let level = Summary::of(&[0.01, -0.01, 0.012, -0.008, 0.001]);
+        assert_eq!(level.above_zero_by(0.03), Verdict::Small);
+        assert_eq!(level.above_zero_by(0.01), Verdict::Undecided);
+        assert_eq!(Summary::of(&[0.01, 0.011, 0.009]).above_zero_by(0.03), Verdict::Reproduced);
+        assert_eq!(Summary::of(&[0.0]).above_zero_by(0.03), Verdict::Undecided);
     }
 }

@@ -15,6 +15,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::extension::{self, Extension, diagnosed};
+use super::past_point::{self, BY_POLICIES, POLICIES, PastPoint};
 use super::statistics::{Claim, Summary, Verdict};
 use super::strategies::{Arm, Nature};
 use super::transfer::{LearnConfig, School, Transfer, TransferConfig, transfer};
@@ -51,6 +52,10 @@ pub struct Study {
     /// by what is found.
     #[serde(default)]
     pub diagnosed: Vec<String>,
+    /// Names of arms whose trials are worth more than the point: a policy is trained over the draws of their posterior, and one at the
+    /// point after the last round is tuned on what was measured.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub past_point: Vec<String>,
     /// How policies are made and tried.
     pub transfer: TransferConfig,
     /// One estimate for each, and one fold of the tasks.
@@ -68,6 +73,9 @@ pub struct Estimated {
     /// What a diagnosis of all trials found, if the study asks for one.
     #[serde(default)]
     pub extension: Option<Extension>,
+    /// Draws and labels, if the study asks for them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub past_point: Option<PastPoint>,
 }
 
 /// One policy to be made and tried.
@@ -249,10 +257,18 @@ impl Study {
                         let school = grounded(&arm.estimate, &found[s].estimates[round - 1]);
                         cells.push(cell(&arm.name, Some(*round), school, found[s].interactions[round - 1]));
                     }
+                    let (last, spent) = (self.rounds.last().copied(), found[s].interactions.last());
+                    let spent = spent.copied().unwrap_or(0);
+                    let mut after = |row: &str, school| cells.push(cell(row, last, school, spent));
                     if let Some(extension) = &found[s].extension {
                         let school = School::Simulated { training: extension.training() };
-                        let spent = found[s].interactions.last().copied().unwrap_or(0);
-                        cells.push(cell(&extended(&arm.name), self.rounds.last().copied(), school, spent));
+                        after(&extended(&arm.name), school);
+                    }
+                    if let (Some(more), Some(point)) = (&found[s].past_point, found[s].estimates.last()) {
+                        let training = Training::Believed { draws: more.draws.clone() };
+                        after(&past_point::over_draws(&arm.name), School::Simulated { training });
+                        let (training, measured) = (at(&arm.estimate, point), more.measured.clone());
+                        after(&past_point::tuned(&arm.name), School::Tuned { training, measured });
                     }
                 }
             }
@@ -268,7 +284,7 @@ impl Study {
             .map(|(name, _)| (name, None))
             .chain(self.arms.iter().flat_map(|a| self.rounds.iter().map(move |r| (&a.name, Some(*r)))))
             .map(|(name, round)| (name.clone(), round))
-            .chain(self.diagnosed.iter().map(|name| (extended(name), self.rounds.last().copied())));
+            .chain(self.afterwards().map(|name| (name, self.rounds.last().copied())));
         names
             .filter_map(|(name, round)| {
                 let mine: Vec<(&Cell, &Transfer)> =
@@ -301,13 +317,24 @@ impl Study {
 
     /// What the rows say of the paper's claims about this study and the family's jump starts, and of ours.
     pub fn claims(&self, family: &Family, rows: &[Row]) -> Vec<Claim> {
-        let own: &[Ahead] = if self.name == LATENTS { BY_LATENTS } else { family.claims.jump_starts };
+        let own: &[Ahead] = match self.name.as_str() {
+            LATENTS => BY_LATENTS,
+            POLICIES => BY_POLICIES,
+            _ => family.claims.jump_starts,
+        };
         let stated = BY_ALL.iter().chain(own).filter_map(|claim| ahead(claim, rows));
         stated.chain(near_the_oracle(rows)).collect()
     }
 
+    /// Rows of policies that are made once, after an arm's last round.
+    pub fn afterwards(&self) -> impl Iterator<Item = String> {
+        let past = self.past_point.iter();
+        let two = past.flat_map(|name| [past_point::over_draws(name), past_point::tuned(name)]);
+        self.diagnosed.iter().map(|name| extended(name)).chain(two)
+    }
+
     /// Baselines, seeds and trials that every study has.
-    fn base(name: &str, family: &Family) -> Study {
+    pub(super) fn base(name: &str, family: &Family) -> Study {
         let hidden = Nature::Damped.hidden(family, 0);
         let simulated = |training: Training| School::Simulated { training };
         let fixed = |effects| simulated(Training::Fixed { latents: hidden.latents, effects });
@@ -325,6 +352,7 @@ impl Study {
             arms: Vec::new(),
             rounds: Vec::new(),
             diagnosed: Vec::new(),
+            past_point: Vec::new(),
             transfer: TransferConfig::paper(family),
             seeds: vec![50, 100, 150, 500, 1000],
             trials: 3,
@@ -349,6 +377,9 @@ const BY_LATENTS: &[Ahead] = &[
     Ahead { text: "estimated latents beat direct learning at the start", better: BY_SEARCH, worse: DIRECT },
 ];
 
+/// AUCCESS that a claim's difference has to have if it is to matter.
+const MATTERS: f64 = 0.03;
+
 /// Whether one row starts ahead of another; `None` where one of them is not there.
 fn ahead(claim: &Ahead, rows: &[Row]) -> Option<Claim> {
     let at = |name: &str| rows.iter().rfind(|r| r.name == name);
@@ -364,7 +395,7 @@ fn ahead(claim: &Ahead, rows: &[Row]) -> Option<Claim> {
             found.show(3),
             found.half_width.unwrap_or(f64::INFINITY)
         ),
-        verdict: found.above_zero(),
+        verdict: found.above_zero_by(MATTERS),
     })
 }
 
@@ -420,7 +451,9 @@ pub fn estimated(
         }
         None => None,
     };
-    Ok(Estimated { interactions: workflow.interactions(), estimates, extension })
+    let wanted = study.past_point.contains(&arm.name);
+    let past_point = wanted.then(|| PastPoint::of(family, &training, &workflow, progress)).transpose()?;
+    Ok(Estimated { interactions: workflow.interactions(), estimates, extension, past_point })
 }
 
 /// Makes and tries one policy.
@@ -442,12 +475,16 @@ fn extended(arm: &str) -> String {
 
 /// Training in the simulation at an estimate, with the effects that were fitted along.
 fn grounded(config: &EstimateConfig, estimate: &Sample) -> School {
-    let coordinates = config.cem.coordinates();
-    let (latents, effects) = (coordinates.latents(estimate), coordinates.effects(estimate, &[]));
-    School::Simulated { training: Training::Fixed { latents, effects } }
+    School::Simulated { training: at(config, estimate) }
 }
 
-fn with_drag(mut config: EstimateConfig) -> EstimateConfig {
+/// One world: an estimate, with the effects that were fitted along.
+fn at(config: &EstimateConfig, estimate: &Sample) -> Training {
+    let coordinates = config.cem.coordinates();
+    Training::Fixed { latents: coordinates.latents(estimate), effects: coordinates.effects(estimate, &[]) }
+}
+
+pub(super) fn with_drag(mut config: EstimateConfig) -> EstimateConfig {
     config.cem.fit_along(DRAG);
     config
 }
@@ -463,7 +500,8 @@ mod tests {
         for family in families() {
             let check = |study: Study, claims: &[Ahead]| {
                 let schools = study.schools.iter().map(|(name, _)| name);
-                let rows: Vec<&String> = schools.chain(study.arms.iter().map(|a| &a.name)).collect();
+                let arms = study.arms.iter().map(|a| &a.name);
+                let rows: Vec<String> = schools.chain(arms).cloned().chain(study.afterwards()).collect();
                 for claim in claims.iter().chain(BY_ALL) {
                     let row = |name: &str| rows.iter().any(|r| *r == name);
                     assert!(row(claim.better) && row(claim.worse), "{}: {}", study.name, claim.text);
@@ -471,6 +509,7 @@ mod tests {
             };
             check(Study::strategies(family), family.claims.jump_starts);
             check(Study::latents(family), BY_LATENTS);
+            check(Study::policies(family), BY_POLICIES);
         }
     }
 }

@@ -11,6 +11,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::past_point::{Measured, mixed};
 use super::tryout::try_out;
 use crate::error::{Result, within};
 use crate::explore;
@@ -32,6 +33,8 @@ pub enum School {
     Direct,
     /// A simulation.
     Simulated { training: Training },
+    /// A simulation, and then what was measured while it was estimated, among the simulation's labels: [`TUNING`].
+    Tuned { training: Training, measured: Vec<Measured> },
     /// The real world ranks the actions itself: nothing can do better.
     Itself,
 }
@@ -111,7 +114,7 @@ impl TransferConfig {
 impl LearnConfig {
     /// As in the paper: batches of 32, evaluated every 125; eight times.
     pub fn paper() -> LearnConfig {
-        LearnConfig { evaluations: 8, batches: 125, batch_size: 32, learning_rate: 5e-4 }
+        LearnConfig { evaluations: 8, ..TUNING }
     }
 
     fn validate(&self) -> Result<()> {
@@ -119,6 +122,10 @@ impl LearnConfig {
         within("batches", self.batches as f64, 1.0, 100_000.0).map(drop)
     }
 }
+
+/// One stretch of the paper's learning in the real world.
+pub const TUNING: LearnConfig =
+    LearnConfig { evaluations: 1, batches: 125, batch_size: 32, learning_rate: 5e-4 };
 
 /// Actions tried at a time where one that solves is enough: of most tasks a few in a hundred do.
 const ASKED: usize = 64;
@@ -140,6 +147,9 @@ pub fn transfer(
         School::Chance | School::Itself => None,
         School::Direct => Some(Dqn::untrained(&training[0], config.train.hidden, seed)?),
         School::Simulated { training: from } => Some(taught(&training, from, config, seed, progress)?),
+        School::Tuned { training: from, measured } => {
+            Some(tuned(&training, from, measured, config, seed, progress)?)
+        }
     };
     let try_policy = |policy: &dyn Policy| try_out(policy, &test, hidden, &config.evaluate, progress);
     let first = match (&learner, school) {
@@ -183,9 +193,37 @@ pub fn taught(
     seed: u64,
     progress: &dyn Progress,
 ) -> Result<Dqn> {
-    let labels = LabelConfig { seed: rng::derive(seed, "label", 0), ..config.label.clone() };
-    let data = label(tasks, training, &labels, progress)?;
+    let data = labelled(tasks, training, config, seed, progress)?;
     Ok(train(&data, &TrainConfig { seed, ..config.train.clone() }, progress)?.0)
+}
+
+/// A policy trained in simulation, then for a stretch on the same labels with measured ones among them.
+fn tuned(
+    tasks: &[Task],
+    training: &Training,
+    measured: &[Measured],
+    config: &TransferConfig,
+    seed: u64,
+    progress: &dyn Progress,
+) -> Result<Dqn> {
+    let data = labelled(tasks, training, config, seed, progress)?;
+    let policy = train(&data, &TrainConfig { seed, ..config.train.clone() }, progress)?.0;
+    let LearnConfig { batches, batch_size, learning_rate, .. } = TUNING;
+    let (hidden, seed) = (config.train.hidden, rng::derive(seed, "tuning", 0));
+    let setup = TrainConfig { batches, batch_size, learning_rate, hidden, seed };
+    Ok(policy.learn_more(&mixed(&data, measured)?, &setup, progress)?.0)
+}
+
+/// Labels of the tasks in simulation.
+fn labelled(
+    tasks: &[Task],
+    training: &Training,
+    config: &TransferConfig,
+    seed: u64,
+    progress: &dyn Progress,
+) -> Result<Dataset> {
+    let labels = LabelConfig { seed: rng::derive(seed, "label", 0), ..config.label.clone() };
+    label(tasks, training, &labels, progress)
 }
 
 /// Adds `count` random real attempts on the data's tasks.

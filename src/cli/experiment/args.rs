@@ -28,11 +28,12 @@ pub struct RunArgs {
 /// against real interactions. `latents`: policies from latents estimated on 10,000 random real trajectories beside
 /// every baseline, learning on in the real world. The name of a family (`bowling`, say): jump start of every strategy
 /// over 10 rounds of 50 interactions. `harder`: real worlds with wind, quadratic drag, a sticky patch, another engine.
+/// `policies`: trained at the point, over a posterior's draws, and tuned on what was measured, of 20 interactions with 5 mm of noise.
 /// `grounding`: 5 and 20 interactions spent one way or another, what each estimator
 /// makes of them, and what plans under it are worth.
 #[derive(clap::Args)]
 pub struct ExperimentArgs {
-    /// quickstart, strategies, latents, harder, grounding or the name of a family.
+    /// quickstart, strategies, latents, harder, policies, grounding or the name of a family.
     pub name: String,
     /// A family (`iplw tasks` lists them).
     #[arg(long, default_value = DEFAULT_FAMILY)]
@@ -40,13 +41,13 @@ pub struct ExperimentArgs {
     /// Number of seeds, the first of the experiment's own; the experiment's number if not given.
     #[arg(long)]
     pub seeds: Option<u64>,
-    /// Learning trials for each estimate (`latents`, `harder`, a family's); 3 if not given.
+    /// Learning trials for each estimate (`latents`, `harder`, `policies`, a family's); 3 if not given.
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=1000))]
     pub trials: Option<u64>,
     /// Rounds after which policies are trained, `1,3` (a family's), and the last; all if not given.
     #[arg(long, value_delimiter = ',')]
     pub rounds: Option<Vec<usize>>,
-    /// Batches that policies are trained for in simulation (`latents`, `harder`, a family's); the family's number if
+    /// Batches that policies are trained for in simulation (`latents`, `harder`, `policies`, a family's); the family's number if
     /// not given.
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     pub batches: Option<u64>,

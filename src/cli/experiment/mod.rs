@@ -33,6 +33,7 @@ fn experiments() -> Vec<Experiment> {
         row("latents", study::latents, &["--trials", "--batches"]),
     ];
     all.extend(families().iter().map(of));
+    all.push(row("policies", study::policies, &["--trials", "--batches"]));
     all.push(row("grounding", grounding::run, &["--ways", "--estimators", "--real", "--set"]));
     all.push(row("harder", study::harder, &["--trials", "--batches", "--worlds"]));
     all

@@ -49,6 +49,12 @@ pub fn harder(args: &ExperimentArgs) -> Result<()> {
     Ok(())
 }
 
+/// Policies that know what is not known, beside the point, domain randomisation and the truth.
+pub fn policies(args: &ExperimentArgs) -> Result<()> {
+    let family = family(&args.task)?;
+    carry_out(args, family, Study::policies(family), &args.out)
+}
+
 fn carry_out(args: &ExperimentArgs, family: &Family, mut study: Study, out: &Path) -> Result<()> {
     if args.quick {
         study = study.quick(family);
@@ -71,7 +77,7 @@ fn carry_out(args: &ExperimentArgs, family: &Family, mut study: Study, out: &Pat
     let estimates = study.arms.len() * study.seeds.len();
     let policies = study.seeds.len()
         * study.trials as usize
-        * (study.schools.len() + study.arms.len() * study.rounds.len() + study.diagnosed.len());
+        * (study.schools.len() + study.arms.len() * study.rounds.len() + study.afterwards().count());
     let cells = Cells::new(out, estimates + policies)?;
     let importance = importance(family, study.needs_importance())?;
     let arms: Vec<(&Arm, u64)> =
@@ -82,6 +88,7 @@ fn carry_out(args: &ExperimentArgs, family: &Family, mut study: Study, out: &Pat
             let depends = json!({
                 "family": family.name, "hidden": study.hidden, "arm": arm, "seed": seed,
                 "tasks": train_ids(&study.tasks(family, *seed)), "diagnose": study.diagnosed.contains(&arm.name),
+                "past_point": study.past_point.contains(&arm.name),
             });
             (format!("estimate, {}, seed {seed}", arm.name), depends)
         },
