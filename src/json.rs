@@ -37,6 +37,10 @@ pub fn read<T: DeserializeOwned>(path: &std::path::Path) -> Result<T> {
 }
 
 fn parse_strictly<T: DeserializeOwned>(text: &str) -> Result<T> {
+    // As in `from_value`.
+    if let Ok(value) = serde_json::from_str(text) {
+        return Ok(value);
+    }
     let mut deserializer = serde_json::Deserializer::from_str(text);
     let value = serde_path_to_error::deserialize(&mut deserializer).map_err(|e| {
         let path = e.path().to_string();

@@ -1,13 +1,14 @@
 //! `iplw rollout`: scenes in, trajectories out, one JSON document a line.
 
+use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::PathBuf;
 
 use iplw::error::{Error, Result};
 use iplw::task::Scene;
-use iplw::trajectory::Trajectory;
+use iplw::trajectory::{Contact, End, Trajectory};
 use iplw::world::{Engine, Rollout, chosen, simulate};
-use serde_json::{Map, Value, json};
+use serde::Serialize;
 
 use super::output;
 
@@ -38,47 +39,74 @@ pub fn reads_stdin(args: &Args) -> bool {
 pub fn run(args: &Args) -> Result<()> {
     let engine = Engine::from_name(&args.engine)?;
     let (name, text) = read(&args.input)?;
-    let mut scenes = Vec::new();
+    let (mut scenes, mut engines) = (Vec::new(), Vec::new());
     for (i, line) in text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty()) {
         let place = format!("{name}:{}", i + 1);
         let scene = Scene::from_json(line).map_err(|e| at_line(e, &place))?;
         let rollout = Rollout::of(&scene);
-        chosen(engine, &rollout).map_err(|e| at_line(e, &place))?;
+        engines.push(chosen(engine, &rollout).map_err(|e| at_line(e, &place))?.name());
         scenes.push(scene);
     }
     let file = (args.out != "-").then(|| PathBuf::from(&args.out));
     file.as_deref().map_or(Ok(()), |path| output::file("--out", path))?;
-    let mut results = String::new();
-    for chunk in scenes.chunks(CHUNK) {
+    let mut results = Vec::new();
+    for (chunk, engines) in scenes.chunks(CHUNK).zip(engines.chunks(CHUNK)) {
         let rollouts: Vec<Rollout> = chunk.iter().map(Rollout::of).collect();
-        for (rollout, trajectory) in rollouts.iter().zip(simulate(&rollouts, engine)?) {
-            let mut line = record(&trajectory);
-            line["engine"] = json!(chosen(engine, rollout)?.name());
-            results.push_str(&line.to_string());
-            results.push('\n');
+        for (engine, trajectory) in engines.iter().zip(simulate(&rollouts, engine)?) {
+            let line = serde_json::to_writer(&mut results, &Record::of(&trajectory, engine));
+            line.map_err(|e| Error::Failed(e.to_string()))?;
+            results.push(b'\n');
         }
         if file.is_none() {
-            output::print(&std::mem::take(&mut results))?;
+            output::print(&String::from_utf8_lossy(&std::mem::take(&mut results)))?;
         }
     }
-    file.map_or(Ok(()), |path| output::write_whole(&path, results.as_bytes()))
+    file.map_or(Ok(()), |path| output::write_whole(&path, &results))
 }
 
-/// A trajectory as the contract has it.
-fn record(t: &Trajectory) -> Value {
-    let mut bodies = Map::new();
-    for track in &t.bodies {
-        bodies.insert(track.name.clone(), json!({"x": track.x, "y": track.y, "angle": track.angle}));
+/// A trajectory as the contract has it; names in order.
+#[derive(Serialize)]
+struct Record<'a> {
+    bodies: BTreeMap<&'a str, Places<'a>>,
+    contacts: Counts,
+    end: End,
+    engine: &'a str,
+    events: &'a [Contact],
+    solved: Option<bool>,
+    steps: u32,
+    t: &'a [f64],
+}
+
+#[derive(Serialize)]
+struct Places<'a> {
+    angle: &'a [f64],
+    x: &'a [f64],
+    y: &'a [f64],
+}
+
+#[derive(Serialize)]
+struct Counts {
+    collisions: u32,
+    rolling_steps: u32,
+}
+
+impl<'a> Record<'a> {
+    fn of(seen: &'a Trajectory, engine: &'a str) -> Record<'a> {
+        let places = seen.bodies.iter().map(|track| {
+            let places = Places { angle: &track.angle, x: &track.x, y: &track.y };
+            (track.name.as_str(), places)
+        });
+        Record {
+            bodies: places.collect(),
+            contacts: Counts { collisions: seen.collisions, rolling_steps: seen.rolling_steps },
+            end: seen.outcome.end,
+            engine,
+            events: &seen.events,
+            solved: seen.outcome.solved,
+            steps: seen.outcome.steps,
+            t: &seen.times,
+        }
     }
-    json!({
-        "solved": t.outcome.solved,
-        "steps": t.outcome.steps,
-        "end": t.outcome.end,
-        "t": t.times,
-        "bodies": bodies,
-        "contacts": {"collisions": t.collisions, "rolling_steps": t.rolling_steps},
-        "events": t.events,
-    })
 }
 
 fn read(input: &str) -> Result<(String, String)> {

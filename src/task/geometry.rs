@@ -94,6 +94,11 @@ pub fn signed_area(corners: &[[f64; 2]]) -> f64 {
     (0..n).map(|i| cross(corners[i], corners[(i + 1) % n])).sum::<f64>() / 2.0
 }
 
+/// Whether two boxes have nothing in common, so that neither has what they hold.
+pub fn apart(a: &Bounds, b: &Bounds) -> bool {
+    a[0] > b[2] || b[0] > a[2] || a[1] > b[3] || b[1] > a[3]
+}
+
 /// The smallest box around both.
 pub fn join(a: Bounds, b: Bounds) -> Bounds {
     [a[0].min(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].max(b[3])]

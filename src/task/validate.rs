@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 
 use super::body::Body;
-use super::geometry::signed_area;
+use super::geometry::{Bounds, apart, signed_area};
 use super::goal::Goal;
 use super::limits::{FAR, TIME_STEPS, vector};
 use super::placement;
@@ -128,26 +128,37 @@ impl Scene {
     /// when it is placed.
     fn validate_apart(&self) -> Result<()> {
         let placed_by_action = |name: &str| self.action.as_ref().is_some_and(|a| a.places(name));
-        let shapes: Vec<(usize, &Body, Pieces)> = self
+        let shapes: Vec<(usize, &Body, Pieces, Bounds)> = self
             .bodies
             .iter()
             .enumerate()
             .filter(|(_, b)| !placed_by_action(&b.name))
-            .filter_map(|(i, b)| Some((i, b, b.placed()?)))
+            .filter_map(|(i, b)| {
+                let shape = b.placed()?;
+                let bounds = shape.bounds();
+                Some((i, b, shape, bounds))
+            })
             .collect();
-        let fixed: Vec<(&str, Solid)> = self
+        let fixed: Vec<(&str, Solid, Option<Bounds>)> = self
             .statics
             .iter()
             .filter(|s| !placed_by_action(&s.name))
-            .map(|s| (s.name.as_str(), s.placed()))
+            .map(|s| {
+                let solid = s.placed();
+                let bounds = solid.bounds();
+                (s.name.as_str(), solid, bounds)
+            })
             .collect();
-        for (n, (i, body, shape)) in shapes.iter().enumerate() {
+        for (n, (i, body, shape, bounds)) in shapes.iter().enumerate() {
             let give = -OVERLAP_SHARE * shape.smallest_extent();
-            let bodies = shapes[..n].iter().map(|(_, other, theirs)| {
+            let bodies = shapes[..n].iter().map(|(_, other, theirs, around)| {
                 let give = give.max(-OVERLAP_SHARE * theirs.smallest_extent());
-                (other.name.as_str(), shape.gap_to(theirs) < give)
+                (other.name.as_str(), !apart(bounds, around) && shape.gap_to(theirs) < give)
             });
-            let statics = fixed.iter().map(|(name, solid)| (*name, solid.gap_to(shape) < give));
+            let statics = fixed.iter().map(|(name, solid, around)| {
+                let near = around.is_none_or(|around| !apart(bounds, &around));
+                (*name, near && solid.gap_to(shape) < give)
+            });
             if let Some((other, _)) = bodies.chain(statics).find(|(_, overlaps)| *overlaps) {
                 let place = format!("bodies[{i}].position");
                 let at = body.position.unwrap_or_default();
