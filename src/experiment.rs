@@ -16,6 +16,7 @@ mod fit;
 pub mod grounding;
 pub mod past_point;
 pub mod planning;
+pub mod policies;
 pub mod quickstart;
 mod report;
 pub mod sense;

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use iplw::design::{DesignConfig, DesignDocument, Question, design, document, parts};
+use iplw::design::{Costs, DesignConfig, DesignDocument, Question, design, document, parts};
 use iplw::error::Result;
 use iplw::estimate::Belief;
 use iplw::estimate::belief::PRIOR_DRAWS;
@@ -34,9 +34,18 @@ pub struct Args {
     /// Standard deviation with which a position is seen, m.
     #[arg(long, default_value_t = 0.005)]
     noise: f64,
-    /// Experiments to choose, together.
-    #[arg(long, default_value_t = 1)]
-    batch: usize,
+    /// Experiments to choose, together; 1 if neither this nor a budget is given.
+    #[arg(long)]
+    batch: Option<usize>,
+    /// What an experiment costs, in the unit of the budget (minutes, say): those are chosen that tell most for their cost.
+    #[arg(long, value_name = "COST", default_value_t = 1.0)]
+    trial_cost: f64,
+    /// What it costs more to set a task up, once for every task of the batch.
+    #[arg(long, value_name = "COST", default_value_t = 0.0)]
+    setup_cost: f64,
+    /// Most that the batch may cost; `--batch` is then the most experiments, 24 if it is not given.
+    #[arg(long, value_name = "COST")]
+    budget: Option<f64>,
     /// Random actions that are looked at.
     #[arg(long)]
     candidates: Option<usize>,
@@ -72,7 +81,9 @@ Examples:
   Is it air that holds balls back, or rolling?
     iplw design --task bowling --question effects --set none --set linear_drag --set rolling_resistance
   Five experiments that together tell whether plans for the test tasks will work, after a posterior:
-    iplw design --task bowling --question success --belief known/posterior.json --batch 5 --out next";
+    iplw design --task bowling --question success --belief known/posterior.json --batch 5 --out next
+  As many as can be had for an hour, where a trial takes two minutes and another scene ten more:
+    iplw design --task bowling --trial-cost 2 --setup-cost 10 --budget 60 --out next";
 
 pub fn run(args: &Args) -> Result<()> {
     let (tasks, family) = parse::tasks(&args.task)?;
@@ -99,14 +110,19 @@ pub fn run(args: &Args) -> Result<()> {
 
 fn config(args: &Args) -> Result<DesignConfig> {
     let usual = DesignConfig::standard(Question::from_name(&args.question)?, args.seed);
+    let candidates = args.candidates.unwrap_or(usual.candidates);
+    let shortlist = args.shortlist.unwrap_or(usual.shortlist.max(args.batch.unwrap_or(1)));
+    // Of a budget as many as it pays for.
+    let most = args.budget.map_or(usual.batch, |_| shortlist.min(candidates));
     let config = DesignConfig {
-        candidates: args.candidates.unwrap_or(usual.candidates),
-        shortlist: args.shortlist.unwrap_or(usual.shortlist.max(args.batch)),
+        candidates,
+        shortlist,
         worlds: [usual.worlds[0], args.worlds.unwrap_or(usual.worlds[1])],
         copies: args.copies.unwrap_or(usual.copies),
         perturb: args.perturb,
         noise: args.noise,
-        batch: args.batch,
+        batch: args.batch.unwrap_or(most),
+        costs: Costs { trial: args.trial_cost, setup: args.setup_cost, budget: args.budget },
         engine: Engine::from_name(&args.engine)?,
         ..usual
     };
@@ -130,7 +146,11 @@ fn told(d: &DesignDocument, out: Option<&Path>) -> String {
         );
     }
     if d.experiments.len() > 1 {
-        text += &format!("together {:.2} +- {:.2} nats\n", d.together.information, d.together.standard_error);
+        let cost = if d.config.costs.alike() { String::new() } else { format!(", for {}", d.cost) };
+        text += &format!(
+            "together {:.2} +- {:.2} nats{cost}\n",
+            d.together.information, d.together.standard_error
+        );
     }
     text + &out.map_or(String::new(), |out| format!("design: {}\n", out.join("design.json").display()))
 }

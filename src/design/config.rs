@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::costs::Costs;
 use super::question::Question;
 use crate::error::{Result, within};
 use crate::world::Engine;
@@ -26,6 +27,9 @@ pub struct DesignConfig {
     pub noise: f64,
     /// Experiments to choose, together: each the one that adds most to those before it.
     pub batch: usize,
+    /// What they cost.
+    #[serde(default)]
+    pub costs: Costs,
     pub engine: Engine,
     /// Decides the candidates, the draws, how copies are moved, and noise.
     pub seed: u64,
@@ -43,6 +47,7 @@ impl DesignConfig {
             perturb: crate::reality::certify::PERTURBATION,
             noise: 0.005,
             batch: 1,
+            costs: Costs::default(),
             engine: Engine::Auto,
             seed,
         }
@@ -57,6 +62,7 @@ impl DesignConfig {
         within("copies", self.copies as f64, 2.0, 32.0)?;
         within("perturb", self.perturb, 0.0, 1.0)?;
         within("noise", self.noise, 1e-6, 1e3)?;
+        self.costs.validate()?;
         within("batch", self.batch as f64, 1.0, self.shortlist.min(self.candidates) as f64).map(drop)
     }
 }

@@ -27,6 +27,8 @@ pub struct DesignDocument {
     pub rollouts: usize,
     /// What the batch tells together.
     pub together: Gain,
+    /// What the batch costs, in the unit of `config.costs`.
+    pub cost: f64,
     /// The batch, in order.
     pub experiments: Vec<ExperimentRow>,
     /// Others that were looked at closely, the most telling first.
@@ -51,6 +53,8 @@ pub struct ExperimentRow {
     pub gain: Gain,
     /// What it adds to those of the batch before it, nats.
     pub adds: Option<f64>,
+    /// What it costs: after those of the batch before it, or by itself.
+    pub cost: f64,
     /// How far numbers that all draws have would be known, standard deviations.
     pub expected: Vec<Narrowed>,
     /// Contacts begun between movable bodies, and seconds on surfaces summed over bodies; means over worlds.
@@ -67,10 +71,11 @@ pub fn document(design: &Design, config: &DesignConfig) -> DesignDocument {
         action: e.action.values().to_vec(),
         gain: e.gain,
         adds: e.adds,
+        cost: e.cost,
         expected: e.expected.clone(),
         collisions: e.collisions,
         rolling_s: e.rolling,
-        reason: reason(e, design, &config.question),
+        reason: reason(e, design, config),
     };
     let rows: Vec<ExperimentRow> = design.experiments.iter().map(row).collect();
     let (batch, others) = rows.split_at(design.batch);
@@ -86,14 +91,15 @@ pub fn document(design: &Design, config: &DesignConfig) -> DesignDocument {
         candidates: design.candidates,
         rollouts: design.rollouts,
         together: design.together,
+        cost: design.cost,
         experiments: batch.to_vec(),
         others: others.to_vec(),
     }
 }
 
 /// What an experiment is expected to tell, in words.
-fn reason(e: &Experiment, design: &Design, question: &Question) -> String {
-    let told = match (question, e.gain.right) {
+fn reason(e: &Experiment, design: &Design, config: &DesignConfig) -> String {
+    let told = match (&config.question, e.gain.right) {
         (Question::Effects, Some([before, after])) => {
             let sets: Vec<String> = design.sets.iter().map(|(s, _)| named(s)).collect();
             format!(
@@ -117,7 +123,12 @@ fn reason(e: &Experiment, design: &Design, question: &Question) -> String {
             }
         }
     };
-    format!("{told}; {:.1} collisions, {:.1} s on surfaces", e.collisions, e.rolling)
+    let paid = match (config.costs.alike(), e.cost > config.costs.trial) {
+        (true, _) => String::new(),
+        (false, true) => format!("; costs {} with setting up", e.cost),
+        (false, false) => format!("; costs {}", e.cost),
+    };
+    format!("{told}; {:.1} collisions, {:.1} s on surfaces{paid}", e.collisions, e.rolling)
 }
 
 fn named(set: &[String]) -> String {

@@ -17,6 +17,7 @@
 //! | file | what it does |
 //! |---|---|
 //! | `config` | what a design is to be |
+//! | `costs` | what experiments cost, and what is chosen for it |
 //! | `question` | what is asked, and which draws answer it alike |
 //! | `worlds` | the draws that stand for a belief |
 //! | `shown` | what an action shows in every world, and what a trembling hand makes of it |
@@ -29,6 +30,7 @@
 //! | `document` | `iplw.design/1` |
 
 mod config;
+mod costs;
 mod document;
 mod gain;
 mod look;
@@ -41,6 +43,7 @@ mod told;
 mod worlds;
 
 pub use config::DesignConfig;
+pub use costs::Costs;
 pub use document::{DESIGN_FORMAT, DesignDocument, ExperimentRow, document};
 pub use gain::{Gain, Labels, gain};
 pub use narrowed::Narrowed;

@@ -1,6 +1,7 @@
 //! A design: candidates, a first look at all, a close one at the best, and of those the batch that tells most together.
 
 use super::config::DesignConfig;
+use super::costs::{self, Costs};
 use super::gain::{Gain, Labels, over};
 use super::look::{Candidate, Search};
 use super::narrowed::{Narrowed, narrowed};
@@ -15,6 +16,7 @@ use crate::progress::Progress;
 use crate::rng;
 use crate::task::{Split, Task, ValidAction, split};
 use rayon::prelude::*;
+use std::collections::BTreeSet;
 
 /// Fewest worlds of a look, and of a set that is asked about; and so many of each set are looked at where there are: fewer do not tell
 /// the shape of what a set's worlds show.
@@ -30,6 +32,8 @@ pub struct Design {
     pub batch: usize,
     /// Of the batch together.
     pub together: Gain,
+    /// What the batch costs.
+    pub cost: f64,
     /// Sets of effects of the belief, and how likely each is.
     pub sets: Vec<(Vec<String>, f64)>,
     /// Candidates that were looked at.
@@ -47,6 +51,8 @@ pub struct Experiment {
     pub gain: Gain,
     /// What it adds to those of the batch before it, nats; of the batch only.
     pub adds: Option<f64>,
+    /// What it costs: after those of the batch before it, or by itself.
+    pub cost: f64,
     /// How far latents and parameters would be known.
     pub expected: Vec<Narrowed>,
     /// What happens, over worlds: contacts begun between movable bodies, and seconds that bodies spend on surfaces, of all bodies together.
@@ -80,23 +86,27 @@ pub fn design(
     let look = search.look("first look", &copied, (&early, &labels), |_, gain| gain.information)?;
     let mut order: Vec<usize> = (0..copied.len()).collect();
     order.sort_by(|a, b| look[*b].total_cmp(&look[*a]).then(a.cmp(b)));
-    order.truncate(config.shortlist);
+    let order = costs::shortlist(&order, |i| copied[i].0, config.shortlist, &config.costs);
     let mut shortlist: Vec<Candidate> = Vec::with_capacity(order.len());
     let mut rest: Vec<Option<Candidate>> = copied.into_iter().map(Some).collect();
     shortlist.extend(order.iter().filter_map(|i| rest[*i].take()));
     let labels = search.labels(&closely)?;
     let found = search.look("close look", &shortlist, (&closely, &labels), |seen, gain| (seen, gain))?;
-    let (chosen, together) = batch(&found, &labels, closely.alike(), config.batch, progress)?;
+    let on: Vec<usize> = shortlist.iter().map(|(task, ..)| *task).collect();
+    let (chosen, together) = batch(&found, &labels, closely.alike(), (&on, config), progress)?;
     let happens = search.happens(tasks, &shortlist, &closely)?;
     let mut after: Vec<usize> =
-        (0..shortlist.len()).filter(|i| !chosen.iter().any(|(c, _)| c == i)).collect();
+        (0..shortlist.len()).filter(|i| !chosen.iter().any(|c| c.index == *i)).collect();
     after.sort_by(|a, b| found[*b].1.information.total_cmp(&found[*a].1.information).then(a.cmp(b)));
-    let all = chosen.iter().map(|(i, adds)| (*i, Some(*adds))).chain(after.into_iter().map(|i| (i, None)));
-    let experiment = |(i, adds): (usize, Option<f64>)| Experiment {
+    let alone = config.costs.of(0, &BTreeSet::new());
+    let all = chosen.iter().map(|c| (c.index, Some(c.adds), c.cost));
+    let all = all.chain(after.into_iter().map(|i| (i, None, alone)));
+    let experiment = |(i, adds, cost): (usize, Option<f64>, f64)| Experiment {
         task: tasks[shortlist[i].0].id.clone(),
         action: shortlist[i].1.clone(),
         gain: found[i].1,
         adds,
+        cost,
         expected: narrowed(&found[i].0, &closely.worlds),
         collisions: happens[i][0],
         rolling: happens[i][1],
@@ -105,6 +115,7 @@ pub fn design(
         experiments: all.map(experiment).collect(),
         batch: chosen.len(),
         together,
+        cost: chosen.iter().map(|c| c.cost).sum(),
         sets: closely.sets.iter().cloned().zip(closely.weights.iter().copied()).collect(),
         candidates: look.len(),
         rollouts: search.rollouts,
@@ -145,17 +156,27 @@ pub fn looks<'a>(belief: &'a Belief, config: &DesignConfig) -> Result<[Worlds<'a
     Ok(looks)
 }
 
-/// The batch, each the one that adds most to those before it, and what they tell together.
+/// One of a batch.
+struct Chosen {
+    index: usize,
+    /// What it adds to those before it, nats.
+    adds: f64,
+    cost: f64,
+}
+
+/// The batch, each the one that adds most for its cost to those before it, and what they tell together; `on`: the task of each.
 fn batch(
     found: &[(Seen, Gain)],
     labels: &[Labels],
     alike: Alike,
-    size: usize,
+    (on, config): (&[usize], &DesignConfig),
     progress: &dyn Progress,
-) -> Result<(Vec<(usize, f64)>, Gain)> {
-    let mut chosen: Vec<(usize, f64)> = Vec::with_capacity(size);
+) -> Result<(Vec<Chosen>, Gain)> {
+    let (size, costs) = (config.batch.min(found.len()), &config.costs);
+    let mut chosen: Vec<Chosen> = Vec::with_capacity(size);
     let (mut sum, mut known): (Option<Seen>, Gain) = (None, Gain::default());
-    while chosen.len() < size.min(found.len()) {
+    let (mut set_up, mut spent) = (BTreeSet::new(), 0.0);
+    while chosen.len() < size {
         progress.report("choosing together", chosen.len() as u64, size as u64)?;
         let with = |i: usize| match &sum {
             Some(sum) => {
@@ -165,14 +186,21 @@ fn batch(
             }
             None => Ok(found[i].clone()),
         };
-        let left: Vec<usize> = (0..found.len()).filter(|i| !chosen.iter().any(|(c, _)| c == i)).collect();
-        let told: Vec<(usize, (Seen, Gain))> =
-            left.into_par_iter().map(|i| Ok((i, with(i)?))).collect::<Result<_>>()?;
-        let best = told
-            .into_iter()
-            .reduce(|best, own| if own.1.1.information > best.1.1.information { own } else { best });
-        let Some((i, (seen, gain))) = best else { break };
-        chosen.push((i, gain.information - known.information));
+        let left = (0..found.len()).filter(|i| !chosen.iter().any(|c| c.index == *i));
+        let paid: Vec<(usize, f64)> = left
+            .map(|i| (i, costs.of(on[i], &set_up)))
+            .filter(|(_, cost)| costs.pays(spent, *cost))
+            .collect();
+        let told: Vec<(usize, f64, (Seen, Gain))> =
+            paid.into_par_iter().map(|(i, cost)| Ok((i, cost, with(i)?))).collect::<Result<_>>()?;
+        let worth = |(_, cost, (_, gain)): &(usize, f64, (Seen, Gain))| {
+            Costs::worth(gain.information - known.information, *cost)
+        };
+        let best = told.into_iter().reduce(|best, own| if worth(&own) > worth(&best) { own } else { best });
+        let Some((index, cost, (seen, gain))) = best else { break };
+        chosen.push(Chosen { index, adds: gain.information - known.information, cost });
+        set_up.insert(on[index]);
+        spent += cost;
         (sum, known) = (Some(seen), gain);
     }
     Ok((chosen, known))

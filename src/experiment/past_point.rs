@@ -6,10 +6,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::EstimateConfig;
 use super::estimators::{Asked, Estimator};
-use super::strategies::Arm;
-use super::study::{Study, with_drag};
 use super::workflow::Workflow;
 use crate::error::{Error, Result};
 use crate::estimate::Believed;
@@ -46,28 +43,11 @@ pub const POLICIES: &str = "policies";
 const DRAWS: usize = 256;
 
 /// Standard deviation of what is seen, m.
-const NOISE: f64 = 0.005;
+pub(super) const NOISE: f64 = 0.005;
 
-impl Study {
-    /// Policies at the point, over draws and tuned on what was measured, of 20 interactions seen with 5 mm of noise: where the
-    /// simulation knows that there may be drag, and where it does not.
-    pub fn policies(family: &Family) -> Study {
-        let mut study = Study::base(POLICIES, family);
-        study.hidden.noise = NOISE;
-        let few =
-            EstimateConfig { rounds: 4, actions: 5, settled: 0.0, ..EstimateConfig::fast(family.prior) };
-        study.arms = vec![
-            Arm { name: WITH_DRAG.into(), estimate: with_drag(few.clone()) },
-            Arm { name: WITHOUT.into(), estimate: few },
-        ];
-        study.rounds = vec![4];
-        study.past_point = study.arms.iter().map(|arm| arm.name.clone()).collect();
-        study
-    }
-}
-
-const WITH_DRAG: &str = "drag fitted along";
-const WITHOUT: &str = "drag left out";
+/// Arms of the study of policies.
+pub(super) const WITH_DRAG: &str = "drag fitted along";
+pub(super) const WITHOUT: &str = "drag left out";
 
 /// What the study of policies checks. Rows are named as [`over_draws`] and [`tuned`] name them.
 pub(super) const BY_POLICIES: &[Ahead] = &[

@@ -71,6 +71,35 @@ fn which_effect_and_whether_plans_work_can_be_asked() {
 }
 
 #[test]
+fn a_budget_is_spent_where_it_tells_most() {
+    let run = |task: &str, more: &[&str]| -> Value {
+        let on = ["design", "--task", task, "--seed", "3", "--json"];
+        let out = iplw(&[&on, &SMALL[2..], more].concat(), None);
+        serde_json::from_slice(&out.stdout).unwrap()
+    };
+    let costs = |found: &Value| -> Vec<f64> {
+        found["experiments"].as_array().unwrap().iter().map(|e| e["cost"].as_f64().unwrap()).collect()
+    };
+    // One task to set up, and trials until the budget is spent.
+    let one = run("basketball:003", &["--setup-cost", "5", "--budget", "8.5"]);
+    assert_eq!(costs(&one), [6.0, 1.0, 1.0]);
+    assert_eq!(one["cost"], json!(8.0));
+    assert!(one["experiments"][0]["reason"].as_str().unwrap().ends_with("costs 6 with setting up"));
+    assert!(one["experiments"][1]["reason"].as_str().unwrap().ends_with("costs 1"));
+    // Of many tasks it stays where it is; nothing is dearer than what is left.
+    let many = run("basketball", &["--setup-cost", "5", "--budget", "8"]);
+    let tasks: std::collections::BTreeSet<&str> =
+        many["experiments"].as_array().unwrap().iter().map(|e| e["task"].as_str().unwrap()).collect();
+    assert!(tasks.len() == 1 && many["cost"].as_f64().unwrap() <= 8.0, "{many}");
+    // Without costs nothing is said of them, and a batch is chosen as ever.
+    let free = run("basketball", &["--batch", "2"]);
+    assert_eq!((costs(&free), &free["cost"]), (vec![1.0, 1.0], &json!(2.0)));
+    assert!(!free["experiments"][0]["reason"].as_str().unwrap().contains("cost"));
+    let refused = iplw(&[&["design"], &SMALL[..], &["--setup-cost", "5", "--budget", "5.5"]].concat(), None);
+    told(&refused, 2, &["costs.budget", "at least 6"]);
+}
+
+#[test]
 fn what_cannot_be_designed_is_refused() {
     let cases: [(&[&str], &str); 9] = [
         (&["--question", "weather"], "question"),

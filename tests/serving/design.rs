@@ -25,6 +25,12 @@ fn experiments_are_designed() {
     );
     assert!(found["experiments"][0]["right"][1].as_f64().unwrap() > 0.55, "{found}");
     assert_eq!(small(json!({"seed": 5})), small(json!({"seed": 5})), "a seed's design is one design");
+    let costs = json!({"trial": 2.0, "setup": 3.0, "budget": 7.0});
+    let paid = small(json!({"task": "basketball:003", "costs": costs}));
+    assert_eq!((paid["experiments"].as_array().unwrap().len(), &paid["cost"]), (2, &json!(7.0)));
+    let dear = json!({"task": "basketball", "costs": {"setup": 3.0, "budget": 3.5}});
+    let refused = server.post("/v1/designs", &dear, 400);
+    assert_eq!(refused["field"], "costs.budget", "{refused}");
     // Of draws that all but agree there is little to be told.
     let near = |spread: f64| {
         let friction: Vec<f64> = (0..40).map(|i| 0.3 + spread * f64::from(i)).collect();

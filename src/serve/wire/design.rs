@@ -5,7 +5,7 @@ use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
 use super::world::engine;
-use crate::design::{DesignConfig, Question};
+use crate::design::{Costs, DesignConfig, Question};
 use crate::error::{Error, Result};
 
 /// Tasks on which experiments are looked for, what is asked, and what is believed of the world: the `belief` of a posterior or, if it is
@@ -28,6 +28,8 @@ pub struct DesignIn {
     pub noise: Option<f64>,
     /// Experiments to choose, together, up to 20; default 1.
     pub batch: Option<u64>,
+    /// What they cost: those are chosen that tell most for it. With a budget and without `batch`, as many as it pays for, up to 20.
+    pub costs: Option<CostsIn>,
     /// Random actions that are looked at, up to 2000; default 400.
     pub candidates: Option<u64>,
     /// So many of the best are looked at closely, up to 100; default 24.
@@ -43,6 +45,26 @@ pub struct DesignIn {
     pub seed: Option<u64>,
 }
 
+/// What experiments cost, in the unit of the budget: minutes, say.
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CostsIn {
+    /// Every experiment; default 1.
+    pub trial: Option<f64>,
+    /// What it costs more to set a task up, once for every task of the batch; default 0.
+    pub setup: Option<f64>,
+    /// Most that the batch may cost; default: as much as its size asks for.
+    pub budget: Option<f64>,
+}
+
+impl CostsIn {
+    fn costs(&self) -> Costs {
+        let usual = Costs::default();
+        let (trial, setup) = (self.trial.unwrap_or(usual.trial), self.setup.unwrap_or(usual.setup));
+        Costs { trial, setup, budget: self.budget }
+    }
+}
+
 impl DesignIn {
     /// How the design is searched for.
     pub fn config(&self) -> Result<DesignConfig> {
@@ -53,15 +75,21 @@ impl DesignIn {
             Some(v) if (least..=most).contains(&v) => Ok(v as usize),
             Some(v) => Err(Error::input(field, v, format!("a whole number from {least} to {most}"))),
         };
-        let batch = whole("batch", self.batch, usual.batch, [1, 20])?;
+        let costs = self.costs.as_ref().map_or(usual.costs, CostsIn::costs);
+        let candidates = whole("candidates", self.candidates, usual.candidates, [1, 2000])?;
+        let asked = whole("batch", self.batch, usual.batch, [1, 20])?;
+        let shortlist = whole("shortlist", self.shortlist, usual.shortlist.max(asked), [1, 100])?;
+        let paid = self.batch.is_none() && costs.budget.is_some();
+        let batch = if paid { shortlist.min(candidates).min(20) } else { asked };
         let config = DesignConfig {
-            candidates: whole("candidates", self.candidates, usual.candidates, [1, 2000])?,
-            shortlist: whole("shortlist", self.shortlist, usual.shortlist.max(batch), [1, 100])?,
+            candidates,
+            shortlist,
             worlds: [usual.worlds[0], whole("worlds", self.worlds, usual.worlds[1], [8, 256])?],
             copies: whole("copies", self.copies, usual.copies, [2, 8])?,
             perturb: self.perturb.unwrap_or(usual.perturb),
             noise: self.noise.unwrap_or(usual.noise),
             batch,
+            costs,
             engine: engine(self.engine.as_deref())?,
             ..usual
         };

@@ -438,6 +438,7 @@ class AsyncClient:
         sets: Sequence[Sequence[str]] | None = None,
         noise: float | None = None,
         batch: int | None = None,
+        costs: Mapping[str, float] | None = None,
         candidates: int | None = None,
         shortlist: int | None = None,
         worlds: int | None = None,
@@ -454,6 +455,9 @@ class AsyncClient:
         `iplw.posterior/1` document); or the family's prior with one of the `sets` of effects, each by names. Positions are
         seen with a standard deviation of `noise`, m; a hand moves every component of an action by up to `perturb`.
 
+        With `costs`, those are chosen that tell most for their cost: of every `trial` (1), of the `setup` of each task of the
+        batch (0), and the `budget` that the batch may not exceed.
+
         The result's `experiments` are the `batch`, in order, each with `task`, `action`, `information` in nats and its
         `standard_error`, what it `adds` to those before it, and its `reason` in words.
         """
@@ -464,6 +468,7 @@ class AsyncClient:
             sets=sets,
             noise=noise,
             batch=batch,
+            costs=costs,
             candidates=candidates,
             shortlist=shortlist,
             worlds=worlds,
