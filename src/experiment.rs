@@ -14,6 +14,7 @@ pub mod estimators;
 pub mod extension;
 mod fit;
 pub mod grounding;
+pub mod informed;
 pub mod past_point;
 pub mod planning;
 pub mod policies;

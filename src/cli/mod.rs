@@ -20,6 +20,7 @@ mod output;
 mod own;
 mod parse;
 mod plan;
+mod planned;
 mod posterior;
 mod rollout;
 mod serve;

@@ -38,5 +38,10 @@ fn of(named: &Path) -> Result<Vec<Family>> {
         let allowed = format!("a collection ({}) or a folder of families", names.join(", "));
         return Err(Error::input("--tasks", named.display(), allowed));
     }
-    read_families(named)
+    let found = read_families(named)?;
+    if found.is_empty() {
+        let allowed = "a folder with families: *.toml, each with its certified tasks beside it (`iplw tasks check` makes them)";
+        return Err(Error::input("--tasks", named.display(), allowed));
+    }
+    Ok(found)
 }

@@ -18,7 +18,7 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::cells::Cells;
-use super::{output, parse};
+use super::{output, parse, planned};
 
 /// Tries every action of a task in worlds drawn from what is believed, moved a little each time, and ranks them by how often they
 /// solve it. The best are exactly those of trying everything; their probabilities come from fresh draws.
@@ -201,6 +201,9 @@ fn whole(args: &Args, tasks: &[Task], family: &Family, config: PlanConfig) -> Re
         "config": setup, "rows": rows});
     let text = pretty(&about)?;
     output::write_whole(&out.join("planning.json"), text.as_bytes())?;
+    let scores: Vec<_> = rows.iter().map(|row| (row.name.as_str(), &row.score)).collect();
+    let page = planned::page(family.name, tasks.len(), &scores);
+    output::write_whole(&out.join("report.html"), page.as_bytes())?;
     output::print(&if args.json { text } else { table(&rows, tasks.len(), &out) })
 }
 
@@ -295,5 +298,5 @@ fn table(rows: &[Row], tasks: usize, out: &Path) -> String {
             row.rollouts
         );
     }
-    text + &format!("results: {}\n", out.join("planning.json").display())
+    text + &format!("report: {}\n", out.join("report.html").display())
 }

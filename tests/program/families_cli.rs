@@ -120,6 +120,8 @@ fn a_family_is_certified_and_is_one_like_any_other() {
     assert!(measured.join("trials.csv").is_file());
     served(folder.path());
     told(&iplw(&["tasks", "drop"], None), 2, &["no task family named `drop`"]);
+    let empty = tempfile::tempdir().unwrap();
+    told(&iplw(&["tasks"], Some(empty.path())), 2, &["--tasks", "a folder with families"]);
 }
 
 /// Worlds of the family are there, and can be acted in.

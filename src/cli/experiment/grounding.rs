@@ -6,17 +6,17 @@ use iplw::estimate::Belief;
 use iplw::estimate::belief::PRIOR_DRAWS;
 use iplw::experiment::estimators::Estimator;
 use iplw::experiment::grounding::{GroundingConfig, Known, ground};
+use iplw::experiment::informed::gained;
 use iplw::experiment::planning::{PlannedTask, PlanningConfig, plan_and_try};
-use iplw::experiment::statistics::Summary;
 use iplw::plan::PlanConfig;
 use iplw::policy::Evaluation;
 use iplw::reality::{HiddenConfig, HiddenWorld, standard};
 use iplw::task::{Family, Split, Task, family, split};
 use iplw::world::{DRAG, EffectParameter};
-use serde::Serialize;
 use serde_json::json;
 
 use super::args::ExperimentArgs;
+use super::grounding_rows::{Row, arm, page, table};
 use crate::cli::cells::Cells;
 use crate::cli::{output, parse};
 
@@ -24,33 +24,6 @@ use crate::cli::{output, parse};
 const WAYS: [&str; 5] = ["random", "informative", "probing", "success", "acting"];
 /// Rollouts of a plan.
 const ROLLOUTS: usize = 40_000;
-
-/// What a belief's plans come to in a hidden world.
-#[derive(Serialize)]
-struct Row {
-    way: String,
-    /// Nobody's where nothing was measured.
-    estimator: Option<Estimator>,
-    seed: u64,
-    interactions: usize,
-    /// Interactions that solved the task that they were made in.
-    solved: usize,
-    /// Name, mean, and standard deviation where the estimator has one.
-    numbers: Vec<(String, f64, Option<f64>)>,
-    /// By number: how far the mean is from the truth.
-    off: Vec<(String, f64)>,
-    converged: bool,
-    auccess: f64,
-    first: f64,
-    seconds: f64,
-}
-
-impl Row {
-    /// For people.
-    fn arm(&self) -> String {
-        arm(&self.way, self.estimator)
-    }
-}
 
 pub fn run(args: &ExperimentArgs) -> Result<()> {
     let family = family(&args.task)?;
@@ -89,8 +62,9 @@ pub fn run(args: &ExperimentArgs) -> Result<()> {
     for seed in &seeds {
         let truth = HiddenWorld::new(hidden.clone())?.reveal();
         let truth = Belief::point(truth.latents, truth.effects)?;
-        let trial = Trial { cells: &cells, family, hidden: &hidden, test: &test, truth, seed: *seed };
         let prior = Belief::of_sets(family.prior, std::slice::from_ref(&set), PRIOR_DRAWS, *seed)?;
+        let about = (family, &hidden, test.as_slice());
+        let trial = Trial { cells: &cells, about, truth, prior: &prior, seed: *seed };
         rows.push(trial.row(("prior", None), &blank(0), &prior, 0.0)?);
         for (way, estimator) in &arms {
             let config = standard((way, *estimator), *seed);
@@ -110,15 +84,9 @@ pub fn run(args: &ExperimentArgs) -> Result<()> {
     let text = serde_json::to_string_pretty(&about).map_err(|e| Error::Failed(e.to_string()))? + "\n";
     output::write_whole(&args.out.join("grounding.json"), text.as_bytes())?;
     output::write_whole(&args.out.join("table.txt"), table(&rows).as_bytes())?;
-    output::print(&table(&rows))
-}
-
-/// A way and what reads its trials, for people.
-fn arm(way: &str, estimator: Option<Estimator>) -> String {
-    match estimator {
-        None | Some(Estimator::Posterior) => way.to_string(),
-        Some(other) => format!("{way}, {}", other.name()),
-    }
+    let page = page(family.name, &set, &rows)?;
+    output::write_whole(&args.out.join("report.html"), page.as_bytes())?;
+    output::print(&format!("{}report: {}\n", table(&rows), args.out.join("report.html").display()))
 }
 
 fn blank(interactions: usize) -> Known {
@@ -128,10 +96,10 @@ fn blank(interactions: usize) -> Known {
 /// What is the same for all rows of a seed.
 struct Trial<'a> {
     cells: &'a Cells,
-    family: &'a Family,
-    hidden: &'a HiddenConfig,
-    test: &'a [Task],
+    /// The family, its hidden world, and the tasks that plans are made for.
+    about: (&'a Family, &'a HiddenConfig, &'a [Task]),
     truth: Belief,
+    prior: &'a Belief,
     seed: u64,
 }
 
@@ -145,12 +113,13 @@ impl Trial<'_> {
         seconds: f64,
     ) -> Result<Row> {
         let plan = PlanConfig { rollouts: Some(ROLLOUTS), ..PlanConfig::standard(self.seed) };
-        let setup = PlanningConfig { plan, hidden: self.hidden.clone(), predictions: 0 };
-        let mut tried: Vec<PlannedTask> = Vec::with_capacity(self.test.len());
-        for task in self.test {
+        let (family, hidden, test) = self.about;
+        let setup = PlanningConfig { plan, hidden: hidden.clone(), predictions: 0 };
+        let mut tried: Vec<PlannedTask> = Vec::with_capacity(test.len());
+        for task in test {
             let key = format!(
                 "{}, {} with {}, seed {}, {}",
-                self.family.name,
+                family.name,
                 arm(way, estimator),
                 known.interactions,
                 self.seed,
@@ -166,7 +135,9 @@ impl Trial<'_> {
             let true_value = truth.number(name).or_else(|| neutral(name))?;
             Some((name.clone(), mean - true_value))
         };
+        let names: Vec<String> = known.numbers.iter().map(|(name, ..)| name.clone()).collect();
         Ok(Row {
+            information: gained(self.prior.draws(), &known.draws, &names).filter(|_| !names.is_empty()),
             way: way.into(),
             estimator,
             seed: self.seed,
@@ -185,39 +156,4 @@ impl Trial<'_> {
 /// What a parameter is where its effect is absent.
 fn neutral(name: &str) -> Option<f64> {
     EffectParameter::parse(name).ok().map(|p| p.parameter().neutral)
-}
-
-/// Rows for people: means over seeds with standard errors, and how far numbers are off (the root of the mean square).
-fn table(rows: &[Row]) -> String {
-    let mut text = String::from(
-        "way                    interactions   AUCCESS             first attempt   solved while learning   off by\n",
-    );
-    let mut kinds: Vec<(String, usize)> = Vec::new();
-    for row in rows {
-        let own = (row.arm(), row.interactions);
-        if !kinds.contains(&own) {
-            kinds.push(own);
-        }
-    }
-    for (way, interactions) in kinds {
-        let own: Vec<&Row> =
-            rows.iter().filter(|r| r.arm() == way && r.interactions == interactions).collect();
-        let of = |f: &dyn Fn(&Row) -> f64| Summary::of(&own.iter().map(|r| f(r)).collect::<Vec<_>>());
-        let auccess = of(&|r| r.auccess);
-        let off = |(name, _): &(String, f64)| {
-            let square = |r: &Row| r.off.iter().find(|o| o.0 == *name).map_or(f64::NAN, |o| o.1.powi(2));
-            format!("{name} {:.2e}", of(&square).mean.sqrt())
-        };
-        let off: Vec<String> = own[0].off.iter().map(off).collect();
-        text += &format!(
-            "{way:<22} {interactions:>12}   {:.3}{:<14} {:>11.0} % {:>19.1}       {}{}\n",
-            auccess.mean,
-            auccess.standard_error.map_or(String::new(), |e| format!(" +- {e:.3}")),
-            100.0 * of(&|r| r.first).mean,
-            of(&|r| r.solved as f64).mean,
-            off.join(", "),
-            if own.iter().all(|r| r.converged) { "" } else { " (not converged)" },
-        );
-    }
-    text
 }

@@ -2,6 +2,7 @@
 
 mod args;
 mod grounding;
+mod grounding_rows;
 mod quickstart;
 mod shared;
 mod shelf;

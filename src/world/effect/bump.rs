@@ -7,7 +7,7 @@
 //! Differences from the source: widths differ by axis, and bumps are not normalised to sum to 1.
 
 use super::wide::lanes;
-use super::{LANES, Parameter, Shape, amplitude, shape};
+use super::{LANES, MOST_PARAMETERS, Parameter, Shape, amplitude, shape};
 
 /// A bump at distances in widths.
 #[inline(always)]
@@ -18,6 +18,15 @@ pub fn bump([a, b]: [f64; 2]) -> f64 {
 /// [`bump`] in every lane; the same bits.
 pub fn bumps(a: &[f64; LANES], b: &[f64; LANES]) -> [f64; LANES] {
     lanes(|lane| bump([a[lane], b[lane]]))
+}
+
+/// The bump that effects' constants 2 to 5 are of (its middle, and one over its widths), at a pair of numbers of every lane.
+pub fn near(constants: &[[f64; LANES]; MOST_PARAMETERS], [a, b]: [&[f64; LANES]; 2]) -> [f64; LANES] {
+    let [_, _, u, v, per_wu, per_wv, ..] = constants;
+    let from = |at: &[f64; LANES], middle: &[f64; LANES], per_width: &[f64; LANES]| {
+        std::array::from_fn(|l| (at[l] - middle[l]) * per_width[l])
+    };
+    bumps(&from(a, u, per_wu), &from(b, v, per_wv))
 }
 
 /// Where an exponential is nothing.

@@ -13,7 +13,7 @@
 //!
 //! Differences from the source: the force does not depend on the speed, like dry friction; what lies still is left alone.
 
-use super::bump::{bump, bumps, centre, height, width};
+use super::bump::{bump, centre, height, near, width};
 use super::{
     Act, Constants, Effect, LANES, MOST_PARAMETERS, Motion, Moving, MovingLanes, Search, Shape, Surroundings,
     constants,
@@ -66,12 +66,7 @@ impl Motion for PlaceDrive {
     }
 
     fn kick_lanes(&self, constants: &[[f64; LANES]; MOST_PARAMETERS], bodies: &mut MovingLanes, _dt: f64) {
-        let [along, across, x0, y0, per_wx, per_wy, ..] = constants;
-        let at = [
-            std::array::from_fn(|l| (bodies.x[l] - x0[l]) * per_wx[l]),
-            std::array::from_fn(|l| (bodies.y[l] - y0[l]) * per_wy[l]),
-        ];
-        let near = bumps(&at[0], &at[1]);
+        let ([along, across, ..], near) = (constants, near(constants, [&bodies.x, &bodies.y]));
         for lane in 0..LANES {
             let (vx, vy) = (bodies.vx[lane], bodies.vy[lane]);
             let speed = (vx * vx + vy * vy).sqrt();

@@ -11,7 +11,7 @@
 //!
 //! Differences from the source: none.
 
-use super::bump::{bump, bumps, centre, height, width};
+use super::bump::{bump, centre, height, near, width};
 use super::{
     Act, Constants, Effect, LANES, MOST_PARAMETERS, Motion, Moving, MovingLanes, Search, Shape, Surroundings,
     constants,
@@ -57,12 +57,7 @@ impl Motion for VelocityPush {
     }
 
     fn kick_lanes(&self, constants: &[[f64; LANES]; MOST_PARAMETERS], bodies: &mut MovingLanes, _dt: f64) {
-        let [ax, ay, ux, uy, per_wx, per_wy, ..] = constants;
-        let at = [
-            std::array::from_fn(|l| (bodies.vx[l] - ux[l]) * per_wx[l]),
-            std::array::from_fn(|l| (bodies.vy[l] - uy[l]) * per_wy[l]),
-        ];
-        let near = bumps(&at[0], &at[1]);
+        let ([ax, ay, ..], near) = (constants, near(constants, [&bodies.vx, &bodies.vy]));
         for lane in 0..LANES {
             bodies.vx[lane] += ax[lane] * near[lane];
             bodies.vy[lane] += ay[lane] * near[lane];
