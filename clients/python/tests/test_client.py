@@ -320,6 +320,8 @@ def test_experiments_are_designed(client: iplw.Client) -> None:
     belief = {"format": "iplw.posterior/1", "columns": {"friction": [0.2 + 0.01 * i for i in range(20)]}}
     told = client.design("basketball", belief=belief, **small).wait()["experiments"][0]["expected"]
     assert [number["name"] for number in told] == ["friction"]
+    paid = client.design("basketball:003", costs={"setup": 2, "budget": 4}, **small).wait()
+    assert [experiment["cost"] for experiment in paid["experiments"]] == [3, 1] and paid["cost"] == 4
 
 
 def test_surfaces_are_listed_got_drawn_and_deleted(client: iplw.Client, tmp_path: Path) -> None:

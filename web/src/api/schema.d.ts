@@ -1175,6 +1175,24 @@ export interface components {
              */
             rolling_steps: number;
         };
+        /** @description What experiments cost, in the unit of the budget: minutes, say. */
+        CostsIn: {
+            /**
+             * Format: double
+             * @description Most that the batch may cost; default: as much as its size asks for.
+             */
+            budget?: number | null;
+            /**
+             * Format: double
+             * @description What it costs more to set a task up, once for every task of the batch; default 0.
+             */
+            setup?: number | null;
+            /**
+             * Format: double
+             * @description Every experiment; default 1.
+             */
+            trial?: number | null;
+        };
         /** @description The rounds of an estimation. */
         Course: {
             /** @description Real interactions so far, those of the open round too. */
@@ -1274,6 +1292,7 @@ export interface components {
             candidates?: number | null;
             /** @description Copies of an action whose spread counts as noise, 2 to 8; default 4. */
             copies?: number | null;
+            costs?: components["schemas"]["CostsIn"] | null;
             /** @description `auto`, or the name of an engine. */
             engine?: string | null;
             /**
