@@ -10,6 +10,7 @@
 
 mod choice;
 mod config;
+mod deciding;
 pub mod estimators;
 pub mod extension;
 mod fit;
@@ -28,6 +29,7 @@ pub mod study;
 pub mod surface;
 pub mod transfer;
 mod tryout;
+pub mod ways;
 mod workflow;
 
 pub use choice::Choice;

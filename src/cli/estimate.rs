@@ -8,8 +8,8 @@ use iplw::discover;
 use iplw::discover::posterior::{Document, PosteriorConfig};
 use iplw::error::{Error, Result};
 use iplw::experiment::surface;
-use iplw::experiment::{EstimateConfig, EstimateReport, Memory, ResidualKind, Sense, estimate_with};
-use iplw::explore::{Importance, strategy};
+use iplw::experiment::{EstimateConfig, EstimateReport, Memory, ResidualKind, Sense, estimate_with, ways};
+use iplw::explore::Importance;
 use iplw::reality::{HiddenWorld, Trial, settled, standard};
 use iplw::task::{DEFAULT_FAMILY, Family, Scene, Split, split};
 use iplw::world::DRAG;
@@ -27,7 +27,8 @@ pub struct Args {
     /// The hidden world, over the family's own: `damping=0.8,density=..,friction=..,restitution=..,noise=..`.
     #[arg(long, default_value = "")]
     real: String,
-    /// collisions, rolling, random, mixed, gradient or informative.
+    /// collisions, rolling, random, mixed, gradient or informative, by candidates simulated at the estimate; or, of what is drawn as known,
+    /// probing (what tells most of latents and parameters) or success (what tells most of whether plans work), a minute a round.
     #[arg(long, default_value = "mixed")]
     strategy: String,
     /// A performance surface that `iplw surface` wrote: `gradient` takes its shares from it (and finds one itself if
@@ -164,7 +165,7 @@ fn importance(args: &Args, family: &Family, bar: &output::Bar) -> Result<Option<
     if let Some(path) = &args.surface {
         return Ok(Some(Arc::new(super::surface::read(path, family)?)));
     }
-    if !strategy(&args.strategy)?.needs_importance() {
+    if !ways::needs_importance(&args.strategy)? {
         return Ok(None);
     }
     Ok(Some(Arc::new(surface::quick(family, bar)?)))

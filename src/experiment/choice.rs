@@ -24,6 +24,9 @@ pub struct Choice {
     /// What they were chosen to tell of each coordinate, where the strategy reckons with it.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub expected: Vec<Expected>,
+    /// Why each was chosen, in words, in the order of the proposals, where the way says so.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub reasons: Vec<String>,
     /// Rollouts simulated to choose, beyond one for each candidate; restarted segments count as the part they are.
     #[serde(default)]
     pub rollouts: u64,
@@ -49,6 +52,7 @@ impl Choice {
             candidate_rolling_steps: mean(&mut candidates.iter().map(|c| c.rolling_steps)),
             groups: made.groups,
             expected: made.expected.clone(),
+            reasons: Vec::new(),
             rollouts: made.rollouts,
         }
     }

@@ -3,9 +3,9 @@
 use serde::{Deserialize, Serialize};
 
 use super::sense::Sense;
+use super::ways;
 use crate::error::{Error, Result, within};
 use crate::estimate::CemConfig;
-use crate::explore;
 use crate::task::scene::EffectTerm;
 use crate::world::effect::{self, Parameter};
 use crate::world::{EffectParameter, Engine};
@@ -14,7 +14,7 @@ use crate::world::{EffectParameter, Engine};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EstimateConfig {
-    /// Name of an exploration strategy.
+    /// The way to choose what is spent on the real world: see [`super::ways`].
     pub strategy: String,
     /// Most rounds of exploring, measuring and fitting.
     pub rounds: usize,
@@ -149,7 +149,10 @@ impl EstimateConfig {
 
     /// Errors name what is out of range.
     pub fn validate(&self) -> Result<()> {
-        explore::strategy(&self.strategy)?;
+        if ways::question(&self.strategy)?.is_some() && !self.effects.is_empty() {
+            let allowed = "a strategy that ranks at the estimate, or the effects fitted along: what is known of them is drawn";
+            return Err(Error::input("strategy", format!("{:?} beside effects", self.strategy), allowed));
+        }
         within("rounds", self.rounds as f64, 1.0, 1000.0)?;
         within("actions", self.actions as f64, 1.0, 10_000.0)?;
         within("candidates", self.candidates as f64, self.actions as f64, 100_000.0)?;

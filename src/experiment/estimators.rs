@@ -22,7 +22,7 @@ use crate::estimate::tunenet::{TuneNetConfig, tune};
 use crate::estimate::{Belief, Believed, Cem};
 use crate::progress::Progress;
 use crate::reality::{Trial, settled};
-use crate::task::{Family, Scene};
+use crate::task::Scene;
 use crate::world::{EffectParameter, Sample, effect};
 
 /// Which method reads the trials.
@@ -70,7 +70,8 @@ impl Estimator {
 
 /// What is asked of an estimator.
 pub struct Asked<'a> {
-    pub family: &'a Family,
+    /// What is believed of the latents: mean and standard deviation of each.
+    pub prior: [(f64, f64); 3],
     /// The scene of which trials' scenes are settings.
     pub base: &'a Scene,
     /// Effects whose parameters are to be known beside the latents.
@@ -116,7 +117,7 @@ impl Asked<'_> {
         let (scene, trials) = settled(self.base, trials.to_vec())?;
         let config = PosteriorConfig {
             sets: vec![self.set.to_vec()],
-            prior: self.family.prior,
+            prior: self.prior,
             sampler,
             ..PosteriorConfig::standard(self.seed)
         };
@@ -129,7 +130,7 @@ impl Asked<'_> {
 
     /// What is estimated, as `iplw estimate` does it.
     fn config(&self) -> Result<EstimateConfig> {
-        let usual = EstimateConfig::fast(self.family.prior);
+        let usual = EstimateConfig::fast(self.prior);
         let mut config = EstimateConfig { seed: self.seed, ..usual };
         parameters(self.set)?.into_iter().for_each(|own| config.cem.fit_along(own));
         Ok(config)
@@ -189,7 +190,8 @@ mod tests {
         let tasks = split(&family.fold(0), Split::Train);
         let trials = random_trials(&tasks, &mut HiddenWorld::new(hidden).unwrap(), 6, 5, &Silent).unwrap();
         let set = ["linear_drag".to_string()];
-        let asked = Asked { family, base: &tasks[0].scene, set: &set, draws: 64, noise: 0.005, seed: 5 };
+        let asked =
+            Asked { prior: family.prior, base: &tasks[0].scene, set: &set, draws: 64, noise: 0.005, seed: 5 };
         for (name, by) in ESTIMATORS {
             let told = asked.told(by, &trials, &Silent).unwrap();
             let of = |wanted: &str| told.numbers.iter().find(|n| n.0 == wanted).unwrap();

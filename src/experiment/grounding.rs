@@ -1,11 +1,7 @@
 //! Ways to spend a few real interactions so that plans work: what each leaves known, and what that is worth.
 //!
-//! | way | each interaction is |
-//! |---|---|
-//! | `probing` | the one expected to tell most of latents and effects' parameters (environment probing: Zhou et al. 2019) |
-//! | `success` | the one expected to tell most of whether what is planned for the test tasks solves them |
-//! | `acting` | the best planned attempt at a training task (acting and learning in one loop) |
-//! | a strategy of `explore` | as that strategy ranks it on the simulation at the belief's mean |
+//! The ways are those of [`super::ways`], a strategy's candidates being simulated at the belief's mean, and `acting`: the best planned
+//! attempt at a training task (acting and learning in one loop).
 //!
 //! After the first [`FIRST`], which no posterior can be drawn of before, what is known is drawn anew after every interaction that a
 //! way bases the next one on. Plans are then made for unseen tasks under what is known.
@@ -13,6 +9,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::estimators::{Asked, Estimator, Told, parameters};
+use super::ways::{ASKING, question};
 use crate::design::{DesignConfig, Question, design, parts};
 use crate::error::{Error, Result, within};
 use crate::estimate::belief::PRIOR_DRAWS;
@@ -83,7 +80,8 @@ impl GroundingConfig {
     pub fn validate(&self) -> Result<()> {
         // A strategy that needs a performance surface has none here.
         let known = explore::REGISTRY.iter().filter(|s| !s.needs_importance()).map(|s| s.name());
-        let ways: Vec<&str> = WAYS.into_iter().chain(known).collect();
+        let asking = ASKING.iter().map(|(name, _)| *name);
+        let ways: Vec<&str> = asking.chain([ACTING]).chain(known).collect();
         if !ways.contains(&self.way.as_str()) {
             let allowed = format!("one of {}", ways.join(", "));
             return Err(Error::input("way", format!("{:?}", self.way), allowed));
@@ -104,8 +102,8 @@ impl GroundingConfig {
     }
 }
 
-/// Ways that are no strategies of `explore`.
-const WAYS: [&str; 3] = ["probing", "success", "acting"];
+/// The way that is of plans.
+const ACTING: &str = "acting";
 
 /// Ways that go by how sure numbers are.
 const BY_DRAWS: [&str; 3] = ["probing", "success", "informative"];
@@ -175,11 +173,13 @@ impl Spent<'_> {
         progress: &dyn Progress,
     ) -> Result<Vec<(usize, ValidAction)>> {
         let seed = rng::derive(self.config.seed, "grounding", self.trials.len() as u64);
-        match self.config.way.as_str() {
-            "probing" => self.designed(Question::Latents, belief, count, seed, progress),
-            "success" => self.designed(Question::Success, belief, count, seed, progress),
-            "acting" => self.attempts(belief, count, progress),
-            strategy => self.ranked(strategy, belief, count, seed, progress),
+        let way = self.config.way.as_str();
+        if way == ACTING {
+            return self.attempts(belief, count, progress);
+        }
+        match question(way)? {
+            Some(question) => self.designed(question, belief, count, seed, progress),
+            None => self.ranked(way, belief, count, seed, progress),
         }
     }
 
@@ -286,7 +286,7 @@ impl Spent<'_> {
     /// What the trials so far say.
     fn known(&self, progress: &dyn Progress) -> Result<(Known, Belief)> {
         let asked = Asked {
-            family: self.family,
+            prior: self.family.prior,
             base: &self.training[0].scene,
             set: &self.config.set,
             draws: self.config.draws,

@@ -12,7 +12,7 @@ use crate::error::{Error, Result};
 use crate::estimate::Believed;
 use crate::policy::{Dataset, Example};
 use crate::progress::Progress;
-use crate::task::{Ahead, Family, Task};
+use crate::task::{Ahead, Task};
 
 /// What an arm's trials give beside the point.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -105,19 +105,14 @@ pub(super) fn tuned(arm: &str) -> String {
 
 impl PastPoint {
     /// Of a workflow that has ended.
-    pub(super) fn of(
-        family: &Family,
-        training: &[Task],
-        workflow: &Workflow,
-        progress: &dyn Progress,
-    ) -> Result<PastPoint> {
+    pub(super) fn of(training: &[Task], workflow: &Workflow, progress: &dyn Progress) -> Result<PastPoint> {
         let config = workflow.config();
         let mut set: Vec<String> =
             config.cem.fitted().iter().map(|own| own.effect.name.to_string()).collect();
         set.dedup();
         let base = training.first().ok_or_else(|| Error::input("tasks", "none", "at least one task"))?;
-        let asked =
-            Asked { family, base: &base.scene, set: &set, draws: DRAWS, noise: NOISE, seed: config.seed };
+        let (prior, seed) = (config.cem.prior, config.seed);
+        let asked = Asked { prior, base: &base.scene, set: &set, draws: DRAWS, noise: NOISE, seed };
         let told = asked.told(Estimator::Posterior, workflow.trials(), progress)?;
         let measured = workflow.rounds().iter().flat_map(|round| {
             round.answers.iter().filter_map(|answer| {

@@ -156,7 +156,7 @@ impl StrategiesConfig {
 impl Arm {
     /// Whether its strategy needs a performance surface.
     pub fn needs_importance(&self) -> bool {
-        crate::explore::strategy(&self.estimate.strategy).is_ok_and(|s| s.needs_importance())
+        super::ways::needs_importance(&self.estimate.strategy).unwrap_or(false)
     }
 }
 

@@ -452,7 +452,7 @@ pub fn estimated(
         None => None,
     };
     let wanted = study.past_point.contains(&arm.name);
-    let past_point = wanted.then(|| PastPoint::of(family, &training, &workflow, progress)).transpose()?;
+    let past_point = wanted.then(|| PastPoint::of(&training, &workflow, progress)).transpose()?;
     Ok(Estimated { interactions: workflow.interactions(), estimates, extension, past_point })
 }
 

@@ -12,10 +12,12 @@ use serde::{Deserialize, Serialize};
 
 use super::choice::Choice;
 use super::config::{EstimateConfig, Memory};
+use super::deciding::decided;
 use super::fit::{Found, fit_round, report_on};
 use super::report::{EstimateReport, Stopped};
 use super::sense;
 use super::stages::Staged;
+use super::ways;
 use crate::error::{Error, Result};
 use crate::estimate::cem::State;
 use crate::estimate::{Cem, LatentEstimate};
@@ -98,7 +100,7 @@ impl Workflow {
         if tasks.is_empty() {
             return Err(Error::Failed("no task to estimate on".into()));
         }
-        if explore::strategy(&config.strategy)?.needs_importance() && importance.is_none() {
+        if ways::needs_importance(&config.strategy)? && importance.is_none() {
             let allowed = "a strategy that needs no performance surface, or a surface beside it";
             return Err(Error::input("strategy", format!("{:?}", config.strategy), allowed));
         }
@@ -295,6 +297,12 @@ impl Workflow {
     fn explore(&self, wanted: usize, progress: &dyn Progress) -> Result<Asked> {
         let round = self.rounds.len() as u64;
         let seed = rng::derive(self.config.seed, "explore", round);
+        if let Some(question) = ways::question(&self.config.strategy)? {
+            let made = decided(&self.tasks, &self.trials, &self.config, question, (wanted, seed), progress)?;
+            let choice = made.choice(self.tasks[0].scene.time_step);
+            let actions = made.experiments.into_iter().map(|e| (e.task, e.action.values().to_vec()));
+            return Ok(Asked { proposals: self.proposed(actions), choice, rollouts: made.rollouts });
+        }
         let mut stream = rng::stream(seed, "candidates");
         let (estimate, coordinates) = (self.estimate(), self.config.cem.coordinates());
         let world = explore::World {
@@ -317,17 +325,21 @@ impl Workflow {
             progress,
         };
         let chosen = explore::strategy(&self.config.strategy)?.choose(&situation, wanted)?;
-        let first = self.rounds.iter().map(|r| r.proposals.len() as u64).sum::<u64>();
-        let proposals = chosen.indices.iter().zip(first..).map(|(i, number)| Proposal {
-            number,
-            task: self.tasks[candidates[*i].task].id.clone(),
-            action: candidates[*i].action.values().to_vec(),
+        let actions = chosen.indices.iter().map(|i| {
+            let own = &candidates[*i];
+            (self.tasks[own.task].id.clone(), own.action.values().to_vec())
         });
         Ok(Asked {
-            proposals: proposals.collect(),
+            proposals: self.proposed(actions),
             choice: Choice::of(&candidates, &chosen),
             rollouts: candidates.len() as u64 + chosen.rollouts,
         })
+    }
+
+    /// Actions, each with the id of its task, as what is proposed next.
+    fn proposed(&self, actions: impl Iterator<Item = (String, Vec<f64>)>) -> Vec<Proposal> {
+        let first = self.rounds.iter().map(|r| r.proposals.len() as u64).sum::<u64>();
+        actions.zip(first..).map(|((task, action), number)| Proposal { number, task, action }).collect()
     }
 
     /// Answers joined to their proposals; an error names an answer that nothing asked for.

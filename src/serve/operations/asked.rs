@@ -77,13 +77,15 @@ fn proposals(app: &App, Id(id): Id) -> Result<Proposals> {
     let round = last.as_ref().map_or(0, |l| l.number);
     let measured = last.as_ref().map(|l| app.store().measured(job.row.number, l.first())).transpose()?;
     let measured = measured.unwrap_or_default();
-    let open = last.filter(|l| l.open && waiting).map_or(Vec::new(), |l| l.asked.proposals);
-    let out = |p: Proposal| {
+    let asked = last.filter(|l| l.open && waiting).map(|l| l.asked);
+    let (open, reasons) = asked.map_or_else(Default::default, |a| (a.proposals, a.choice.reasons));
+    let out = |(i, p): (usize, Proposal)| {
         let scene = placed(&tasks, &p)?;
         Ok(ProposalOut {
             observe_at: observe_at(&scene),
             scene,
             answered: measured.contains_key(&p.number),
+            reason: reasons.get(i).cloned(),
             number: p.number,
             task: p.task,
             action: p.action,
@@ -92,7 +94,7 @@ fn proposals(app: &App, Id(id): Id) -> Result<Proposals> {
     Ok(Proposals {
         round,
         state: job.row.state.name(),
-        proposals: open.into_iter().map(out).collect::<Result<_>>()?,
+        proposals: open.into_iter().enumerate().map(out).collect::<Result<_>>()?,
     })
 }
 

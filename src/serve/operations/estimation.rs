@@ -19,8 +19,10 @@ use super::text::{json, text};
 use crate::budget::Endless;
 use crate::error::{Error, Result};
 use crate::estimate::{LatentEstimate, Surface};
-use crate::experiment::{Answer, Asked, EstimateConfig, Proposal, ResidualKind, Round, Stopped, Workflow};
-use crate::explore::{self, Importance};
+use crate::experiment::{
+    Answer, Asked, EstimateConfig, Proposal, ResidualKind, Round, Stopped, Workflow, ways,
+};
+use crate::explore::Importance;
 use crate::job::{Context, New, Outcome, Work};
 use crate::json::{from_value, parse};
 use crate::progress::Progress;
@@ -261,7 +263,7 @@ fn importance(
     progress: &dyn Progress,
 ) -> Result<Option<Arc<dyn Importance>>> {
     let Some(family) = tasks.family else { return Ok(None) };
-    if plan.surface.is_none() && !explore::strategy(&plan.setup.strategy)?.needs_importance() {
+    if plan.surface.is_none() && !ways::needs_importance(&plan.setup.strategy)? {
         return Ok(None);
     }
     // The job's own from then on: a surface may be forgotten meanwhile.

@@ -37,6 +37,8 @@ pub struct ProposalOut {
     pub observe_at: Vec<f64>,
     /// Whether it was answered, or reported as failed.
     pub answered: bool,
+    /// Why it was chosen, in words; null where the strategy gives no reasons.
+    pub reason: Option<String>,
 }
 
 /// What was measured. Nothing of a request is taken unless all of it is.

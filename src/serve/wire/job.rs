@@ -28,7 +28,8 @@ pub struct Estimation {
     pub world: Option<String>,
     /// A real world for this job alone, or `ask_tell`.
     pub real: Option<RealChoice>,
-    /// `collisions`, `rolling`, `random`, `gradient`, `informative` or `mixed` (the default).
+    /// `collisions`, `rolling`, `random`, `gradient`, `informative` or `mixed` (the default); or, of what is drawn as known, `probing` (what
+    /// tells most of latents and parameters) or `success` (what tells most of whether plans work), a minute a round.
     pub strategy: Option<String>,
     /// Id of the family's performance surface, for `gradient` and `informative`; `gradient` finds a small one itself
     /// if none is named.

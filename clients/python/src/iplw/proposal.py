@@ -36,6 +36,8 @@ class Proposal:
     observe_at: NDArray[np.float64]
     #: Whether it was told of already.
     answered: bool
+    #: Why it was chosen, in words; `None` where the strategy gives no reasons.
+    reason: str | None = None
 
 
 def proposals(answer: Mapping[str, Any]) -> list[Proposal]:
@@ -49,6 +51,7 @@ def proposals(answer: Mapping[str, Any]) -> list[Proposal]:
             scene=Scene(p["scene"]),
             observe_at=np.asarray(p["observe_at"], dtype=np.float64),
             answered=bool(p["answered"]),
+            reason=p.get("reason"),
         )
         for p in answer["proposals"]
     ]

@@ -23,6 +23,8 @@ export const STRATEGIES: Record<string, string> = {
   random: "actions by chance, to compare with",
   gradient: "collisions and rolling as far as performance depends on what they tell",
   informative: "the actions that leave the least uncertainty about the latents (D-optimal design)",
+  probing: "the actions expected to tell most of what is drawn as known of latents and parameters",
+  success: "the actions expected to tell most of whether plans work",
 };
 
 export interface Proposed {
