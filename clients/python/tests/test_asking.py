@@ -25,6 +25,16 @@ def measure(world: iplw.World, proposal: iplw.Proposal) -> tuple[Any, dict[str, 
     return result.t, {name: states[:, :2] for name, states in result.bodies.items()}
 
 
+def test_what_decides_is_asked_with_its_reason(client: iplw.Client) -> None:
+    job = start(client, strategy="probing", rounds=1, actions=2)
+    reasons = [proposal.reason for proposal in job.proposals()]
+    assert len(reasons) == 2 and all(reason and "collisions" in reason for reason in reasons)
+    job.cancel()
+    plain = start(client, rounds=1, actions=1)
+    assert [proposal.reason for proposal in plain.proposals()] == [None]
+    plain.cancel()
+
+
 def test_from_asking_to_the_result(client: iplw.Client, tmp_path: Path) -> None:
     job = start(client)
     assert isinstance(job, iplw.Asking) and isinstance(client.job(job.id), iplw.Asking)

@@ -1399,7 +1399,10 @@ export interface components {
             /** @description Latent samples per iteration of the search. */
             samples?: number | null;
             seed?: number | null;
-            /** @description `collisions`, `rolling`, `random`, `gradient`, `informative` or `mixed` (the default). */
+            /**
+             * @description `collisions`, `rolling`, `random`, `gradient`, `informative` or `mixed` (the default); or, of what is drawn as known, `probing` (what
+             *     tells most of latents and parameters) or `success` (what tells most of whether plans work), a minute a round.
+             */
             strategy?: string | null;
             /**
              * @description Id of the family's performance surface, for `gradient` and `informative`; `gradient` finds a small one itself
@@ -2023,6 +2026,8 @@ export interface components {
             number: number;
             /** @description Times that a simulation is observed at, s; a measurement may take others. */
             observe_at: number[];
+            /** @description Why it was chosen, in words; null where the strategy gives no reasons. */
+            reason?: string | null;
             /** @description An `iplw.scene/1` document with everything placed as it is to be let go. */
             scene: Record<string, never>;
             task: string;

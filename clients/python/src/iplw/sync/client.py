@@ -206,7 +206,8 @@ class Client:
         `key` of your choice, asking twice starts one job.
 
         - `strategy`: which actions are spent: `collisions`, `rolling`, `random`, `mixed` (the default), `gradient`,
-          `informative`.
+          `informative`; or, of what is drawn as known each round, `probing` (what tells most of latents and parameters)
+          or `success` (what tells most of whether plans work), a minute a round.
         - `residual`: `trajectory` (the default), simulated from start to end; `shooting`, a stretch at a time from what
           was seen, which bears noise.
         - `rounds`: most rounds (5); `actions`: real interactions a round (10); `budget`: most in all; `samples`: latents
