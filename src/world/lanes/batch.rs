@@ -53,7 +53,9 @@ pub fn run(feed: &mut dyn Feed, end_at_rest: bool, instructions: &dyn Instructio
         if batch.state.wild {
             gone = batch.end_diverged(feed);
         }
-        batch.settle();
+        if batch.settles {
+            batch.settle();
+        }
         if !batch.state.fresh.is_empty() {
             batch.record_begun();
         }
@@ -72,7 +74,7 @@ pub fn run(feed: &mut dyn Feed, end_at_rest: bool, instructions: &dyn Instructio
         if end_at_rest {
             if let Some(before) = batch.snapshot.take() {
                 batch.end_at_rest(&before, feed);
-            } else if batch.state.tick % LOOK_EVERY == 0.0 {
+            } else if (batch.state.tick as u64).is_multiple_of(LOOK_EVERY) {
                 batch.snapshot = batch.snapshot();
             }
         }
@@ -88,6 +90,8 @@ struct Batch {
     due: f64,
     /// The state after the last step, if some lane may have come to rest.
     snapshot: Option<Snapshot>,
+    /// Whether some lane's first step may have to be made again.
+    settles: bool,
 }
 
 /// A rollout at work.
@@ -135,6 +139,7 @@ impl Batch {
             lanes: Default::default(),
             due: f64::INFINITY,
             snapshot: None,
+            settles: false,
         }
     }
 
@@ -175,6 +180,7 @@ impl Batch {
         new.recorder.observe(0, &starts(&prepared));
         if prepared.settled {
             new.settling = Some(Settling::new(prepared));
+            self.settles = true;
         } else if !prepared.changes.is_empty() {
             new.prepared = Some(Box::new(prepared));
             new.due = self.state.tick + f64::from(new.next());
@@ -201,11 +207,13 @@ impl Batch {
 
     /// Has first steps made again where contacts do not yet bear what they bore before.
     fn settle(&mut self) {
+        self.settles = false;
         for lane in 0..LANES {
             let Some(own) = &mut self.lanes[lane] else { continue };
             let Some(mut settling) = own.settling.take() else { continue };
             if settling.back(&mut self.state, lane) {
                 own.settling = Some(settling);
+                self.settles = true;
                 own.due = self.state.tick + f64::from(own.next());
                 // A lane that begins again is not one at rest.
                 self.snapshot = None;

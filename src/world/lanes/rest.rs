@@ -9,7 +9,7 @@ use super::state::State;
 use crate::world::effect::LANES;
 
 /// Steps between looks. Looking costs a few loads; finding rest late costs as many steps.
-pub const LOOK_EVERY: f64 = 32.0;
+pub const LOOK_EVERY: u64 = 32;
 /// Speed, m/s and rad/s, above which a body is certainly not at rest.
 const SLOW: f64 = 1e-9;
 
