@@ -148,9 +148,10 @@ impl Scene {
         self.goal.as_ref().is_some_and(Goal::stops) && self.stop != Some(false)
     }
 
-    /// The scene with a setting's overrides applied.
+    /// The scene with a setting's overrides applied; it has no settings any more, which scenes of many trials would each carry along.
     pub fn in_setting(&self, setting: &str) -> Result<Scene> {
         let mut scene = self.clone();
+        scene.settings.clear();
         if let Some(overrides) = self.settings.get(setting) {
             overrides.apply(&mut scene.bodies, &mut scene.statics);
         }
