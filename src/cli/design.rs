@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use iplw::design::{Costs, DesignConfig, DesignDocument, Question, design, document, parts};
+use iplw::design::{Costs, DesignConfig, DesignDocument, Question, design, document, parts, shown_cost};
 use iplw::error::Result;
 use iplw::estimate::Belief;
 use iplw::estimate::belief::PRIOR_DRAWS;
@@ -43,7 +43,7 @@ pub struct Args {
     /// What it costs more to set a task up, once for every task of the batch.
     #[arg(long, value_name = "COST", default_value_t = 0.0)]
     setup_cost: f64,
-    /// Most that the batch may cost; `--batch` is then the most experiments, 24 if it is not given.
+    /// Most that the batch may cost; `--batch` is then the most experiments, as many as are looked at closely if it is not given.
     #[arg(long, value_name = "COST")]
     budget: Option<f64>,
     /// Random actions that are looked at.
@@ -146,7 +146,8 @@ fn told(d: &DesignDocument, out: Option<&Path>) -> String {
         );
     }
     if d.experiments.len() > 1 {
-        let cost = if d.config.costs.alike() { String::new() } else { format!(", for {}", d.cost) };
+        let cost =
+            if d.config.costs.alike() { String::new() } else { format!(", for {}", shown_cost(d.cost)) };
         text += &format!(
             "together {:.2} +- {:.2} nats{cost}\n",
             d.together.information, d.together.standard_error

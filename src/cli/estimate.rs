@@ -145,14 +145,8 @@ pub fn run(args: &Args) -> Result<()> {
 /// Draws from the posterior of what was estimated, given the trials that it was estimated from.
 fn known(scene: &Scene, trials: Vec<Trial>, config: &EstimateConfig, bar: &output::Bar) -> Result<Document> {
     let (scene, trials) = settled(scene, trials)?;
-    let mut set: Vec<String> = Vec::new();
-    for name in config.cem.fitted().iter().map(|p| p.effect.name) {
-        if !set.iter().any(|known| known == name) {
-            set.push(name.into());
-        }
-    }
     let wanted = PosteriorConfig {
-        sets: vec![set],
+        sets: vec![config.cem.effects_fitted()],
         prior: config.cem.prior,
         engine: config.engine,
         ..PosteriorConfig::standard(config.seed)

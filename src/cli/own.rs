@@ -41,7 +41,7 @@ fn of(named: &Path) -> Result<Vec<Family>> {
     let found = read_families(named)?;
     if found.is_empty() {
         let allowed = "a folder with families: *.toml, each with its certified tasks beside it (`iplw tasks check` makes them)";
-        return Err(Error::input("--tasks", named.display(), allowed));
+        return Err(Error::input("--tasks (or IPLW_TASKS)", named.display(), allowed));
     }
     Ok(found)
 }

@@ -64,7 +64,7 @@ pub fn run(args: &Args) -> Result<()> {
     file.map_or(Ok(()), |path| output::write_whole(&path, &results))
 }
 
-/// A trajectory as the contract has it; names in order.
+/// A trajectory as the contract has it; bodies in the order of their names.
 #[derive(Serialize)]
 struct Record<'a> {
     bodies: BTreeMap<&'a str, Places<'a>>,

@@ -38,8 +38,8 @@ impl Costs {
         within("costs.setup", self.setup, 0.0, 1e9)?;
         let least = self.trial + self.setup;
         match self.budget {
-            Some(most) if !(most >= least && most.is_finite()) => {
-                let allowed = format!("at least {least}, what the first experiment costs");
+            Some(most) if !(most.is_finite() && self.pays(0.0, least)) => {
+                let allowed = format!("at least {}, what the first experiment costs", shown(least));
                 Err(Error::input("costs.budget", most, allowed))
             }
             _ => Ok(()),
@@ -61,10 +61,15 @@ impl Costs {
         self.budget.is_none_or(|most| spent + more <= most * (1.0 + 1e-12))
     }
 
-    /// What orders experiments: what one adds, for its cost; where it adds nothing, the cheaper is the better.
-    pub fn worth(adds: f64, cost: f64) -> f64 {
-        if adds > 0.0 { adds / cost } else { adds * cost }
+    /// What orders experiments: what one adds, for its cost; of those that are worth as much the cheaper is the better.
+    pub fn worth(adds: f64, cost: f64) -> [f64; 2] {
+        [if adds > 0.0 { adds / cost } else { adds * cost }, -cost]
     }
+}
+
+/// A cost as it is read; sums of costs are off by what rounds.
+pub fn shown(cost: f64) -> f64 {
+    format!("{cost:.9e}").parse().unwrap_or(cost)
 }
 
 /// Which of the candidates, told most first, are looked at closely: the first; where to set a task up costs something, half as
@@ -98,10 +103,12 @@ mod tests {
         assert!(costs.pays(11.0, 11.0) && !costs.pays(11.0, 11.1));
         assert!(Costs::default().pays(1e12, 1.0) && Costs::default().alike() && !costs.alike());
         // Of what adds nothing the cheaper is better.
-        assert!(
-            Costs::worth(-0.1, 1.0) > Costs::worth(-0.1, 11.0)
-                && Costs::worth(0.5, 1.0) > Costs::worth(2.0, 11.0)
-        );
+        let worth = Costs::worth;
+        assert!(worth(-0.1, 1.0) > worth(-0.1, 11.0) && worth(0.5, 1.0) > worth(2.0, 11.0));
+        assert!(worth(0.0, 1.0) > worth(0.0, 11.0));
+        // Three tenths are not the sum of one and two, and are enough for it.
+        let tenths = Costs { trial: 0.1, setup: 0.2, budget: Some(0.3) };
+        assert!(tenths.validate().is_ok() && shown(0.1 + 0.2) == 0.3 && shown(6.0) == 6.0);
     }
 
     #[test]

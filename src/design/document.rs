@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::config::DesignConfig;
+use super::costs;
 use super::gain::Gain;
 use super::narrowed::Narrowed;
 use super::question::Question;
@@ -28,6 +29,7 @@ pub struct DesignDocument {
     /// What the batch tells together.
     pub together: Gain,
     /// What the batch costs, in the unit of `config.costs`.
+    #[serde(default)]
     pub cost: f64,
     /// The batch, in order.
     pub experiments: Vec<ExperimentRow>,
@@ -54,6 +56,7 @@ pub struct ExperimentRow {
     /// What it adds to those of the batch before it, nats.
     pub adds: Option<f64>,
     /// What it costs: after those of the batch before it, or by itself.
+    #[serde(default)]
     pub cost: f64,
     /// How far numbers that all draws have would be known, standard deviations.
     pub expected: Vec<Narrowed>,
@@ -100,6 +103,7 @@ pub fn document(design: &Design, config: &DesignConfig) -> DesignDocument {
 /// What an experiment is expected to tell, in words.
 fn reason(e: &Experiment, design: &Design, config: &DesignConfig) -> String {
     let told = match (&config.question, e.gain.right) {
+        _ if e.gain.information == 0.0 => "tells nothing that is not believed already".to_string(),
         (Question::Effects, Some([before, after])) => {
             let sets: Vec<String> = design.sets.iter().map(|(s, _)| named(s)).collect();
             format!(
@@ -125,8 +129,8 @@ fn reason(e: &Experiment, design: &Design, config: &DesignConfig) -> String {
     };
     let paid = match (config.costs.alike(), e.cost > config.costs.trial) {
         (true, _) => String::new(),
-        (false, true) => format!("; costs {} with setting up", e.cost),
-        (false, false) => format!("; costs {}", e.cost),
+        (false, true) => format!("; costs {} with setting up", costs::shown(e.cost)),
+        (false, false) => format!("; costs {}", costs::shown(e.cost)),
     };
     format!("{told}; {:.1} collisions, {:.1} s on surfaces{paid}", e.collisions, e.rolling)
 }

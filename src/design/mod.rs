@@ -43,7 +43,7 @@ mod told;
 mod worlds;
 
 pub use config::DesignConfig;
-pub use costs::Costs;
+pub use costs::{Costs, shown as shown_cost};
 pub use document::{DESIGN_FORMAT, DesignDocument, ExperimentRow, document};
 pub use gain::{Gain, Labels, gain};
 pub use narrowed::Narrowed;

@@ -125,6 +125,17 @@ impl CemConfig {
         self.drag.map(|_| DRAG).into_iter().chain(self.fit.iter().map(|a| a.parameter)).collect()
     }
 
+    /// Names of the effects of which something is fitted along, each once.
+    pub fn effects_fitted(&self) -> Vec<String> {
+        let mut names: Vec<String> = Vec::new();
+        for name in self.fitted().iter().map(|own| own.effect.name) {
+            if !names.iter().any(|known| known == name) {
+                names.push(name.to_string());
+            }
+        }
+        names
+    }
+
     /// What the numbers of a sample are.
     pub fn coordinates(&self) -> Coordinates {
         Coordinates::new(&self.fitted())

@@ -15,7 +15,7 @@ pub struct Choice {
     pub collisions: f64,
     /// Mean body time steps on a carrying surface of a chosen action, as simulated.
     pub rolling_steps: f64,
-    /// The same over all candidates.
+    /// The same over all candidates; of ways that ask a question, over those looked at closely.
     pub candidate_collisions: f64,
     pub candidate_rolling_steps: f64,
     /// How many were chosen from which group, where the strategy deals them out.

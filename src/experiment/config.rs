@@ -149,10 +149,7 @@ impl EstimateConfig {
 
     /// Errors name what is out of range.
     pub fn validate(&self) -> Result<()> {
-        if ways::question(&self.strategy)?.is_some() && !self.effects.is_empty() {
-            let allowed = "a strategy that ranks at the estimate, or the effects fitted along: what is known of them is drawn";
-            return Err(Error::input("strategy", format!("{:?} beside effects", self.strategy), allowed));
-        }
+        ways::question(&self.strategy)?;
         within("rounds", self.rounds as f64, 1.0, 1000.0)?;
         within("actions", self.actions as f64, 1.0, 10_000.0)?;
         within("candidates", self.candidates as f64, self.actions as f64, 100_000.0)?;

@@ -1,8 +1,8 @@
 //! Experiments that decide, as a workflow's way to choose: what is known so far is drawn, and the next actions are those expected
 //! to tell most of a question.
 //!
-//! Source: as [`crate::design`]. What is known are draws of the posterior given the trials so far; before there are enough for one,
-//! the prior.
+//! Source: as [`crate::design`]. What is known are draws of the posterior given the trials so far; before one can be drawn, the prior.
+//! Positions are taken to be seen with 5 mm of noise, and of an effect of which something is fitted along all parameters to be open.
 
 use super::EstimateConfig;
 use super::choice::Choice;
@@ -18,6 +18,9 @@ use crate::task::Task;
 
 /// Draws of a posterior.
 const DRAWS: usize = 512;
+/// Most actions that are looked at, and most that are chosen together: as `POST /v1/designs` takes.
+const MOST_CANDIDATES: usize = 2000;
+const MOST_TOGETHER: usize = 20;
 
 /// What is to be done next, and why.
 pub struct Decided {
@@ -27,7 +30,31 @@ pub struct Decided {
     pub reasons: Vec<String>,
     /// What else was looked at closely.
     pub others: Vec<Experiment>,
+    /// Of the design; what a posterior simulates is not counted.
     pub rollouts: u64,
+}
+
+/// Errors unless a configuration can be decided by: what is known of it can be drawn.
+pub fn check(config: &EstimateConfig) -> Result<()> {
+    let refused = |beside: &str, allowed: &str| {
+        let allowed = format!("a strategy that ranks at the estimate, or {allowed}");
+        Err(Error::input("strategy", format!("{:?} beside {beside}", config.strategy), allowed))
+    };
+    if !config.effects.is_empty() {
+        return refused("effects", "the effects fitted along: what is known of them is drawn");
+    }
+    if !config.senses.is_empty() {
+        return refused("senses", "no senses: draws of what is known do not see them");
+    }
+    if config.actions > MOST_TOGETHER {
+        let allowed = format!("at most {MOST_TOGETHER} where a strategy decides what to measure");
+        return Err(Error::input("actions", config.actions, allowed));
+    }
+    let set = config.cem.effects_fitted();
+    Belief::of_sets(config.cem.prior, &[set], 1, config.seed).map(drop).map_err(|error| match error {
+        Error::Input(input) => Error::input("fit", input.value, input.allowed),
+        other => other,
+    })
 }
 
 impl Decided {
@@ -66,39 +93,49 @@ pub fn decided(
     (count, seed): (usize, u64),
     progress: &dyn Progress,
 ) -> Result<Decided> {
-    let belief = known(tasks, trials, config, seed, progress)?;
+    let (belief, told) = known(tasks, trials, config, seed, progress)?;
     let usual = DesignConfig::standard(question, seed);
     let setup = DesignConfig {
-        candidates: config.candidates.max(count),
+        candidates: config.candidates.clamp(count, MOST_CANDIDATES),
         shortlist: usual.shortlist.max(count),
         batch: count,
         engine: config.engine,
         ..usual
     };
     let mut found = design(tasks, tasks, &belief, &setup, progress)?;
-    let reasons = document(&found, &setup).experiments.into_iter().map(|e| e.reason).collect();
+    let before = if told { "" } else { "by what is believed beforehand: " };
+    let rows = document(&found, &setup).experiments.into_iter();
+    let reasons = rows.map(|e| format!("{before}{}", e.reason)).collect();
     let others = found.experiments.split_off(found.batch);
     Ok(Decided { experiments: found.experiments, reasons, others, rollouts: found.rollouts as u64 })
 }
 
-/// What is known after the trials: their posterior, with the effects that are fitted along; the prior as long as they are too few or
-/// tell nothing.
+/// What is known after the trials, and whether they say any of it: their posterior, with the effects that are fitted along; the prior
+/// as long as they are too few, or no posterior can be drawn of them.
 fn known(
     tasks: &[Task],
     trials: &[Trial],
     config: &EstimateConfig,
     seed: u64,
     progress: &dyn Progress,
-) -> Result<Belief> {
-    let mut set: Vec<String> = config.cem.fitted().iter().map(|own| own.effect.name.to_string()).collect();
-    set.dedup();
-    let prior = || Belief::of_sets(config.cem.prior, std::slice::from_ref(&set), PRIOR_DRAWS, seed);
+) -> Result<(Belief, bool)> {
+    let set = config.cem.effects_fitted();
+    let prior =
+        || Ok((Belief::of_sets(config.cem.prior, std::slice::from_ref(&set), PRIOR_DRAWS, seed)?, false));
     let Some(base) = tasks.first().filter(|_| trials.len() >= FIRST) else { return prior() };
-    let (scene, noise) = (&base.scene, DesignConfig::standard(Question::Latents, seed).noise);
-    let asked = Asked { prior: config.cem.prior, base: scene, set: &set, draws: DRAWS, noise, seed };
+    let asked = Asked {
+        prior: config.cem.prior,
+        base: &base.scene,
+        set: &set,
+        engine: config.engine,
+        draws: DRAWS,
+        noise: DesignConfig::standard(Question::Latents, seed).noise,
+        seed,
+    };
     match asked.told(Estimator::Posterior, trials, progress) {
-        Ok(told) => Belief::of_draws(told.draws),
-        Err(Error::Input(input)) if input.field == "trials" => prior(),
+        Ok(told) => Ok((Belief::of_draws(told.draws)?, true)),
+        // Trials that tell nothing of what is asked about, or too little to fit.
+        Err(Error::Input(_) | Error::Failed(_)) => prior(),
         Err(error) => Err(error),
     }
 }
@@ -111,6 +148,7 @@ mod tests {
     use crate::reality::{HiddenConfig, HiddenWorld, standard};
     use crate::task::scene::EffectTerm;
     use crate::task::{Split, family, split};
+    use crate::world::EffectParameter;
 
     /// Each proposal comes with its reason, before there is a posterior and after; a workflow that goes on later asks the same.
     #[test]
@@ -145,6 +183,30 @@ mod tests {
             effects: vec![EffectTerm { name: "linear_drag".into(), parameters: [("c".into(), 0.2)].into() }],
             ..config
         };
-        assert!(beside.validate().unwrap_err().to_string().contains("strategy"));
+        assert!(refused(&beside).contains("strategy"));
+        let many = EstimateConfig { actions: 21, effects: Vec::new(), ..beside.clone() };
+        assert!(refused(&many).contains("actions"));
+        let mut somewhere = EstimateConfig { effects: Vec::new(), ..beside };
+        somewhere.cem.fit_along(EffectParameter::parse("sticky_patch.c").unwrap());
+        assert!(refused(&somewhere).contains("fit"));
+    }
+
+    fn refused(config: &EstimateConfig) -> String {
+        check(config).unwrap_err().to_string()
+    }
+
+    /// An effect that no search of a posterior looks for: what is believed beforehand is what there is.
+    #[test]
+    fn what_no_posterior_can_be_drawn_of_is_as_believed() {
+        let family = family("basketball").unwrap();
+        let tasks = split(&family.fold(0), Split::Train)[..2].to_vec();
+        let mut config = EstimateConfig { candidates: 12, ..EstimateConfig::fast(family.prior) };
+        config.cem.fit_along(EffectParameter::parse("spin_decay.c").unwrap());
+        let hidden = HiddenConfig { noise: 0.005, seed: 4, ..standard(family) };
+        let trials =
+            crate::experiment::random_trials(&tasks, &mut HiddenWorld::new(hidden).unwrap(), 4, 1, &Silent)
+                .unwrap();
+        let (belief, told) = known(&tasks, &trials, &config, 1, &Silent).unwrap();
+        assert!(!told && belief.draws()[0].number("spin_decay.c").is_some());
     }
 }

@@ -23,7 +23,7 @@ use crate::estimate::{Belief, Believed, Cem};
 use crate::progress::Progress;
 use crate::reality::{Trial, settled};
 use crate::task::Scene;
-use crate::world::{EffectParameter, Sample, effect};
+use crate::world::{EffectParameter, Engine, Sample, effect};
 
 /// Which method reads the trials.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -76,6 +76,8 @@ pub struct Asked<'a> {
     pub base: &'a Scene,
     /// Effects whose parameters are to be known beside the latents.
     pub set: &'a [String],
+    /// Engine of the simulation.
+    pub engine: Engine,
     /// Draws of those that draw.
     pub draws: usize,
     /// Standard deviation of what is seen, m.
@@ -118,6 +120,7 @@ impl Asked<'_> {
         let config = PosteriorConfig {
             sets: vec![self.set.to_vec()],
             prior: self.prior,
+            engine: self.engine,
             sampler,
             ..PosteriorConfig::standard(self.seed)
         };
@@ -131,7 +134,7 @@ impl Asked<'_> {
     /// What is estimated, as `iplw estimate` does it.
     fn config(&self) -> Result<EstimateConfig> {
         let usual = EstimateConfig::fast(self.prior);
-        let mut config = EstimateConfig { seed: self.seed, ..usual };
+        let mut config = EstimateConfig { seed: self.seed, engine: self.engine, ..usual };
         parameters(self.set)?.into_iter().for_each(|own| config.cem.fit_along(own));
         Ok(config)
     }
@@ -190,8 +193,15 @@ mod tests {
         let tasks = split(&family.fold(0), Split::Train);
         let trials = random_trials(&tasks, &mut HiddenWorld::new(hidden).unwrap(), 6, 5, &Silent).unwrap();
         let set = ["linear_drag".to_string()];
-        let asked =
-            Asked { prior: family.prior, base: &tasks[0].scene, set: &set, draws: 64, noise: 0.005, seed: 5 };
+        let asked = Asked {
+            prior: family.prior,
+            base: &tasks[0].scene,
+            set: &set,
+            engine: Engine::Auto,
+            draws: 64,
+            noise: 0.005,
+            seed: 5,
+        };
         for (name, by) in ESTIMATORS {
             let told = asked.told(by, &trials, &Silent).unwrap();
             let of = |wanted: &str| told.numbers.iter().find(|n| n.0 == wanted).unwrap();

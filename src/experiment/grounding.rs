@@ -20,7 +20,7 @@ use crate::progress::Progress;
 use crate::reality::{HiddenConfig, HiddenWorld, Reality, Trial};
 use crate::rng;
 use crate::task::{Family, Placement, Task, ValidAction};
-use crate::world::Coordinates;
+use crate::world::{Coordinates, Engine};
 
 /// Interactions before anything can be drawn of them.
 pub const FIRST: usize = 4;
@@ -250,7 +250,7 @@ impl Spent<'_> {
         let world = explore::World {
             latents: coordinates.latents(&estimate),
             effects: coordinates.effects(&estimate, &[]),
-            engine: crate::world::Engine::Auto,
+            engine: Engine::Auto,
         };
         let mut stream = rng::stream(seed, "grounding candidates");
         let candidates = explore::candidates(&self.training, 400, &world, &mut stream, progress)?;
@@ -289,6 +289,7 @@ impl Spent<'_> {
             prior: self.family.prior,
             base: &self.training[0].scene,
             set: &self.config.set,
+            engine: Engine::Auto,
             draws: self.config.draws,
             noise: self.config.hidden.noise,
             seed: self.config.seed,

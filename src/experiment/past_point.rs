@@ -107,12 +107,11 @@ impl PastPoint {
     /// Of a workflow that has ended.
     pub(super) fn of(training: &[Task], workflow: &Workflow, progress: &dyn Progress) -> Result<PastPoint> {
         let config = workflow.config();
-        let mut set: Vec<String> =
-            config.cem.fitted().iter().map(|own| own.effect.name.to_string()).collect();
-        set.dedup();
+        let set = config.cem.effects_fitted();
         let base = training.first().ok_or_else(|| Error::input("tasks", "none", "at least one task"))?;
         let (prior, seed) = (config.cem.prior, config.seed);
-        let asked = Asked { prior, base: &base.scene, set: &set, draws: DRAWS, noise: NOISE, seed };
+        let engine = config.engine;
+        let asked = Asked { prior, base: &base.scene, set: &set, engine, draws: DRAWS, noise: NOISE, seed };
         let told = asked.told(Estimator::Posterior, workflow.trials(), progress)?;
         let measured = workflow.rounds().iter().flat_map(|round| {
             round.answers.iter().filter_map(|answer| {

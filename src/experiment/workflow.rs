@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::choice::Choice;
 use super::config::{EstimateConfig, Memory};
-use super::deciding::decided;
+use super::deciding::{self, decided};
 use super::fit::{Found, fit_round, report_on};
 use super::report::{EstimateReport, Stopped};
 use super::sense;
@@ -97,6 +97,9 @@ impl Workflow {
         importance: Option<Arc<dyn Importance>>,
     ) -> Result<Workflow> {
         config.validate()?;
+        if ways::question(&config.strategy)?.is_some() {
+            deciding::check(config)?;
+        }
         if tasks.is_empty() {
             return Err(Error::Failed("no task to estimate on".into()));
         }

@@ -25,6 +25,7 @@ pub struct Row {
 /// observation.
 pub fn assemble(rows: Vec<Row>, scene: &Scene, budget: &dyn Budget) -> Result<Vec<Trial>> {
     let mut trials: Vec<Trial> = Vec::new();
+    let bare = scene.bare();
     let mut finished = HashSet::new();
     for row in watched(rows, budget) {
         let row = row?;
@@ -34,7 +35,7 @@ pub fn assemble(rows: Vec<Row>, scene: &Scene, budget: &dyn Budget) -> Result<Ve
                 return Err(refuse(row.line, "trial", &format!("{:?}", row.trial), allowed));
             }
             let setting = row.setting.clone();
-            let base = scene.in_setting(setting.as_deref().unwrap_or_default())?;
+            let base = bare.varied(setting.as_ref().and_then(|s| scene.settings.get(s)));
             let bodies = scene.bodies.iter().map(|b| Track::with_capacity(&b.name, 0)).collect();
             let observed = Trajectory { bodies, ..Trajectory::default() };
             trials.push(Trial { name: row.trial.clone(), setting, scene: base, observed });

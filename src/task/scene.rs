@@ -148,14 +148,18 @@ impl Scene {
         self.goal.as_ref().is_some_and(Goal::stops) && self.stop != Some(false)
     }
 
-    /// The scene with a setting's overrides applied; it has no settings any more, which scenes of many trials would each carry along.
-    pub fn in_setting(&self, setting: &str) -> Result<Scene> {
+    /// The scene without its settings: what the scenes of trials are made of, which would else carry the settings of all along.
+    pub fn bare(&self) -> Scene {
+        Scene { settings: BTreeMap::new(), ..self.clone() }
+    }
+
+    /// The scene with a setting's overrides applied.
+    pub fn varied(&self, overrides: Option<&Setting>) -> Scene {
         let mut scene = self.clone();
-        scene.settings.clear();
-        if let Some(overrides) = self.settings.get(setting) {
+        if let Some(overrides) = overrides {
             overrides.apply(&mut scene.bodies, &mut scene.statics);
         }
-        Ok(scene)
+        scene
     }
 
     /// Axis-aligned box around everything bounded, widened by 2 %; for drawing.

@@ -54,7 +54,8 @@ impl Scene {
         for (i, name) in self.carriers.iter().flatten().enumerate() {
             self.named(&format!("carriers[{i}]"), name, true)?;
         }
-        self.settings.keys().try_for_each(|name| self.validate_setting(name))?;
+        let bare = self.bare();
+        self.settings.keys().try_for_each(|name| self.validate_setting(name, &bare))?;
         if let Some(space) = &self.action {
             placement::validate(space, self).map_err(|e| e.under("action"))?;
         }
@@ -62,7 +63,8 @@ impl Scene {
         timeline::in_order(self).map(drop)
     }
 
-    fn validate_setting(&self, name: &str) -> Result<()> {
+    /// `bare`: the scene without its settings.
+    fn validate_setting(&self, name: &str, bare: &Scene) -> Result<()> {
         let Some(setting) = self.settings.get(name) else { return Ok(()) };
         for body in setting.bodies.keys() {
             self.named(&format!("settings.{name}.bodies"), body, false)?;
@@ -73,7 +75,7 @@ impl Scene {
             let field = format!("settings.{name}.statics");
             return Err(Error::input(field, format!("{unknown:?}"), format!("one of {known}")));
         }
-        let varied = self.in_setting(name)?;
+        let varied = bare.varied(Some(setting));
         for fixed in &varied.statics {
             let place = format!("settings.{name}.statics.{}", fixed.name);
             fixed.validate().map_err(|e| e.under(&place))?;

@@ -48,6 +48,17 @@ fn a_design_is_chosen_told_and_carried_out() {
     other["experiments"][0]["action"] = json!([0.5, 2.0, 0.5, 0.5]);
     std::fs::write(&odd, other.to_string()).unwrap();
     told(&measure(odd.to_str().unwrap(), "basketball"), 2, &["odd.json", "experiments[0].action"]);
+    // One of before experiments had costs.
+    let mut earlier = design.clone();
+    let document = earlier.as_object_mut().unwrap();
+    document.remove("cost");
+    document["config"].as_object_mut().unwrap().remove("costs");
+    for row in document["experiments"].as_array_mut().unwrap() {
+        row.as_object_mut().unwrap().remove("cost");
+    }
+    document["others"] = json!([]);
+    std::fs::write(&odd, earlier.to_string()).unwrap();
+    told(&measure(odd.to_str().unwrap(), "basketball"), 0, &["2 trials"]);
     other["experiments"] = json!([]);
     std::fs::write(&odd, other.to_string()).unwrap();
     told(&measure(odd.to_str().unwrap(), "basketball"), 2, &["experiments", "none"]);
@@ -91,6 +102,12 @@ fn a_budget_is_spent_where_it_tells_most() {
     let tasks: std::collections::BTreeSet<&str> =
         many["experiments"].as_array().unwrap().iter().map(|e| e["task"].as_str().unwrap()).collect();
     assert!(tasks.len() == 1 && many["cost"].as_f64().unwrap() <= 8.0, "{many}");
+    // What pays for a second task is spent on both, and no task is paid for twice.
+    let two = run("basketball", &["--setup-cost", "5", "--budget", "14.5"]);
+    let (spent, rows) = (two["cost"].as_f64().unwrap(), two["experiments"].as_array().unwrap());
+    let tasks: std::collections::BTreeSet<&str> = rows.iter().map(|e| e["task"].as_str().unwrap()).collect();
+    assert_eq!(spent, rows.len() as f64 + 5.0 * tasks.len() as f64, "{two}");
+    assert!(rows.len() > 1 && spent > 8.0 && spent <= 14.5, "{two}");
     // Without costs nothing is said of them, and a batch is chosen as ever.
     let free = run("basketball", &["--batch", "2"]);
     assert_eq!((costs(&free), &free["cost"]), (vec![1.0, 1.0], &json!(2.0)));

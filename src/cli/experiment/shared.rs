@@ -17,17 +17,19 @@ pub fn claims_text(claims: &[Claim]) -> String {
     format!("\nclaims\n{}", claims.iter().map(line).collect::<String>())
 }
 
-/// Claims as a table of a report.
-pub fn claims_table(claims: &[Claim]) -> Block {
+/// Claims as a table of a report; `small`: below what a difference that holds zero is small.
+pub fn claims_table(claims: &[Claim], small: Option<f64>) -> Block {
+    let small =
+        small.map_or(String::new(), |s| format!("; small where it holds zero and lies within {s} of it"));
     Block::Table {
         columns: ["claim", "verdict", "figure"].map(String::from).to_vec(),
         rows: claims
             .iter()
             .map(|c| vec![c.text.clone(), c.verdict.title().into(), c.figure.clone()])
             .collect(),
-        note: "Paired by seed; undecided where the 95 % interval of the difference holds zero; small \
-               where it lies within 0.03 AUCCESS of zero."
-            .into(),
+        note: format!(
+            "Paired by seed; undecided where the 95 % interval of the difference holds zero{small}."
+        ),
     }
 }
 

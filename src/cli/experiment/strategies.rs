@@ -211,7 +211,7 @@ fn html(
     seconds: &[f64],
 ) -> Result<String> {
     let columns = |names: &[&str]| names.iter().map(|n| n.to_string()).collect::<Vec<_>>();
-    let mut sections = vec![Section { heading: "Claims".into(), blocks: vec![claims_table(claims)] }];
+    let mut sections = vec![Section { heading: "Claims".into(), blocks: vec![claims_table(claims, None)] }];
     for nature in &config.natures {
         let table = config.arms.iter().filter_map(|arm| {
             let [Some(friction), Some(restitution)] = told().map(|f| last(rows, &arm.name, *nature, f))

@@ -5,7 +5,7 @@ use std::path::Path;
 use iplw::error::{Error, Result};
 use iplw::experiment::statistics::{Claim, Summary};
 use iplw::experiment::strategies::Arm;
-use iplw::experiment::study::{Cell, Estimated, Row, Study, estimated, tried};
+use iplw::experiment::study::{Cell, Estimated, Row, SMALL_AUCCESS, Study, estimated, tried};
 use iplw::experiment::transfer::Transfer;
 use iplw::picture::plot::{self, Series};
 use iplw::picture::{Block, Report, Section, Style, chances_svg, svg_to_png};
@@ -386,7 +386,7 @@ fn html(
             .into(),
     };
     let mut sections = vec![
-        Section { heading: "Claims".into(), blocks: vec![claims_table(claims)] },
+        Section { heading: "Claims".into(), blocks: vec![claims_table(claims, Some(SMALL_AUCCESS))] },
         Section { heading: "Jump start".into(), blocks: plots.iter().map(svg).chain([table]).collect() },
     ];
     if !pictures.is_empty() {

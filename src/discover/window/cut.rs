@@ -15,17 +15,19 @@ const FEWEST: usize = 3;
 /// unknowns.
 pub fn cut(base: &Scene, trials: &[Trial], settings: &[usize], run: usize) -> Vec<Window> {
     let most = LEAPS.div_ceil(trials.len().max(1)).max(FEWEST);
+    let bare = base.bare();
     let of = |(i, trial): (usize, &Trial)| {
-        let own = windows(base, trial, most, run);
+        let placed = bare.varied(trial.setting.as_ref().and_then(|s| base.settings.get(s)));
+        let own = windows(&placed, trial, most, run);
         own.into_iter().map(move |w| Window { trial: i, setting: settings[i], ..w })
     };
     trials.iter().enumerate().flat_map(of).collect()
 }
 
-/// A trial's windows: of everything together where it is known where it starts, of each body by itself where it is not, and
+/// A trial's windows, `placed` being the scene in its setting: of everything together where it is known where it starts, of each body by itself where it is not, and
 /// of a body that is alone if it flies.
-fn windows(base: &Scene, trial: &Trial, most: usize, longest: usize) -> Vec<Window> {
-    let known = start_is_known(base, trial);
+fn windows(placed: &Scene, trial: &Trial, most: usize, longest: usize) -> Vec<Window> {
+    let known = start_is_known(placed, trial);
     let bodies = trial.scene.bodies.len();
     let mut out = if known { leaps(trial, most) } else { Vec::new() };
     if out.is_empty() && (!known || bodies == 1) {
@@ -40,10 +42,9 @@ fn windows(base: &Scene, trial: &Trial, most: usize, longest: usize) -> Vec<Wind
 /// m. What a start may be off by that was set rather than measured: single precision leaves some micrometres of it.
 const EXACT: f64 = 1e-5;
 
-/// Whether the scene says where everything starts and the first observation says the same.
-fn start_is_known(base: &Scene, trial: &Trial) -> bool {
-    let Ok(placed) = base.in_setting(trial.setting.as_deref().unwrap_or_default()) else { return false };
-    let from_run = trial.setting.is_none() && base.action.is_some();
+/// Whether the scene in the trial's setting says where everything starts and the first observation says the same.
+fn start_is_known(placed: &Scene, trial: &Trial) -> bool {
+    let from_run = trial.setting.is_none() && placed.action.is_some();
     trial.observed.bodies.iter().enumerate().all(|(k, track)| {
         let expected = if from_run { trial.scene.bodies[k].position } else { placed.bodies[k].position };
         match (expected, track.x.first(), track.y.first()) {

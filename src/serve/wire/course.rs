@@ -60,13 +60,15 @@ pub struct ChoiceOut {
     pub collisions: f64,
     /// Mean time steps that bodies of a chosen action spend on a surface, summed over bodies.
     pub rolling_steps: f64,
-    /// The same over all candidates.
+    /// The same over all candidates; of strategies that ask a question, over those looked at closely.
     pub candidate_collisions: f64,
     pub candidate_rolling_steps: f64,
     /// How many were chosen for what, where the strategy deals them out.
     pub groups: Option<GroupsOut>,
     /// What they were chosen to tell, where the strategy reckons with it; else empty.
     pub expected: Vec<ExpectedOut>,
+    /// Why each was chosen, in words, in the order of the proposals, where the strategy says so; else empty.
+    pub reasons: Vec<String>,
 }
 
 /// How far something is known before a round and, if the simulation is right, after it.
@@ -126,6 +128,7 @@ impl From<Choice> for ChoiceOut {
             candidate_rolling_steps: choice.candidate_rolling_steps,
             groups: choice.groups.map(groups),
             expected: choice.expected.into_iter().map(expected).collect(),
+            reasons: choice.reasons,
         }
     }
 }

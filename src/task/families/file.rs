@@ -30,8 +30,18 @@ const MOST_TASKS: usize = 1000;
 /// Most valid actions that a share is taken from.
 const MOST_SAMPLED: usize = 100_000;
 /// Names of families that would be taken for something else: custom tasks, policies of any family, a command, experiments.
-const TAKEN: [&str; 8] =
-    ["custom", "any", "check", "import", "quickstart", "strategies", "latents", "harder"];
+const TAKEN: [&str; 10] = [
+    "custom",
+    "any",
+    "check",
+    "import",
+    "quickstart",
+    "strategies",
+    "latents",
+    "policies",
+    "grounding",
+    "harder",
+];
 
 /// Reads a family without its certified tasks, all of which stands in one file. Errors name the line or the field.
 pub fn parse(text: &str) -> Result<Family> {

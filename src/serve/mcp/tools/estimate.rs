@@ -32,7 +32,8 @@ struct In {
     /// Real interactions a round; 4 if absent.
     #[schemars(range(min = 1, max = 50))]
     actions: Option<u64>,
-    /// How actions are chosen: informative (default), mixed, collisions, rolling, random or gradient.
+    /// How actions are chosen: informative (default), mixed, collisions, rolling, random or gradient; or, a minute or so a round, probing
+    /// (what tells most) or success (what tells most of whether plans work).
     strategy: Option<String>,
     /// Parameters of effects to fit along with the latents, such as linear_drag.c.
     fit: Option<Vec<String>>,

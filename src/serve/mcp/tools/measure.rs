@@ -109,7 +109,9 @@ async fn run(call: Call, asked: In) -> Answer<Told<Out>> {
 async fn meant(call: &Call, asked: In) -> Answer<(Option<String>, Proposal)> {
     let In { task, action, proposal } = asked;
     let number = match (action, proposal) {
-        (Some(action), None) => return Ok((None, Proposal { number: 0, task, action, answered: false })),
+        (Some(action), None) => {
+            return Ok((None, Proposal { number: 0, task, action, reason: None, answered: false }));
+        }
         (None, Some(number)) => number,
         (Some(_), Some(_)) => {
             return Err(Error::input("proposal", "given beside action", "one of the two").into());

@@ -32,7 +32,7 @@ struct In {
     #[schemars(range(min = 1, max = 20))]
     actions: Option<u64>,
     /// How they are chosen: informative (default; what shrinks the intervals most), mixed, collisions, rolling, random or
-    /// gradient. Counts when an exploration begins.
+    /// gradient; or, a minute or so a round, probing (what tells most) or success (what tells most of whether plans work). Counts when an exploration begins.
     strategy: Option<String>,
     /// Parameters of effects to fit along with the latents, such as linear_drag.c. Counts when an exploration begins.
     fit: Option<Vec<String>>,
@@ -68,6 +68,9 @@ pub struct Proposal {
     pub task: String,
     /// Each number from 0 to 1.
     pub action: Vec<f64>,
+    /// Why it was chosen, where the strategy says so.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
     #[serde(default, skip_serializing)]
     #[schemars(skip)]
     pub answered: bool,
@@ -198,7 +201,9 @@ fn words(told: &Out) -> String {
     if !told.known.is_empty() {
         lines.push(format!("Known by now: {}.", known_words(&told.known)));
     }
-    let of = |p: &Proposal| format!("proposal {}: {} {}", p.number, p.task, action_words(&p.action));
+    let why = |p: &Proposal| p.reason.as_ref().map_or(String::new(), |reason| format!("; {reason}"));
+    let of =
+        |p: &Proposal| format!("proposal {}: {} {}{}", p.number, p.task, action_words(&p.action), why(p));
     lines.extend(told.proposals.iter().map(of));
     let expect = |e: &Expected| format!("{} from {:.3} to {:.3}", e.name, e.before, e.after);
     if !told.expected.is_empty() {

@@ -61,7 +61,7 @@ export function proposed(context: Context): Proposed {
   choice.addEventListener("change", draw);
   const show = (now: Standing): void => {
     const strategy = asked(now.job).strategy ?? "mixed";
-    put(why, `${strategy}: ${STRATEGIES[strategy] ?? ""}. Below, the mean of the chosen actions, in brackets that of all candidates, as simulated.`);
+    put(why, `${strategy}: ${STRATEGIES[strategy] ?? ""}. Below, the mean of the chosen actions, in brackets that of the candidates, as simulated.`);
     // Who chose an earlier round stays there.
     const follow = !rounds.length || choice.value === String(rounds.at(-1)!.number);
     const wanted = follow ? String(now.rounds.at(-1)?.number ?? "") : choice.value;
