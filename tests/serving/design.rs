@@ -29,7 +29,7 @@ fn experiments_are_designed() {
     let paid = small(json!({"task": "basketball:003", "costs": costs}));
     assert_eq!((paid["experiments"].as_array().unwrap().len(), &paid["cost"]), (2, &json!(7.0)));
     let dear = json!({"task": "basketball", "costs": {"setup": 3.0, "budget": 3.5}});
-    let refused = server.post("/v1/designs", &dear, 400);
+    let refused = server.post("/v1/designs", &dear, 422);
     assert_eq!(refused["field"], "costs.budget", "{refused}");
     // Of draws that all but agree there is little to be told.
     let near = |spread: f64| {

@@ -1116,7 +1116,7 @@ export interface components {
             actions: number;
             /**
              * Format: double
-             * @description The same over all candidates.
+             * @description The same over all candidates; of strategies that ask a question, over those looked at closely.
              */
             candidate_collisions: number;
             /** Format: double */
@@ -1129,6 +1129,8 @@ export interface components {
             /** @description What they were chosen to tell, where the strategy reckons with it; else empty. */
             expected: components["schemas"]["ExpectedOut"][];
             groups?: components["schemas"]["GroupsOut"] | null;
+            /** @description Why each was chosen, in words, in the order of the proposals, where the strategy says so; else empty. */
+            reasons: string[];
             /**
              * Format: double
              * @description Mean time steps that bodies of a chosen action spend on a surface, summed over bodies.
