@@ -40,8 +40,11 @@ fn of(named: &Path) -> Result<Vec<Family>> {
     }
     let found = read_families(named)?;
     if found.is_empty() {
-        let allowed = "a folder with families: *.toml, each with its certified tasks beside it (`iplw tasks check` makes them)";
-        return Err(Error::input("--tasks (or IPLW_TASKS)", named.display(), allowed));
+        // Somebody may be about to write the first.
+        eprintln!(
+            "iplw: no families in {}: they are *.toml, each with its certified tasks beside it (`iplw tasks check`)",
+            named.display()
+        );
     }
     Ok(found)
 }

@@ -182,7 +182,7 @@ fn what_is_no_family_is_refused_and_said() {
         &["/nowhere", "a collection (levels, phyre) or a folder"],
     );
     std::fs::remove_file(folder.path().join("drop.toml")).unwrap();
-    told(&iplw(&["tasks"], own), 2, &["--tasks", "a folder with families"]);
+    told(&iplw(&["tasks"], own), 0, &["no families in", "bowling:"]);
     let both = std::env::join_paths(["levels", "phyre"]).unwrap();
     told(&iplw(&["tasks", "seesaw"], Some(Path::new(&both))), 0, &["seesaw"]);
 }
