@@ -21,6 +21,7 @@ pub mod planning;
 pub mod policies;
 pub mod quickstart;
 mod report;
+mod rows;
 pub mod sense;
 mod stages;
 pub mod statistics;

@@ -94,7 +94,7 @@ pub fn document(design: &Design, config: &DesignConfig) -> DesignDocument {
         candidates: design.candidates,
         rollouts: design.rollouts,
         together: design.together,
-        cost: design.cost,
+        cost: batch.iter().map(|row| row.cost).sum(),
         experiments: batch.to_vec(),
         others: others.to_vec(),
     }

@@ -32,8 +32,6 @@ pub struct Design {
     pub batch: usize,
     /// Of the batch together.
     pub together: Gain,
-    /// What the batch costs.
-    pub cost: f64,
     /// Sets of effects of the belief, and how likely each is.
     pub sets: Vec<(Vec<String>, f64)>,
     /// Candidates that were looked at.
@@ -115,7 +113,6 @@ pub fn design(
         experiments: all.map(experiment).collect(),
         batch: chosen.len(),
         together,
-        cost: chosen.iter().map(|c| c.cost).sum(),
         sets: closely.sets.iter().cloned().zip(closely.weights.iter().copied()).collect(),
         candidates: look.len(),
         rollouts: search.rollouts,

@@ -8,13 +8,17 @@
 
 use nalgebra::DMatrix;
 
+use super::grounding::moments;
 use crate::estimate::Believed;
 
-/// Nats gained about the named numbers (`friction`, `linear_drag.c`); `None` where a belief leaves nothing to say: a point, or draws
+/// Nats gained about the named numbers (`friction`, `linear_drag.c`); `None` where there is nothing to say: no number, a point, or draws
 /// that lack one of them.
 pub fn gained(before: &[Believed], after: &[Believed], names: &[String]) -> Option<f64> {
-    let scale: Vec<f64> =
-        names.iter().map(|name| deviation(&column(before, name)?)).collect::<Option<_>>()?;
+    if names.is_empty() {
+        return None;
+    }
+    let deviation = |name: &String| Some(moments(&column(before, name)?).1).filter(|sd| *sd > 0.0);
+    let scale: Vec<f64> = names.iter().map(deviation).collect::<Option<_>>()?;
     let before = entropy(before, names, &scale)?;
     Some(before - entropy(after, names, &scale)?)
 }
@@ -38,14 +42,6 @@ fn entropy(draws: &[Believed], names: &[String], scale: &[f64]) -> Option<f64> {
 
 fn column(draws: &[Believed], name: &str) -> Option<Vec<f64>> {
     draws.iter().map(|draw| draw.number(name)).collect()
-}
-
-/// Standard deviation; `None` if there is none to speak of.
-fn deviation(values: &[f64]) -> Option<f64> {
-    let n = values.len() as f64;
-    let mean = values.iter().sum::<f64>() / n;
-    let square = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0);
-    (square > 0.0).then(|| square.sqrt())
 }
 
 #[cfg(test)]
@@ -79,6 +75,7 @@ mod tests {
         near(gained(&prior, &draws([0.02, 0.01], 0.8), &names), 2.0 * libm::log(10.0) - libm::log(0.6));
         assert!(gained(&prior, &draws([0.2, 0.1], 0.0)[..1], &names).is_none(), "a point");
         assert!(gained(&prior, &prior, &["linear_drag.c".into()]).is_none(), "what no draw has");
+        assert!(gained(&prior, &prior, &[]).is_none(), "nothing asked about");
         assert!(gained(&draws([0.0, 0.1], 0.0), &prior, &names).is_none(), "what was known for sure");
     }
 }

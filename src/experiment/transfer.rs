@@ -193,11 +193,10 @@ pub fn taught(
     seed: u64,
     progress: &dyn Progress,
 ) -> Result<Dqn> {
-    let data = labelled(tasks, training, config, seed, progress)?;
-    Ok(train(&data, &TrainConfig { seed, ..config.train.clone() }, progress)?.0)
+    Ok(taught_by(tasks, training, config, seed, progress)?.0)
 }
 
-/// A policy trained in simulation, then for a stretch on the same labels with measured ones among them.
+/// The same, then trained for a stretch on the same labels with measured ones among them.
 fn tuned(
     tasks: &[Task],
     training: &Training,
@@ -206,24 +205,25 @@ fn tuned(
     seed: u64,
     progress: &dyn Progress,
 ) -> Result<Dqn> {
-    let data = labelled(tasks, training, config, seed, progress)?;
-    let policy = train(&data, &TrainConfig { seed, ..config.train.clone() }, progress)?.0;
+    let (policy, data) = taught_by(tasks, training, config, seed, progress)?;
     let LearnConfig { batches, batch_size, learning_rate, .. } = TUNING;
     let (hidden, seed) = (config.train.hidden, rng::derive(seed, "tuning", 0));
     let setup = TrainConfig { batches, batch_size, learning_rate, hidden, seed };
     Ok(policy.learn_more(&mixed(&data, measured)?, &setup, progress)?.0)
 }
 
-/// Labels of the tasks in simulation.
-fn labelled(
+/// A policy trained in simulation, and the labels that it was trained on.
+fn taught_by(
     tasks: &[Task],
     training: &Training,
     config: &TransferConfig,
     seed: u64,
     progress: &dyn Progress,
-) -> Result<Dataset> {
+) -> Result<(Dqn, Dataset)> {
     let labels = LabelConfig { seed: rng::derive(seed, "label", 0), ..config.label.clone() };
-    label(tasks, training, &labels, progress)
+    let data = label(tasks, training, &labels, progress)?;
+    let policy = train(&data, &TrainConfig { seed, ..config.train.clone() }, progress)?.0;
+    Ok((policy, data))
 }
 
 /// Adds `count` random real attempts on the data's tasks.

@@ -84,7 +84,7 @@ pub fn run(args: &ExperimentArgs) -> Result<()> {
     let text = serde_json::to_string_pretty(&about).map_err(|e| Error::Failed(e.to_string()))? + "\n";
     output::write_whole(&args.out.join("grounding.json"), text.as_bytes())?;
     output::write_whole(&args.out.join("table.txt"), table(&rows).as_bytes())?;
-    let page = page(family.name, &set, &rows)?;
+    let page = page(family.name, &set, &rows);
     output::write_whole(&args.out.join("report.html"), page.as_bytes())?;
     output::print(&format!("{}report: {}\n", table(&rows), args.out.join("report.html").display()))
 }
@@ -137,7 +137,7 @@ impl Trial<'_> {
         };
         let names: Vec<String> = known.numbers.iter().map(|(name, ..)| name.clone()).collect();
         Ok(Row {
-            information: gained(self.prior.draws(), &known.draws, &names).filter(|_| !names.is_empty()),
+            information: gained(self.prior.draws(), &known.draws, &names),
             way: way.into(),
             estimator,
             seed: self.seed,
