@@ -41,7 +41,7 @@ pub fn narrowed(seen: &Seen, worlds: &[&Believed]) -> Vec<Narrowed> {
 
 /// Numbers that every draw has: latents, and parameters of effects that all share.
 fn numbers(worlds: &[&Believed]) -> Vec<(String, Vec<f64>)> {
-    let effects = worlds.first().into_iter().flat_map(|w| &w.effects);
+    let effects = worlds.first().into_iter().flat_map(|w| w.named());
     let parameters = effects.flat_map(|e| e.parameters.keys().map(move |p| format!("{}.{p}", e.name)));
     let names = FACTORS.iter().map(|f| f.name.to_string()).chain(parameters);
     let of = |name: String| {

@@ -71,7 +71,7 @@ impl Worlds<'_> {
 /// Latents, and parameters in the order of effects' names and of their rows; what a world leaves to the scene is 0 in it, and a parameter
 /// that it does not have is at its neutral value.
 fn numbers_of(world: &Believed) -> Result<Vec<f64>> {
-    let mut effects: Vec<&EffectTerm> = world.effects.iter().collect();
+    let mut effects: Vec<&EffectTerm> = world.named().iter().collect();
     effects.sort_by(|a, b| a.name.cmp(&b.name));
     let mut numbers: Vec<f64> = world.latents.values().map(|v| v.unwrap_or(0.0)).to_vec();
     for term in effects {
@@ -82,7 +82,7 @@ fn numbers_of(world: &Believed) -> Result<Vec<f64>> {
 }
 
 fn names(world: &Believed) -> Vec<String> {
-    let mut own: Vec<String> = world.effects.iter().map(|e| e.name.clone()).collect();
+    let mut own: Vec<String> = world.named().iter().map(|e| e.name.clone()).collect();
     own.sort();
     own
 }

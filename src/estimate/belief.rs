@@ -29,6 +29,8 @@ const MOST_COLUMNS: usize = 64;
 const MOST_EFFECTS: usize = 32;
 /// Most effects that all draws have beside their columns, all draws together.
 const MOST_TERMS: usize = 400_000;
+/// Most effects whose sum a force without a name is.
+const MOST_UNNAMED: usize = 128;
 /// Draws of a normal outside its factor's bounds before the last is moved to the nearest bound.
 const MOST_REDRAWN: usize = 1000;
 
@@ -47,6 +49,23 @@ pub struct Believed {
     pub latents: Latents,
     /// Beyond a scene's own.
     pub effects: Vec<EffectTerm>,
+    /// How many of the effects, the last ones, stand for a force that no effect accounts for.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub unnamed: usize,
+}
+
+fn is_zero(number: &usize) -> bool {
+    *number == 0
+}
+
+/// Forces that no effect accounts for, in some draws: a sum of effects whose first two parameters are amplitudes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct UnnamedForces {
+    /// The effects without their amplitudes.
+    pub effects: Vec<EffectTerm>,
+    /// Draws that have the force, and its amplitudes in each: two for an effect.
+    pub draws: Vec<usize>,
+    pub amplitudes: Vec<Vec<f64>>,
 }
 
 /// Where a belief came from.
@@ -68,16 +87,35 @@ struct Document {
     columns: BTreeMap<String, Vec<Option<f64>>>,
     #[serde(default)]
     effects: Vec<EffectTerm>,
+    #[serde(default)]
+    unnamed: Vec<UnnamedForces>,
 }
 
 impl Believed {
+    /// Latents and effects that have names.
+    pub fn new(latents: Latents, effects: Vec<EffectTerm>) -> Believed {
+        Believed { latents, effects, unnamed: 0 }
+    }
+
+    /// Effects that have a name.
+    pub fn named(&self) -> &[EffectTerm] {
+        &self.effects[..self.effects.len().saturating_sub(self.unnamed)]
+    }
+
+    /// Errors name the latent, the effect or the count that cannot be.
+    pub fn validate(&self) -> Result<()> {
+        self.latents.validate()?;
+        within("unnamed", self.unnamed as f64, 0.0, self.effects.len() as f64)?;
+        effect::check(&self.effects)
+    }
+
     /// A latent (`friction`), or an effect's parameter (`linear_drag.c`); `None` where the world does not say it.
     pub fn number(&self, name: &str) -> Option<f64> {
         if let Some(factor) = FACTORS.iter().position(|f| f.name == name) {
             return self.latents.values()[factor];
         }
         let (effect, parameter) = name.split_once('.')?;
-        self.effects.iter().find(|e| e.name == effect)?.parameters.get(parameter).copied()
+        self.named().iter().find(|e| e.name == effect)?.parameters.get(parameter).copied()
     }
 }
 
@@ -86,7 +124,7 @@ impl Belief {
     pub fn point(latents: Latents, effects: Vec<EffectTerm>) -> Result<Belief> {
         latents.validate()?;
         effect::check(&effects)?;
-        Ok(Belief { source: Source::Point, draws: vec![Believed { latents, effects }] })
+        Ok(Belief { source: Source::Point, draws: vec![Believed::new(latents, effects)] })
     }
 
     /// `count` draws of independent normals, (mean, standard deviation) of density, friction and restitution, with the same
@@ -115,7 +153,7 @@ impl Belief {
         };
         let draws = (0..count).map(|_| {
             let values = clamp(std::array::from_fn(&mut draw));
-            Believed { latents: Latents::of(values), effects: effects.clone() }
+            Believed::new(Latents::of(values), effects.clone())
         });
         Ok(Belief { source: Source::Prior, draws: draws.collect() })
     }
@@ -176,16 +214,16 @@ impl Belief {
                 column.write(draw, *value, &format!("columns.{name}[{i}]"))?;
             }
         }
+        for (i, forces) in document.unnamed.iter().enumerate() {
+            forces.write(&mut draws).map_err(|e| e.under(&format!("unnamed[{i}]")))?;
+        }
         Ok(Belief { source: Source::Posterior, draws })
     }
 
     /// Of draws that a posterior's document was read to before.
     pub fn of_draws(draws: Vec<Believed>) -> Result<Belief> {
         within("draws", draws.len() as f64, 1.0, MOST_DRAWS as f64)?;
-        for draw in &draws {
-            draw.latents.validate()?;
-            effect::check(&draw.effects)?;
-        }
+        draws.iter().try_for_each(Believed::validate)?;
         Ok(Belief { source: Source::Posterior, draws })
     }
 
@@ -204,6 +242,46 @@ impl Belief {
         let mut order: Vec<&Believed> = self.draws.iter().collect();
         order.shuffle(&mut rng::stream(seed, "belief order"));
         order
+    }
+}
+
+impl UnnamedForces {
+    /// Puts the forces where they belong, after the effects that have names. Errors name the field.
+    fn write(&self, draws: &mut [Believed]) -> Result<()> {
+        effect::check(&self.effects)?;
+        let (count, terms) = (draws.len(), self.effects.len());
+        if self.amplitudes.len() != self.draws.len() {
+            let value = format!("{} draws' amplitudes", self.amplitudes.len());
+            return Err(Error::input("amplitudes", value, format!("those of {} draws", self.draws.len())));
+        }
+        if self.draws.len() * terms > MOST_TERMS || terms > MOST_UNNAMED {
+            let value = format!("{terms} in each of {} draws", self.draws.len());
+            let allowed = format!("at most {MOST_UNNAMED}, and {MOST_TERMS} over all draws");
+            return Err(Error::input("effects", value, allowed));
+        }
+        for (i, (draw, amplitudes)) in self.draws.iter().zip(&self.amplitudes).enumerate() {
+            let Some(own) = draws.get_mut(*draw).filter(|own| own.unnamed == 0) else {
+                let allowed = format!("the number of a draw, below {count}, that has no such force yet");
+                return Err(Error::input(format!("draws[{i}]"), draw.to_string(), allowed));
+            };
+            if amplitudes.len() != 2 * terms {
+                let value = format!("{} numbers", amplitudes.len());
+                return Err(Error::input(format!("amplitudes[{i}]"), value, format!("{}", 2 * terms)));
+            }
+            for (k, (term, pair)) in self.effects.iter().zip(amplitudes.chunks_exact(2)).enumerate() {
+                let mut term = term.clone();
+                for (place, (parameter, value)) in
+                    effect::find(&term.name)?.parameters.iter().zip(pair).enumerate()
+                {
+                    let [low, high] = parameter.bounds;
+                    let value = within(&format!("amplitudes[{i}][{}]", 2 * k + place), *value, low, high)?;
+                    term.parameters.insert(parameter.name.into(), value);
+                }
+                own.effects.push(term);
+            }
+            own.unnamed = terms;
+        }
+        Ok(())
     }
 }
 
@@ -347,6 +425,36 @@ mod tests {
             second.effects[0].parameters,
             BTreeMap::from([("ax".into(), 1.5), ("period".into(), 2.0)])
         );
+    }
+
+    /// A force without a name comes after what has one, in those draws that have it.
+    #[test]
+    fn forces_without_a_name_are_in_the_draws_that_have_them() {
+        let of = |unnamed: &str| {
+            let text = format!(
+                r#"{{"format": "iplw.posterior/1", "columns": {{"friction": [0.2, 0.3], "linear_drag.c": [0.1, 0.2]}}, "unnamed": [{unnamed}]}}"#
+            );
+            Belief::from_json(&text)
+        };
+        let forces = r#"{"set": 0, "over": "powers", "effects": [{"name": "monomial", "parameters": {"pvx": 1}}, {"name": "monomial",
+            "parameters": {}}], "draws": [1], "amplitudes": [[-0.5, 0, 0.25, 2]]}"#;
+        let belief = of(forces).unwrap();
+        let [first, second] = belief.draws() else { panic!("{belief:?}") };
+        assert_eq!((first.unnamed, first.effects.len(), second.unnamed), (0, 1, 2));
+        assert_eq!(second.named(), &second.effects[..1]);
+        assert_eq!(second.effects[1].parameters["ax"], -0.5);
+        assert_eq!(second.effects[2].parameters["ay"], 2.0);
+        assert_eq!((second.number("linear_drag.c"), second.number("monomial.ax")), (Some(0.2), None));
+        let refused = |forces: &str, field: &str| {
+            let error = of(forces).unwrap_err().to_string();
+            assert!(error.contains(field), "{forces}: {error}");
+        };
+        refused(&forces.replace("[1]", "[2]"), "unnamed[0].draws[0]");
+        refused(&forces.replace(", 2]]", "]]"), "unnamed[0].amplitudes[0]");
+        refused(&forces.replace("-0.5", "-5000"), "unnamed[0].amplitudes[0][0]");
+        refused(&forces.replace("[1]", "[0, 1]"), "unnamed[0].amplitudes");
+        refused(&forces.replace("monomial", "ether"), "ether");
+        refused(&format!("{forces}, {forces}"), "unnamed[1].draws[0]");
     }
 
     #[test]

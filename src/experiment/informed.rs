@@ -57,7 +57,7 @@ mod tests {
                 let (a, b) = (wave(i, 1.0), wave(i, 2.7));
                 let second = share * a + (1.0 - share * share).sqrt() * b;
                 let latents = Latents::of([1.0, 0.5 + sd[0] * a, 0.5 + sd[1] * second]);
-                Believed { latents, effects: Vec::new() }
+                Believed::new(latents, Vec::new())
             })
             .collect()
     }

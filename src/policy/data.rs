@@ -145,8 +145,7 @@ impl Training {
     /// `count` worlds that labels may come from, for looking at what was learned; fewer where there are no more.
     pub fn worlds(&self, count: usize, seed: u64) -> Vec<Believed> {
         let mut rng = rng::stream(seed, "training worlds");
-        let drawn =
-            |(latents, effects): (Latents, &[EffectTerm])| Believed { latents, effects: effects.to_vec() };
+        let drawn = |(latents, effects): (Latents, &[EffectTerm])| Believed::new(latents, effects.to_vec());
         match self {
             Training::Fixed { .. } => vec![drawn(self.draw(&mut rng))],
             Training::Randomised { .. } => (0..count).map(|_| drawn(self.draw(&mut rng))).collect(),
@@ -203,7 +202,7 @@ fn validate_draws(draws: &[Believed]) -> Result<()> {
         return Err(Error::input("draws", "none", "at least one world"));
     }
     for (i, world) in draws.iter().enumerate() {
-        let valid = world.latents.validate().and_then(|()| effect::check(&world.effects));
+        let valid = world.validate();
         valid.map_err(|e| e.under(&format!("draws[{i}]")))?;
     }
     Ok(())
@@ -392,7 +391,7 @@ mod tests {
     }
 
     fn dragged(c: f64) -> Believed {
-        Believed { latents: Latents::default(), effects: vec![effect::linear_drag(c)] }
+        Believed::new(Latents::default(), vec![effect::linear_drag(c)])
     }
 
     fn labelled(training: &Training) -> Vec<Example> {
@@ -401,7 +400,7 @@ mod tests {
 
     #[test]
     fn one_believed_world_gives_the_labels_of_the_point() {
-        let Believed { latents, effects } = dragged(2.0);
+        let Believed { latents, effects, .. } = dragged(2.0);
         let belief = Belief::point(latents, effects.clone()).unwrap();
         let point = labelled(&Training::Fixed { latents, effects });
         assert_eq!(labelled(&Training::believed(&belief)), point);
@@ -434,8 +433,7 @@ mod tests {
             assert!(error.contains(wanted), "{error}");
         };
         refused(Vec::new(), "draws");
-        let heavy =
-            Believed { latents: Latents { friction: Some(-1.0), ..Latents::default() }, effects: Vec::new() };
+        let heavy = Believed::new(Latents { friction: Some(-1.0), ..Latents::default() }, Vec::new());
         refused(vec![dragged(0.0), heavy], "draws[1]");
         refused(vec![dragged(f64::NAN)], "draws[0]");
     }

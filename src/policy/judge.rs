@@ -71,7 +71,7 @@ impl Judge {
             let scenes: Vec<Box<Scene>> = placed.by_ref().take(self.config.batch.max(1)).collect();
             let open: Vec<usize> = (0..found.len()).filter(|w| found[*w].is_none()).collect();
             let of = |w: &usize| {
-                let Believed { latents, effects } = &self.worlds[*w];
+                let Believed { latents, effects, .. } = &self.worlds[*w];
                 scenes.iter().map(|scene| Rollout { latents: *latents, effects, ..Rollout::of(scene) })
             };
             let rollouts: Vec<Rollout> = open.iter().flat_map(of).collect();
@@ -111,7 +111,7 @@ mod tests {
     }
 
     fn worlds() -> Vec<Believed> {
-        let of = |c: f64| Believed { latents: Latents::default(), effects: vec![effect::linear_drag(c)] };
+        let of = |c: f64| Believed::new(Latents::default(), vec![effect::linear_drag(c)]);
         vec![of(0.0), of(3.0)]
     }
 

@@ -14,15 +14,18 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::discrepancy::{Discrepancy, Field};
-use super::unnamed::Lacks;
+use super::unnamed::{Lacks, Unnamed};
 use super::whitened::{Whitened, whiten};
+use crate::discover::field::Over;
 use crate::discover::fit::{Fitted, Fitter};
 use crate::discover::launch;
 use crate::discover::model::{self, Layout, Mode, State};
 use crate::discover::window::Window;
 use crate::error::Result;
 use crate::estimate::sampler::{Prior, Target};
+use crate::rng;
 use crate::task::Scene;
+use crate::task::scene::EffectTerm;
 use crate::world::{Engine, Rollout, Sample, simulate_map};
 
 /// Points whose rollouts are made together.
@@ -36,6 +39,27 @@ pub struct Density {
     windows: Vec<Kept>,
     parts: Vec<Whitened>,
     discrepancy: Discrepancy,
+    /// What each kind of shared field is made of.
+    kinds: Vec<Unnamed>,
+}
+
+/// Shared fields as they may be, one of a kind for some draws.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Carried {
+    pub over: Over,
+    /// The effects whose sum it is, without their amplitudes, which are the first two parameters of each.
+    pub effects: Vec<EffectTerm>,
+    /// Draws that carry one, and its amplitudes in each, two for an effect.
+    pub draws: Vec<usize>,
+    pub amplitudes: Vec<Vec<f64>>,
+}
+
+/// What points lack.
+pub struct Lacking {
+    /// Probability of each shared field over all points, none first.
+    pub fields: Vec<(Field, f64)>,
+    /// What it may be in each.
+    pub carried: Vec<Carried>,
 }
 
 /// A window that depends on the values.
@@ -94,9 +118,15 @@ impl Density {
             }
             whitened.push(own);
         }
-        let discrepancy = lacks.discrepancy(&whitened);
-        let engine = data.engine;
-        Ok(Some(Density { layout: layout.clone(), prior, engine, windows, parts: whitened, discrepancy }))
+        Ok(Some(Density {
+            layout: layout.clone(),
+            prior,
+            engine: data.engine,
+            windows,
+            discrepancy: lacks.discrepancy(&whitened),
+            kinds: lacks.kinds(),
+            parts: whitened,
+        }))
     }
 
     /// Windows that are simulated for a likelihood, and all parts.
@@ -164,10 +194,36 @@ impl Density {
         Ok(out)
     }
 
-    /// Probability of each shared field, none first, given points drawn from the posterior.
-    pub fn fields(&self, points: &[Sample]) -> Result<Vec<(Field, f64)>> {
-        let all = self.by_field(points)?;
-        Ok(self.discrepancy.fields().into_iter().zip(self.discrepancy.probabilities(&all)).collect())
+    /// What is lacking at points drawn from the posterior.
+    pub fn lacking(&self, points: &[Sample], seed: u64) -> Result<Lacking> {
+        let (mut all, mut drawn) = (Vec::with_capacity(points.len()), Vec::with_capacity(points.len()));
+        for together in points.chunks(TOGETHER) {
+            let first = all.len();
+            let of = |(i, left): (usize, &Vec<DVector<f64>>)| {
+                let by_field = self.discrepancy.log_likelihoods(&self.parts, left);
+                let mut stream = rng::stream(rng::derive(seed, "lacking", (first + i) as u64), "field");
+                let drawn = self.discrepancy.drawn(left, &by_field, &mut stream);
+                (by_field, drawn)
+            };
+            let left = self.left(together)?;
+            let (fields, fresh): (Vec<_>, Vec<_>) = left.par_iter().enumerate().map(of).unzip();
+            all.extend(fields);
+            drawn.extend(fresh);
+        }
+        let carried = (0..self.kinds.len()).filter_map(|kind| self.carried(kind, &drawn)).collect();
+        let fields =
+            self.discrepancy.fields().into_iter().zip(self.discrepancy.probabilities(&all)).collect();
+        Ok(Lacking { fields, carried })
+    }
+
+    /// Those fields that are of a kind, if there are any.
+    fn carried(&self, kind: usize, drawn: &[Option<(usize, DVector<f64>)>]) -> Option<Carried> {
+        let own = drawn.iter().enumerate().filter_map(|(i, d)| d.as_ref().map(|(k, more)| (i, *k, more)));
+        let unnamed = &self.kinds[kind];
+        let (draws, amplitudes): (Vec<usize>, Vec<Vec<f64>>) =
+            own.filter(|(_, k, _)| *k == kind).map(|(i, _, more)| (i, unnamed.amplitudes(more))).unzip();
+        let effects = unnamed.shapes();
+        (!draws.is_empty()).then_some(Carried { over: unnamed.over, effects, draws, amplitudes })
     }
 }
 

@@ -20,12 +20,15 @@
 use std::ops::Range;
 
 use nalgebra::{DMatrix, DVector};
+use rand::RngExt;
+use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
 use super::whitened::Whitened;
 use crate::discover::field::Over;
 use crate::discover::gaussian::FREEDOM;
 use crate::estimate::sampler::log_sum_exp;
+use crate::rng::Stream;
 
 /// Standard deviations of coefficients, m/s^2.
 const STRENGTHS: [f64; 5] = [0.05, 0.2, 0.6, 2.0, 6.0];
@@ -61,6 +64,8 @@ pub struct Discrepancy {
 /// A kind of field, in the directions that data tell of.
 struct Kind {
     over: Over,
+    /// The directions, by function of the range.
+    turn: DMatrix<f64>,
     /// Where the model's own field stands in each direction, m/s^2.
     at: DVector<f64>,
     /// Information of each direction at the fit.
@@ -130,6 +135,31 @@ impl Discrepancy {
         log_sum_exp(by_field.iter().copied())
     }
 
+    /// A field as it may be, of what parts leave at a point: its kind, by its number, and how far the coefficient of each of its functions is from
+    /// the model's own, m/s^2; nothing where there is none. Drawn by the fields' probabilities there, then about the most likely
+    /// coefficients; directions that nothing tells of stay as the model has them. `by_field`: log likelihoods at the point.
+    pub fn drawn(
+        &self,
+        left: &[DVector<f64>],
+        by_field: &[f64],
+        stream: &mut Stream,
+    ) -> Option<(usize, DVector<f64>)> {
+        let all = log_sum_exp(by_field.iter().copied());
+        let mut rest: f64 = stream.random();
+        let met = by_field.iter().position(|l| {
+            rest -= libm::exp(l - all);
+            rest < 0.0
+        });
+        let (kind, strength, _) = *self.tried.get(met?.checked_sub(1)?)?;
+        let own = &self.kinds[kind];
+        let mut along = own.field(&own.asked(left), strength);
+        for (k, a) in along.iter_mut().enumerate() {
+            let z: f64 = StandardNormal.sample(stream);
+            *a += z * strength / (1.0 + strength.powi(2) * own.information[k]).sqrt();
+        }
+        Some((kind, &own.turn * along))
+    }
+
     /// Probability of every field over points that were drawn from the posterior.
     pub fn probabilities(&self, by_point: &[Vec<f64>]) -> Vec<f64> {
         let mut out = vec![0.0; 1 + self.tried.len()];
@@ -194,6 +224,7 @@ impl Kind {
             at: along,
             information: DVector::from_fn(order.len(), |k, _| eigen.eigenvalues[order[k]]),
             parts: parts.iter().zip(weights).map(turned).collect(),
+            turn,
         }
     }
 
@@ -316,6 +347,42 @@ mod tests {
             let wanted = log_sum_exp(logs.iter().copied()) + libm::log(at(1) - at(0)) - libm::log(5.0);
             assert!((density - wanted).abs() < 0.12, "{field:?}: {density} for {wanted}");
         }
+    }
+
+    /// Coefficients are drawn about what is in what is left, as widely as a grid says; where there is none for sure none is drawn.
+    #[test]
+    fn fields_are_drawn_as_they_may_be() {
+        let parts = parts(2.0);
+        let found = found(&parts);
+        let left = lefts(&parts);
+        let by_field = found.log_likelihoods(&parts, &left);
+        let mut stream = crate::rng::stream(4, "test");
+        let drawn: Vec<f64> = (0..4000)
+            .map(|_| found.drawn(&left, &by_field, &mut stream).expect("none is impossible").1[0])
+            .collect();
+        let n = 4001;
+        let at = |i: usize| 1.0 + 2.0 * i as f64 / (n - 1) as f64;
+        let of = |a: f64| {
+            let own =
+                parts.iter().map(|p| p.log_density((&p.left - &p.field * a).norm_squared())).sum::<f64>();
+            let believed = STRENGTHS.map(|s| -0.5 * (a / s).powi(2) - libm::log(s));
+            own + log_sum_exp(believed.into_iter())
+        };
+        let logs: Vec<f64> = (0..n).map(|i| of(at(i))).collect();
+        let all = log_sum_exp(logs.iter().copied());
+        let moment = |power: i32, about: f64| {
+            let of = |i: usize| libm::exp(logs[i] - all) * (at(i) - about).powi(power);
+            (0..n).map(of).sum::<f64>()
+        };
+        let mean = moment(1, 0.0);
+        let sd = moment(2, mean).sqrt();
+        let own = drawn.iter().sum::<f64>() / drawn.len() as f64;
+        let spread = (drawn.iter().map(|a| (a - own).powi(2)).sum::<f64>() / drawn.len() as f64).sqrt();
+        assert!((own - mean).abs() < 0.3 * sd, "{own} for {mean} +- {sd}");
+        assert!((spread / sd - 1.0).abs() < 0.2, "{spread} for {sd}");
+        let never = vec![f64::NEG_INFINITY; by_field.len() - 1];
+        let none: Vec<f64> = [0.0].into_iter().chain(never).collect();
+        assert_eq!(found.drawn(&left, &none, &mut stream), None);
     }
 
     #[test]

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Field, OfSet, Posterior, PosteriorConfig, Sampler};
 use crate::discover::field::Over;
-use crate::estimate::belief::POSTERIOR_FORMAT;
+use crate::estimate::belief::{POSTERIOR_FORMAT, UnnamedForces};
 use crate::estimate::sampler::{Marginal, Quality, log_sum_exp};
 use crate::rng;
 use crate::task::scene::EffectTerm;
@@ -35,6 +35,19 @@ pub struct Document {
     pub set: Vec<usize>,
     pub run: Vec<usize>,
     pub log_likelihood: Vec<f64>,
+    /// Forces without a name that some draws have beside all that.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub unnamed: Vec<OfDraws>,
+}
+
+/// A kind of force without a name, and what it is in each draw that has one.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct OfDraws {
+    /// Index of the draws' set, and what the force depends on.
+    pub set: usize,
+    pub over: Over,
+    #[serde(flatten)]
+    pub forces: UnnamedForces,
 }
 
 /// What is known of a number, over all draws that have it.
@@ -119,6 +132,7 @@ impl Document {
             }
         }
         let warnings = warnings(posterior, config.follow);
+        let unnamed = unnamed(&posterior.sets, &draws);
         Document {
             format: POSTERIOR_FORMAT.into(),
             version: env!("CARGO_PKG_VERSION").into(),
@@ -138,8 +152,28 @@ impl Document {
             set: draws.iter().map(|d| d.0).collect(),
             run,
             log_likelihood: draws.iter().map(|(s, i)| posterior.sets[*s].draws.log_likelihoods[*i]).collect(),
+            unnamed,
         }
     }
+}
+
+/// Forces without a name by set and kind, draws numbered as the document has them.
+fn unnamed(sets: &[OfSet], draws: &[(usize, usize)]) -> Vec<OfDraws> {
+    let mut out = Vec::new();
+    for (s, of) in sets.iter().enumerate() {
+        let places: BTreeMap<usize, usize> =
+            draws.iter().enumerate().filter(|(_, d)| d.0 == s).map(|(place, d)| (d.1, place)).collect();
+        for carried in &of.carried {
+            let own = carried.draws.iter().zip(&carried.amplitudes);
+            let (draws, amplitudes): (Vec<usize>, Vec<Vec<f64>>) =
+                own.filter_map(|(draw, a)| Some((*places.get(draw)?, a.clone()))).unzip();
+            if !draws.is_empty() {
+                let forces = UnnamedForces { effects: carried.effects.clone(), draws, amplitudes };
+                out.push(OfDraws { set: s, over: carried.over, forces });
+            }
+        }
+    }
+    out
 }
 
 /// Draws of all sets, as many of each as it weighs: (set, draw). Of a single set all, in their order.
@@ -262,9 +296,9 @@ fn warnings(posterior: &Posterior, follow: bool) -> Vec<String> {
         let shared = 1.0 - of.fields.first().map_or(1.0, |f| f.1);
         if shared > LIKELY {
             let then = match (of.followed, follow) {
-                (Some(over), _) => format!("{} stand in for it, and no draw carries them", words(over)),
+                (Some(over), _) => format!("{} stand in for it in every draw", words(over)),
                 (None, true) => "nothing could be followed that predicts beginnings better".into(),
-                (None, false) => "draws allow for it, too little where it is strong (`iplw posterior --follow` comes nearer)".into(),
+                (None, false) => "draws carry what it may be, too little of it where it is strong (`iplw posterior --follow` comes nearer)".into(),
             };
             out.push(format!(
                 "{name}: launches share something that this model lacks (probability {shared:.3}); {then}; `iplw diagnose` looks for its \

@@ -9,7 +9,7 @@
 //! contacts.
 //!
 //! Range of validity: steps may end in a hollow of their own, and what is not known of the field is straight about where they do, so that
-//! intervals are narrower than errors are (`docs/posterior.md`). Draws do not carry the field.
+//! intervals are narrower than errors are (`docs/posterior.md`).
 
 use super::discrepancy::Discrepancy;
 use super::reach::{Grounds, Grown, OfModel, RUN, Shots, cut, reached};

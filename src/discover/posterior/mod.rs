@@ -36,7 +36,8 @@ use crate::progress::Progress;
 use crate::reality::Trial;
 use crate::task::Scene;
 pub use config::{PosteriorConfig, Sampler};
-pub use density::Density;
+use density::Lacking;
+pub use density::{Carried, Density};
 pub use discrepancy::Field;
 pub use document::Document;
 pub use likelihood::{LIKELIHOOD_FORMAT, Likelihood};
@@ -64,8 +65,10 @@ pub struct OfSet {
     /// Where the fit stood.
     pub fit: Vec<f64>,
     pub draws: Draws,
-    /// Probability of each kind of shared field that the model may lack, the first of which is none.
+    /// Probability of each kind of shared field that the model may lack, the first of which is none; and what it may be, for draws that
+    /// have one.
     pub fields: Vec<(Field, f64)>,
+    pub carried: Vec<Carried>,
     /// What the field depends on that the model lacked and that was followed.
     pub followed: Option<Over>,
     /// Probability of the set among all, by how it predicts launches; and how likely each launch was, told from the others.
@@ -93,11 +96,13 @@ pub fn posterior(
                 Sampler::Mcmc(own) => mcmc(&density, &reference, own, progress)?,
             };
             noise = noise.min(model.noise.sd);
+            let Lacking { fields, carried } = density.lacking(&draws.points, config.seed)?;
             sets.push(OfSet {
                 set: model.named().iter().map(|t| t.effect.name.to_string()).collect(),
                 numbers,
                 fit,
-                fields: density.fields(&draws.points)?,
+                fields,
+                carried,
                 followed: model.unnamed.as_ref().map(|u| u.over),
                 draws,
                 weight: *weight,

@@ -3,6 +3,8 @@
 //! A field is a sum of functions, each a pair of effects' amplitudes: Gaussian bumps (`field`), or powers of place, velocity and speed
 //! (`law`). It is among the forces and not in what is seen, so that it goes on through contacts.
 
+use nalgebra::DVector;
+
 use super::discrepancy::{Discrepancy, Kinds};
 use super::whitened::Whitened;
 use crate::discover::field::{self, OVERS, Over};
@@ -10,6 +12,7 @@ use crate::discover::fit::Fitter;
 use crate::discover::law::POWERS;
 use crate::discover::model::{Extra, Layout, Slot, State, Term, paths};
 use crate::error::Result;
+use crate::task::scene::EffectTerm;
 use crate::world::effect::{Effect, monomial};
 
 /// Amplitude by which derivatives by a field's functions are taken, m/s^2.
@@ -65,6 +68,22 @@ impl Unnamed {
             }
             Term { effect, per_setting: false, free: vec![false; start.len()], start, difference: None }
         })
+    }
+
+    /// Its effects with amplitudes by so much more than it has, two of each effect, in their own units.
+    pub fn amplitudes(&self, more: &DVector<f64>) -> Vec<f64> {
+        let amounts = self.amounts.iter().zip(more.iter()).map(|(own, more)| own + more).collect();
+        self.with(amounts).terms().flat_map(|term| [term.start[0], term.start[1]]).collect()
+    }
+
+    /// Its effects without their amplitudes, which are the first two parameters of each.
+    pub fn shapes(&self) -> Vec<EffectTerm> {
+        let of = |(effect, values): &(&'static Effect, Vec<f64>)| {
+            let rest = effect.parameters.iter().zip(values).skip(2);
+            let parameters = rest.map(|(p, v)| (p.name.to_string(), *v)).collect();
+            EffectTerm { name: effect.name.into(), parameters }
+        };
+        self.effects.iter().map(of).collect()
     }
 
     /// A layout with its terms after those that have names.
@@ -137,6 +156,15 @@ impl Lacks<'_> {
             Lacks::Nothing => Vec::new(),
             Lacks::Any(every) => every.bumps.extras(),
             Lacks::Known(unnamed) => unnamed.extras(),
+        }
+    }
+
+    /// Nothing of each kind of field that may be there, or the model's own, in the order of [`Lacks::discrepancy`].
+    pub fn kinds(&self) -> Vec<Unnamed> {
+        match self {
+            Lacks::Nothing => Vec::new(),
+            Lacks::Any(every) => every.kinds.iter().filter_map(|kind| every.only(kind.0)).collect(),
+            Lacks::Known(unnamed) => vec![(*unnamed).clone()],
         }
     }
 

@@ -18,7 +18,7 @@ pub struct DesignIn {
     /// `latents` (how large they are, and effects' parameters; the default), `effects` (which of the belief's sets the world has) or
     /// `success` (whether what is planned for the test tasks solves them).
     pub question: Option<String>,
-    /// An `iplw.posterior/1` document: equally likely draws as `columns`, of which only those and `effects` are read.
+    /// An `iplw.posterior/1` document: equally likely draws as `columns`, of which only those, `effects` and `unnamed` are read.
     #[schema(value_type = Option<Object>)]
     pub belief: Option<Map<String, Value>>,
     /// Of the prior: sets of effects that the world may have, as large as they usually are; equally likely, up to 20. Default: one

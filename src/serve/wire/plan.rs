@@ -19,7 +19,7 @@ use crate::world::Latents;
 pub struct PlanIn {
     /// One task, `bowling:017`.
     pub task: String,
-    /// An `iplw.posterior/1` document: equally likely draws as `columns`, of which only those and `effects` are read.
+    /// An `iplw.posterior/1` document: equally likely draws as `columns`, of which only those, `effects` and `unnamed` are read.
     #[schema(value_type = Option<Object>)]
     pub belief: Option<Map<String, Value>>,
     /// One world; the scene's own where absent.

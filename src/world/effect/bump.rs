@@ -23,10 +23,7 @@ pub fn bumps(a: &[f64; LANES], b: &[f64; LANES]) -> [f64; LANES] {
 /// The bump that effects' constants 2 to 5 are of (its middle, and one over its widths), at a pair of numbers of every lane.
 pub fn near(constants: &[[f64; LANES]; MOST_PARAMETERS], [a, b]: [&[f64; LANES]; 2]) -> [f64; LANES] {
     let [_, _, u, v, per_wu, per_wv, ..] = constants;
-    let from = |at: &[f64; LANES], middle: &[f64; LANES], per_width: &[f64; LANES]| {
-        std::array::from_fn(|l| (at[l] - middle[l]) * per_width[l])
-    };
-    bumps(&from(a, u, per_wu), &from(b, v, per_wv))
+    lanes(|l| bump([(a[l] - u[l]) * per_wu[l], (b[l] - v[l]) * per_wv[l]]))
 }
 
 /// Where an exponential is nothing.
@@ -59,7 +56,11 @@ fn exp_down(u: f64) -> f64 {
     let rounded = u * std::f64::consts::LOG2_E + ROUNDS;
     let whole = rounded - ROUNDS;
     let rest = (u - whole * LN_2[0]) - whole * LN_2[1];
-    let power = TAYLOR.into_iter().reduce(|sum, next| next - rest * sum).unwrap_or(1.0);
+    // A loop that compilers see through: over an iterator's `reduce` they work lane by lane.
+    let mut power = TAYLOR[0];
+    for next in &TAYLOR[1..] {
+        power = next - rest * power;
+    }
     // 2 to the power of minus the whole number.
     let scale = f64::from_bits(1023u64.wrapping_sub(rounded.to_bits() & 0xfff) << 52);
     if u >= NOTHING { 0.0 } else { power * scale }

@@ -78,12 +78,16 @@ impl Motion for Monomial {
 
     fn kick_lanes(&self, constants: &[[f64; LANES]; MOST_PARAMETERS], bodies: &mut MovingLanes, _dt: f64) {
         let [ax, ay, px, py, pvx, pvy, pv, ..] = constants;
-        let speed: [f64; LANES] =
-            std::array::from_fn(|l| (bodies.vx[l] * bodies.vx[l] + bodies.vy[l] * bodies.vy[l]).sqrt());
-        let product = lanes(|l| {
-            let place = raised(bodies.x[l], px[l]) * raised(bodies.y[l], py[l]);
-            place * raised(bodies.vx[l], pvx[l]) * raised(bodies.vy[l], pvy[l]) * raised(speed[l], pv[l])
-        });
+        let MovingLanes { x, y, vx, vy, .. } = &*bodies;
+        // Inlined, or it would be called lane by lane.
+        let product = lanes(
+            #[inline(always)]
+            |l| {
+                let speed = (vx[l] * vx[l] + vy[l] * vy[l]).sqrt();
+                let place = raised(x[l], px[l]) * raised(y[l], py[l]);
+                place * raised(vx[l], pvx[l]) * raised(vy[l], pvy[l]) * raised(speed, pv[l])
+            },
+        );
         for lane in 0..LANES {
             bodies.vx[lane] += ax[lane] * product[lane];
             bodies.vy[lane] += ay[lane] * product[lane];

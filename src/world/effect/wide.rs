@@ -12,11 +12,21 @@ pub fn lanes(of: impl Fn(usize) -> f64) -> [f64; LANES] {
         // SAFETY: the machine has both, as was just seen.
         return unsafe { widest(of) };
     }
-    std::array::from_fn(of)
+    each(of)
+}
+
+/// A loop, and no `std::array::from_fn`: what that goes through is compiled by itself, for any machine, where it is not inlined.
+#[inline(always)]
+fn each(of: impl Fn(usize) -> f64) -> [f64; LANES] {
+    let mut out = [0.0; LANES];
+    for (lane, out) in out.iter_mut().enumerate() {
+        *out = of(lane);
+    }
+    out
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512dq")]
 fn widest(of: impl Fn(usize) -> f64) -> [f64; LANES] {
-    std::array::from_fn(of)
+    each(of)
 }
