@@ -5,6 +5,9 @@
 
 use libm::{exp, lgamma, log};
 
+/// Standard deviations to either side of the middle that hold 95 % of a normal distribution.
+pub const NORMAL_95: f64 = 1.959_963_984_540_054;
+
 /// t with P(|T| > t) = `outside` for Student's T with `freedom` degrees; infinite below one degree.
 pub fn t_quantile(outside: f64, freedom: f64) -> f64 {
     if freedom < 1.0 || freedom.is_nan() {

@@ -1,12 +1,10 @@
 //! Plots of what a diagnosis says launch by launch: sizes of effects, and whether launches are as the others predict.
 
 use iplw::discover::report::{Diagnosis, FoundParameter, Launch, LaunchSize, Predictive};
+use iplw::distribution::NORMAL_95;
 use iplw::picture::plot::{Series, lines, scatter_with};
 
 use super::evidence::Plot;
-
-/// Standard deviations to either side of 95 % of a normal distribution.
-const RANGE: f64 = 1.96;
 
 /// A plot for every amplitude of the reported model.
 pub fn sizes(d: &Diagnosis) -> Vec<Plot> {
@@ -45,12 +43,12 @@ fn size<'a>(
         Series {
             name: "the launch alone, 95 %".into(),
             points: alone.iter().map(|(at, [value, _])| (*at, *value)).collect(),
-            band: Some(alone.iter().map(|(_, [value, sd])| around(*value, RANGE * sd)).collect()),
+            band: Some(alone.iter().map(|(_, [value, sd])| around(*value, NORMAL_95 * sd)).collect()),
         },
         Series {
             name: "knowing the others, 95 %".into(),
             points: told.iter().map(|(l, s)| (l.trial as f64 + 0.3, s.value)).collect(),
-            band: Some(told.iter().map(|(_, s)| around(s.value, RANGE * s.sd)).collect()),
+            band: Some(told.iter().map(|(_, s)| around(s.value, NORMAL_95 * s.sd)).collect()),
         },
     ];
     let all: Vec<(f64, &FoundParameter)> =

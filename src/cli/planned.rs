@@ -1,12 +1,10 @@
 //! What the plans of a family's test tasks come to, as a page: orders tried, and predicted against real success.
 
+use iplw::distribution::NORMAL_95;
 use iplw::experiment::planning::PlanningScore;
 use iplw::picture::plot::{self, Series};
 use iplw::picture::{Block, Report, Section};
 use iplw::plan::Calibration;
-
-/// Standard normal quantile of a 95 % interval.
-const Z: f64 = 1.959_963_984_540_054;
 
 /// A page on every belief's plans, by name.
 pub fn page(family: &str, tasks: usize, rows: &[(&str, &PlanningScore)]) -> String {
@@ -65,9 +63,9 @@ fn curve(rows: &[(&str, &Calibration)]) -> String {
 /// 95 % interval of a share of `count` (Wilson 1927).
 fn wilson(share: f64, count: usize) -> (f64, f64) {
     let n = count as f64;
-    let (z2, shrink) = (Z * Z, 1.0 + Z * Z / n);
+    let (z2, shrink) = (NORMAL_95.powi(2), 1.0 + NORMAL_95.powi(2) / n);
     let middle = (share + z2 / (2.0 * n)) / shrink;
-    let half = Z * (share * (1.0 - share) / n + z2 / (4.0 * n * n)).sqrt() / shrink;
+    let half = NORMAL_95 * (share * (1.0 - share) / n + z2 / (4.0 * n * n)).sqrt() / shrink;
     (middle - half, middle + half)
 }
 

@@ -73,7 +73,7 @@ pub fn design(
     let mut stream = rng::stream(config.seed, "design candidates");
     let mut copied = Vec::with_capacity(config.candidates);
     for (task, action, _) in explore::draw(tasks, config.candidates, &mut stream)? {
-        copied.extend(hand.copied(&tasks[task], &action)?.map(|c| (task, action, c)));
+        copied.extend(hand.copied(&tasks[task], &action).map(|c| (task, action, c)));
     }
     if copied.is_empty() {
         let allowed = "actions that can be placed a little aside, too: a smaller `perturb`";

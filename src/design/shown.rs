@@ -1,7 +1,6 @@
 //! What an action shows in every world, and what a trembling hand makes of it.
 
 use nalgebra::DMatrix;
-use rand::RngExt;
 
 use crate::budget::Budget;
 use crate::error::Result;
@@ -43,23 +42,18 @@ pub struct Hand {
 
 impl Hand {
     /// Copies of an action, the same moves for every action; `None` where they cannot be placed.
-    pub fn copied(&self, task: &Task, action: &ValidAction) -> Result<Option<Copied>> {
+    pub fn copied(&self, task: &Task, action: &ValidAction) -> Option<Copied> {
         let mut scenes = Vec::with_capacity(self.copies + 1);
         for k in 0..TRIES * (self.copies + 1) {
             let mut stream = rng::stream(rng::derive(self.seed, "design copy", k as u64), "move");
-            let mut moved = |v: &f64| {
-                let by = self.perturb * (2.0 * stream.random::<f64>() - 1.0);
-                (v + by).clamp(0.0, 1.0)
-            };
-            let values: Vec<f64> = action.values().iter().map(&mut moved).collect();
-            if let Placement::Valid(scene) = task.place(&task.actions().validate(&values)?) {
+            if let Placement::Valid(scene) = task.place(&action.trembled(self.perturb, &mut stream)) {
                 scenes.push(*scene);
             }
             if scenes.len() == self.copies + 1 {
-                return Ok(Some(Copied { scenes }));
+                return Some(Copied { scenes });
             }
         }
-        Ok(None)
+        None
     }
 }
 
@@ -130,7 +124,7 @@ mod tests {
         let task = family("basketball").unwrap().tasks().remove(0);
         let hand = Hand { copies: 3, perturb: 0.002, seed: 4 };
         let action = (0..).map(|i| task.actions().at(37 * i).unwrap());
-        let copied = action.take(1000).find_map(|a| hand.copied(&task, &a).unwrap()).unwrap();
+        let copied = action.take(1000).find_map(|a| hand.copied(&task, &a)).unwrap();
         let world = |friction| Believed { latents: Latents::of([1.0, friction, 0.6]), ..Believed::default() };
         let worlds = [world(0.2), world(0.7)];
         let worlds: Vec<&Believed> = worlds.iter().collect();

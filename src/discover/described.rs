@@ -19,6 +19,7 @@ use super::report::{LawTerm, ResidualLaw};
 use super::score::{each_held_out, spared};
 use super::stats::inverse;
 use super::{bumps, law};
+use crate::distribution::NORMAL_95;
 use crate::error::Result;
 
 /// Steps of least squares.
@@ -169,7 +170,7 @@ fn law_terms(law: &Law, first: usize, unit: f64) -> Vec<LawTerm> {
         let effect = layout.terms[t].effect;
         let interval = |slot: usize| {
             let What::Parameter(_, p) = layout.slots[slot].what else { return None };
-            let half = 1.96 * covariance[(slot, slot)].max(0.0).sqrt();
+            let half = NORMAL_95 * covariance[(slot, slot)].max(0.0).sqrt();
             let ci95 = [values[slot] - half, values[slot] + half].map(Some);
             Some((effect.parameters[p].name.to_string(), ci95))
         };

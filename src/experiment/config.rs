@@ -155,7 +155,7 @@ impl EstimateConfig {
         within("candidates", self.candidates as f64, self.actions as f64, 100_000.0)?;
         within("settled", self.settled, 0.0, 1.0)?;
         for (i, term) in self.effects.iter().enumerate() {
-            effect::resolve(term, &format!("effects[{i}]"))?;
+            effect::resolve(term, format_args!("effects[{i}]"))?;
         }
         self.cem.validate().map_err(|e| e.under("cem"))?;
         self.fits_what_acts()

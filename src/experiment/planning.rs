@@ -108,7 +108,7 @@ fn predictions(
         let draws = copies.draws();
         let fresh: Vec<(&ValidAction, usize)> = (draws..2 * draws).map(|k| (*action, k)).collect();
         let solving = copies.solve(&fresh, &Endless)?.into_iter().filter(|s| *s).count();
-        let done = world.measure(task, &[hand.moved(action, i % draws)?])?.pop();
+        let done = world.measure(task, &[hand.moved(action, i % draws)])?.pop();
         let solved = done.and_then(|a| a.trajectory).is_some_and(|t| t.solved());
         found.push((solving as f64 / draws as f64, solved));
     }

@@ -106,7 +106,7 @@ impl SurfaceConfig {
             let field = format!("related[{i}]");
             Latents::of(related.latents).validate().map_err(|e| e.under(&field))?;
             for (k, term) in related.effects.iter().enumerate() {
-                effect::resolve(term, &format!("{field}.effects[{k}]"))?;
+                effect::resolve(term, format_args!("{field}.effects[{k}]"))?;
             }
         }
         self.train.validate().map_err(|e| e.under("train"))

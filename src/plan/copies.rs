@@ -4,7 +4,6 @@
 //! what they do and not by their luck. A copy's components are clamped to [0, 1], as where certificates are checked; one
 //! that cannot be placed has failed: the hand hit what stood in the way.
 
-use rand::RngExt;
 use rayon::prelude::*;
 
 use crate::budget::Budget;
@@ -21,8 +20,9 @@ pub struct Copies<'a> {
     task: &'a Task,
     /// By number of the copy.
     worlds: Vec<&'a Believed>,
-    /// By number of the copy, one a component, each within the perturbation.
-    moves: Vec<Vec<f64>>,
+    /// Most that a component of a copied action is moved, and what decides how.
+    perturb: f64,
+    seed: u64,
     engine: Engine,
 }
 
@@ -32,16 +32,11 @@ impl<'a> Copies<'a> {
     pub fn new(task: &'a Task, belief: &'a Belief, config: &PlanConfig) -> Copies<'a> {
         let order = belief.shuffled(config.seed);
         let count = 2 * draws(belief, config);
-        let size = config.perturb;
-        let moved = |k: usize| {
-            let mut stream = rng::stream(rng::derive(config.seed, "plan copy", k as u64), "move");
-            let mut one = || size * (2.0 * stream.random::<f64>() - 1.0);
-            (0..task.actions().dimension()).map(|_| one()).collect()
-        };
         Copies {
             task,
             worlds: (0..count).map(|k| order[k % order.len()]).collect(),
-            moves: (0..count).map(moved).collect(),
+            perturb: config.perturb,
+            seed: config.seed,
             engine: config.engine,
         }
     }
@@ -51,22 +46,19 @@ impl<'a> Copies<'a> {
         self.worlds.len() / 2
     }
 
-    /// The k-th copy of an action.
-    pub fn moved(&self, action: &ValidAction, k: usize) -> Result<ValidAction> {
-        let values = action.values().iter().zip(&self.moves[k]);
-        let values: Vec<f64> = values.map(|(v, by)| (v + by).clamp(0.0, 1.0)).collect();
-        self.task.actions().validate(&values)
+    /// The k-th copy of an action: the same move for every action.
+    pub fn moved(&self, action: &ValidAction, k: usize) -> ValidAction {
+        let mut stream = rng::stream(rng::derive(self.seed, "plan copy", k as u64), "move");
+        action.trembled(self.perturb, &mut stream)
     }
 
     /// Whether each (action, number of its copy) solves the task, in their order.
     pub fn solve(&self, copies: &[(&ValidAction, usize)], budget: &dyn Budget) -> Result<Vec<bool>> {
-        let place = |(action, k): &(&ValidAction, usize)| -> Result<Option<Box<Scene>>> {
-            Ok(match self.task.place(&self.moved(action, *k)?) {
-                Placement::Valid(scene) => Some(scene),
-                Placement::Invalid(_) => None,
-            })
+        let place = |(action, k): &(&ValidAction, usize)| match self.task.place(&self.moved(action, *k)) {
+            Placement::Valid(scene) => Some(scene),
+            Placement::Invalid(_) => None,
         };
-        let placed: Vec<Option<Box<Scene>>> = copies.par_iter().map(place).collect::<Result<_>>()?;
+        let placed: Vec<Option<Box<Scene>>> = copies.par_iter().map(place).collect();
         let rollouts: Vec<Rollout> = placed
             .iter()
             .zip(copies)

@@ -3,7 +3,6 @@
 //! Source: PHYRE (Bakhtin et al. 2019) keeps a task only if it has a solution that still solves when the
 //! action is perturbed a little. It stands here because the family's real world is needed to try actions in.
 
-use rand::RngExt;
 use rand::seq::SliceRandom;
 use serde::{Deserialize, Serialize};
 
@@ -356,12 +355,7 @@ fn survives(
     let mut scenes = Vec::new();
     for copy in 0..=copies {
         let size = if copy == 0 { 0.0 } else { PERTURBATION };
-        let moved: Vec<f64> = action
-            .values()
-            .iter()
-            .map(|v| (v + size * (2.0 * stream.random::<f64>() - 1.0)).clamp(0.0, 1.0))
-            .collect();
-        match space.place(scene, &space.validate(&moved)?) {
+        match space.place(scene, &action.trembled(size, stream)) {
             Placement::Valid(placed) => scenes.push(placed),
             Placement::Invalid(_) => return Ok(false),
         }

@@ -100,7 +100,7 @@ impl HiddenWorld {
         config.latents.validate()?;
         within("noise", config.noise, 0.0, 1e3)?;
         for (i, term) in config.effects.iter().enumerate() {
-            effect::resolve(term, &format!("effects[{i}]"))?;
+            effect::resolve(term, format_args!("effects[{i}]"))?;
         }
         Ok(HiddenWorld { config, interactions: 0 })
     }

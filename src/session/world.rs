@@ -102,7 +102,7 @@ impl World {
                 }
                 let effects = config.effects.unwrap_or_default();
                 for (i, term) in effects.iter().enumerate() {
-                    effect::resolve(term, &format!("effects[{i}]"))?;
+                    effect::resolve(term, format_args!("effects[{i}]"))?;
                 }
                 let prior = config.tasks.family.map(|f| Latents::of(f.prior.map(|p| p.0)));
                 (config.latents.or(prior.unwrap_or_default()), effects, None)

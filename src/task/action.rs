@@ -3,11 +3,13 @@
 //! An action outside the unit cube is bad input. An action inside it that cannot be placed (overlap, out of
 //! bounds) is an outcome: see [`placement`](super::placement).
 
+use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
 use super::geometry::Bounds;
 use super::limits::FAR;
 use crate::error::{Error, Result, within};
+use crate::rng::Stream;
 
 /// What an action sets, and which actions the discrete set holds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -184,6 +186,12 @@ impl ValidAction {
     /// The components, each in [0, 1].
     pub fn values(&self) -> &[f64] {
         &self.0
+    }
+
+    /// As a hand that trembles carries it out: every component moved by up to `size` either way, evenly, and kept within [0, 1].
+    pub fn trembled(&self, size: f64, stream: &mut Stream) -> ValidAction {
+        let mut moved = |v: &f64| (v + size * (2.0 * stream.random::<f64>() - 1.0)).clamp(0.0, 1.0);
+        ValidAction(self.0.iter().map(&mut moved).collect())
     }
 }
 

@@ -30,7 +30,7 @@ pub fn observe(truth: Trajectory, effects: &[EffectTerm]) -> Result<Trajectory> 
     let around = Surroundings { time_step: 0.0, gravity: [0.0; 2] };
     let mut view = View::default();
     for (i, term) in effects.iter().enumerate() {
-        let active = effect::resolve(term, &format!("effects[{i}]"))?;
+        let active = effect::resolve(term, format_args!("effects[{i}]"))?;
         if let (Act::Sensor(sensor), false) = (active.effect.act, active.is_neutral()) {
             view.sensors.push((sensor, sensor.constants(&active.values, &around)));
         }

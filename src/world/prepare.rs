@@ -208,7 +208,7 @@ fn active(rollout: &Rollout) -> Result<Vec<Active>> {
     let own = rollout.scene.effects.len();
     let mut all = effect::of_scene(rollout.scene)?;
     for (i, term) in rollout.effects.iter().enumerate() {
-        all.push(effect::resolve(term, &format!("effects[{}]", own + i))?);
+        all.push(effect::resolve(term, format_args!("effects[{}]", own + i))?);
     }
     Ok(all)
 }

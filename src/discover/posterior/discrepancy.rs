@@ -366,7 +366,7 @@ mod tests {
             let own =
                 parts.iter().map(|p| p.log_density((&p.left - &p.field * a).norm_squared())).sum::<f64>();
             let believed = STRENGTHS.map(|s| -0.5 * (a / s).powi(2) - libm::log(s));
-            own + log_sum_exp(believed.into_iter())
+            own + log_sum_exp(believed)
         };
         let logs: Vec<f64> = (0..n).map(|i| of(at(i))).collect();
         let all = log_sum_exp(logs.iter().copied());

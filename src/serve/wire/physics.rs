@@ -104,7 +104,7 @@ pub fn effects(
     }
     for (i, Object(e)) in given.into_iter().flatten().enumerate() {
         let term = EffectTerm { name: e.name, parameters: e.parameters };
-        effect::resolve(&term, &format!("{prefix}effects[{i}]"))?;
+        effect::resolve(&term, format_args!("{prefix}effects[{i}]"))?;
         terms.push(term);
     }
     if terms.len() > MOST_EFFECTS {

@@ -34,6 +34,8 @@ pub mod velocity_push;
 mod wide;
 mod wind;
 
+use std::fmt::Display;
+
 use crate::error::{Error, Result, within};
 use crate::task::scene::{EffectTerm, Scene};
 pub use bump::bump;
@@ -90,7 +92,7 @@ impl Active {
 }
 
 /// Looks up a term and checks its parameters; `place` prefixes the error's field.
-pub fn resolve(term: &EffectTerm, place: &str) -> Result<Active> {
+pub fn resolve(term: &EffectTerm, place: impl Display) -> Result<Active> {
     let effect = find(&term.name).map_err(|_| {
         let known = REGISTRY.iter().map(|e| e.name).collect::<Vec<_>>().join(", ");
         Error::input(format!("{place}.name"), format!("{:?}", term.name), format!("one of {known}"))
@@ -104,7 +106,12 @@ pub fn resolve(term: &EffectTerm, place: &str) -> Result<Active> {
     }
     let value = |p: &Parameter| {
         let v = term.parameters.get(p.name).copied().unwrap_or(p.neutral);
-        within(&format!("{place}.parameters.{}", p.name), v, p.bounds[0], p.bounds[1])
+        let [low, high] = p.bounds;
+        // Fields are put into words only where they are needed: this is done for every rollout.
+        if (low..=high).contains(&v) {
+            return Ok(v);
+        }
+        within(&format!("{place}.parameters.{}", p.name), v, low, high)
     };
     Ok(Active { effect, values: effect.parameters.iter().map(value).collect::<Result<_>>()? })
 }
@@ -120,14 +127,14 @@ pub fn of_scene(scene: &Scene) -> Result<Vec<Active>> {
         all.push(resolve(&term, "contact_rules")?);
     }
     for (i, term) in scene.effects.iter().enumerate() {
-        all.push(resolve(term, &format!("effects[{i}]"))?);
+        all.push(resolve(term, format_args!("effects[{i}]"))?);
     }
     Ok(all)
 }
 
 /// Errors unless the effects of a scene can be; the field is within the scene.
 pub fn check(terms: &[EffectTerm]) -> Result<()> {
-    terms.iter().enumerate().try_for_each(|(i, term)| resolve(term, &format!("effects[{i}]")).map(|_| ()))
+    terms.iter().enumerate().try_for_each(|(i, term)| resolve(term, format_args!("effects[{i}]")).map(|_| ()))
 }
 
 /// Most effects of a set.
