@@ -1288,7 +1288,7 @@ export interface components {
         DesignIn: {
             /** @description Experiments to choose, together, up to 20; default 1. */
             batch?: number | null;
-            /** @description An `iplw.posterior/1` document: equally likely draws as `columns`, of which only those and `effects` are read. */
+            /** @description An `iplw.posterior/1` document: equally likely draws as `columns`, of which only those, `effects` and `unnamed` are read. */
             belief?: Record<string, never> | null;
             /** @description Random actions that are looked at, up to 2000; default 400. */
             candidates?: number | null;
@@ -1894,7 +1894,7 @@ export interface components {
         PlanIn: {
             /** @description Actions looked at, up to 100,000; default 10,000. */
             actions?: number | null;
-            /** @description An `iplw.posterior/1` document: equally likely draws as `columns`, of which only those and `effects` are read. */
+            /** @description An `iplw.posterior/1` document: equally likely draws as `columns`, of which only those, `effects` and `unnamed` are read. */
             belief?: Record<string, never> | null;
             /** @description Worlds in which an action is tried, at most, up to 1000; and as many fresh ones for the best. Default 64. */
             draws?: number | null;

@@ -1,0 +1,234 @@
+//! How many interactions until the right effect has 95 % of the weight: those expected to tell most of which effect there is, against
+//! random ones.
+//!
+//! `cargo run --release --example naming_effects -- --worlds 12 --out naming.md`. Every world has one of some effects, the next one in
+//! turn, of a size drawn between a thirtieth of what is usual of it and that, and latents drawn from the family's prior; the
+//! simulation knows all of them as rivals, and having none. After the first interactions, which are the same random ones for both ways,
+//! the rivals are weighed anew after every further one. It is named where the right one has 95 % of the weight and still has it after
+//! one interaction more. Every world's outcome is added to a CSV beside the table as soon as it is known, and a run that was stopped
+//! goes on where it was.
+
+use std::collections::{BTreeMap, HashSet};
+use std::io::Write as _;
+use std::path::PathBuf;
+
+use clap::Parser;
+use iplw::design::{DesignConfig, Question, design, parts};
+use iplw::discover::posterior::{Document, PosteriorConfig, Sampler, posterior};
+use iplw::error::{Error, Result};
+use iplw::estimate::Belief;
+use iplw::estimate::sampler::smc::SmcConfig;
+use iplw::experiment::random_trials;
+use iplw::progress::Silent;
+use iplw::reality::{HiddenConfig, HiddenWorld, Reality, Trial, settled, standard};
+use iplw::rng;
+use iplw::task::scene::EffectTerm;
+use iplw::task::{Split, Task, family, split};
+use iplw::world::effect;
+use rand::RngExt as _;
+
+/// Counts interactions until the right effect is named, by two ways to choose them
+#[derive(Parser)]
+struct Run {
+    /// How many worlds
+    #[arg(long, default_value_t = 12)]
+    worlds: u64,
+    /// The first of the seeds
+    #[arg(long, default_value_t = 1)]
+    first: u64,
+    /// The family whose tasks are acted in
+    #[arg(long, default_value = "bowling")]
+    task: String,
+    /// The effects, one of which every world has
+    #[arg(
+        long,
+        value_delimiter = ',',
+        default_value = "linear_drag,rolling_resistance,restitution_speed,tangential_restitution"
+    )]
+    effects: Vec<String>,
+    /// Standard deviation of what is seen, m; positions alone are seen
+    #[arg(long, default_value_t = 0.005)]
+    noise: f64,
+    /// Most interactions
+    #[arg(long, default_value_t = 50)]
+    cap: usize,
+    /// Where the table goes
+    #[arg(long, default_value = "naming.md")]
+    out: PathBuf,
+}
+
+/// Random interactions that both ways begin with: of fewer no posterior can be drawn.
+const FIRST: usize = 4;
+/// Weight of the right effect at which it is named, and for how many interactions in a row.
+const NAMED: f64 = 0.95;
+const IN_A_ROW: usize = 2;
+/// Sizes of effects, as shares of the standard deviation that is usual of them.
+const SIZES: [f64; 2] = [0.03, 1.0];
+const WAYS: [&str; 2] = ["random", "chosen"];
+
+fn main() -> std::result::Result<(), Box<dyn std::error::Error>> {
+    let run = Run::parse();
+    let log = run.out.with_extension("csv");
+    let text = std::fs::read_to_string(&log).unwrap_or_default();
+    let done: HashSet<&str> =
+        text.lines().filter_map(|l| l.rsplit_once(",end,").map(|(key, _)| key)).collect();
+    let mut file = std::fs::OpenOptions::new().create(true).append(true).open(&log)?;
+    for seed in run.first..run.first + run.worlds {
+        for way in WAYS {
+            let world = World::new(&run, seed)?;
+            let key = format!("{way},{seed},{},{:.3}", world.right, world.share);
+            if !done.contains(key.as_str()) {
+                let (spent, weights) = world.named(way)?;
+                let weights: Vec<String> = weights.iter().map(|w| format!("{w:.3}")).collect();
+                file.write_all(format!("{key},end,{spent},{}\n", weights.join(" ")).as_bytes())?;
+            }
+        }
+    }
+    drop(file);
+    let table = table(&std::fs::read_to_string(&log)?, run.cap);
+    print!("{table}");
+    std::fs::write(&run.out, table)?;
+    Ok(())
+}
+
+/// A world to be acted in.
+struct World<'a> {
+    run: &'a Run,
+    seed: u64,
+    /// The effect that it has, and how large that is as a share of what is usual.
+    right: String,
+    share: f64,
+    hidden: HiddenConfig,
+}
+
+impl World<'_> {
+    fn new(run: &Run, seed: u64) -> Result<World<'_>> {
+        let family = family(&run.task)?;
+        let right = run.effects[seed as usize % run.effects.len()].clone();
+        let mut stream = rng::stream(seed, "naming effects");
+        let u: f64 = stream.random();
+        let share = SIZES[0] * (SIZES[1] / SIZES[0]).powf(u);
+        let parameters = effect::find(&right)?.parameters;
+        let sized = parameters.iter().map(|p| (p.name.to_string(), p.neutral + share * p.prior().1));
+        let term = EffectTerm { name: right.clone(), parameters: sized.collect() };
+        let latents = Belief::prior(family.prior, Vec::new(), 1, seed)?.draws()[0].latents;
+        let hidden =
+            HiddenConfig { latents, effects: vec![term], noise: run.noise, seed, ..standard(family) };
+        Ok(World { run, seed, right, share, hidden })
+    }
+
+    /// Interactions until the right effect is named, no more than the cap, and its weight after each.
+    fn named(&self, way: &str) -> Result<(usize, Vec<f64>)> {
+        let family = family(&self.run.task)?;
+        let tasks = split(&family.fold(0), Split::Train);
+        let (training, _) = parts(&tasks);
+        let mut world = HiddenWorld::new(self.hidden.clone())?;
+        let mut trials = random_trials(&training, &mut world, FIRST, self.seed, &Silent)?;
+        let (mut weights, mut row) = (Vec::new(), 0);
+        loop {
+            let document = self.known(&training, &trials)?;
+            let own = document.sets.iter().find(|s| s.effects == [self.right.clone()]);
+            let weight = own.map_or(0.0, |s| s.weight);
+            weights.push(weight);
+            row = if weight >= NAMED { row + 1 } else { 0 };
+            if row == IN_A_ROW {
+                return Ok((trials.len() + 1 - IN_A_ROW, weights));
+            }
+            if trials.len() >= self.run.cap {
+                return Ok((self.run.cap, weights));
+            }
+            let chosen = if way == "chosen" { self.chosen(&training, document, trials.len())? } else { None };
+            match chosen {
+                Some((task, action)) => {
+                    for attempt in world.measure(&training[task], &[action])? {
+                        trials.extend(attempt.into_trial(format!("chosen/{}", trials.len())));
+                    }
+                }
+                None => {
+                    let seed = rng::derive(self.seed, "further", trials.len() as u64);
+                    trials.extend(random_trials(&training, &mut world, 1, seed, &Silent)?);
+                }
+            }
+        }
+    }
+
+    /// What trials say of every rival that they can tell anything of, having no effect among them.
+    fn known(&self, tasks: &[Task], trials: &[Trial]) -> Result<Document> {
+        let (mut scene, trials) = settled(&tasks[0].scene, trials.to_vec())?;
+        scene.calibrate = ["friction", "restitution"].map(String::from).to_vec();
+        let rivals = self.run.effects.iter().map(|name| vec![name.clone()]);
+        let mut config = PosteriorConfig {
+            sets: std::iter::once(Vec::new()).chain(rivals).collect(),
+            sampler: Sampler::Smc(SmcConfig { particles: 32, ..SmcConfig::standard(self.seed) }),
+            ..PosteriorConfig::standard(self.seed)
+        };
+        loop {
+            match posterior(&scene, &trials, &config, &Silent) {
+                Ok(found) => return Ok(Document::new(&found, &config)),
+                Err(Error::Input(input)) if config.sets.len() > 1 && input.field.starts_with("sets[") => {
+                    let untold = config.sets.iter().position(|set| input.value == set.join("+"));
+                    config.sets.remove(untold.ok_or(Error::Input(input))?);
+                }
+                Err(error) => return Err(error),
+            }
+        }
+    }
+
+    /// The experiment that tells most of which rival is right; nothing where only one is left.
+    fn chosen(
+        &self,
+        tasks: &[Task],
+        document: Document,
+        spent: usize,
+    ) -> Result<Option<(usize, iplw::task::ValidAction)>> {
+        let belief =
+            Belief::from_value(serde_json::to_value(document).map_err(|e| Error::Failed(e.to_string()))?)?;
+        let usual = DesignConfig::standard(Question::Effects, rng::derive(self.seed, "design", spent as u64));
+        let config = DesignConfig { noise: self.run.noise, ..usual };
+        match design(tasks, &[], &belief, &config, &Silent) {
+            Ok(found) => Ok(found.experiments.into_iter().next().and_then(|e| {
+                let task = tasks.iter().position(|t| t.id == e.task)?;
+                Some((task, e.action))
+            })),
+            Err(Error::Input(_)) => Ok(None),
+            Err(error) => Err(error),
+        }
+    }
+}
+
+/// By effect and over all: interactions until it was named by each way, and how many worlds never were.
+fn table(log: &str, cap: usize) -> String {
+    let mut by: BTreeMap<&str, BTreeMap<u64, [Option<f64>; 2]>> = BTreeMap::new();
+    for line in log.lines() {
+        let Some((key, rest)) = line.rsplit_once(",end,") else { continue };
+        let key: Vec<&str> = key.split(',').collect();
+        let Some(way) = WAYS.iter().position(|w| *w == key[0]) else { continue };
+        let (Ok(seed), Some(spent)) = (key[1].parse(), rest.split(',').next()) else { continue };
+        by.entry(key[2]).or_default().entry(seed).or_default()[way] = spent.parse().ok();
+    }
+    let mut out = String::from(
+        "| effect | worlds | random: interactions | never | chosen: interactions | never | chosen over random |\n|---|---|---|---|---|---|---|\n",
+    );
+    let pairs = |own: &BTreeMap<u64, [Option<f64>; 2]>| -> Vec<[f64; 2]> {
+        own.values().filter_map(|[a, b]| Some([(*a)?, (*b)?])).collect()
+    };
+    let mut row = |name: &str, pairs: &[[f64; 2]]| {
+        let n = pairs.len() as f64;
+        let mean = |k: usize| pairs.iter().map(|p| p[k]).sum::<f64>() / n;
+        let never = |k: usize| pairs.iter().filter(|p| p[k] >= cap as f64).count();
+        out += &format!(
+            "| {name} | {n} | {:.1} | {} | {:.1} | {} | {:.2} |\n",
+            mean(0),
+            never(0),
+            mean(1),
+            never(1),
+            mean(1) / mean(0)
+        );
+    };
+    for (name, own) in &by {
+        row(name, &pairs(own));
+    }
+    let all: Vec<[f64; 2]> = by.values().flat_map(pairs).collect();
+    row("all", &all);
+    out
+}
