@@ -64,6 +64,8 @@ const NAMED: f64 = 0.95;
 const IN_A_ROW: usize = 2;
 /// Sizes of effects, as shares of the standard deviation that is usual of them.
 const SIZES: [f64; 2] = [0.03, 1.0];
+/// Fewest draws of a rival that an experiment is asked to tell from others: of 256, 3 % of the weight.
+const FEWEST_DRAWS: usize = 8;
 const WAYS: [&str; 2] = ["random", "chosen"];
 
 fn main() -> std::result::Result<(), Box<dyn std::error::Error>> {
@@ -76,7 +78,15 @@ fn main() -> std::result::Result<(), Box<dyn std::error::Error>> {
     for seed in run.first..run.first + run.worlds {
         for way in WAYS {
             let world = World::new(&run, seed)?;
-            let key = format!("{way},{seed},{},{:.3}", world.right, world.share);
+            let key = format!(
+                "{way},{seed},{},{:.3},{} {} {} {}",
+                world.right,
+                world.share,
+                run.task,
+                run.noise,
+                run.cap,
+                run.effects.join("+")
+            );
             if !done.contains(key.as_str()) {
                 let (spent, weights) = world.named(way)?;
                 let weights: Vec<String> = weights.iter().map(|w| format!("{w:.3}")).collect();
@@ -137,17 +147,24 @@ impl World<'_> {
             if trials.len() >= self.run.cap {
                 return Ok((self.run.cap, weights));
             }
-            let chosen = if way == "chosen" { self.chosen(&training, document, trials.len())? } else { None };
+            let spent = trials.len();
+            let chosen = if way == "chosen" { self.chosen(&training, &document, spent)? } else { None };
             match chosen {
                 Some((task, action)) => {
                     for attempt in world.measure(&training[task], &[action])? {
-                        trials.extend(attempt.into_trial(format!("chosen/{}", trials.len())));
+                        trials.extend(attempt.into_trial(format!("chosen/{spent}")));
                     }
                 }
                 None => {
-                    let seed = rng::derive(self.seed, "further", trials.len() as u64);
-                    trials.extend(random_trials(&training, &mut world, 1, seed, &Silent)?);
+                    let seed = rng::derive(self.seed, "further", spent as u64);
+                    let further = random_trials(&training, &mut world, 1, seed, &Silent)?;
+                    // Trials are told from each other by their names.
+                    trials
+                        .extend(further.into_iter().map(|t| Trial { name: format!("further/{spent}"), ..t }));
                 }
+            }
+            if trials.len() == spent {
+                return Err(Error::Failed(format!("nothing was measured in interaction {spent}")));
             }
         }
     }
@@ -159,7 +176,7 @@ impl World<'_> {
         let rivals = self.run.effects.iter().map(|name| vec![name.clone()]);
         let mut config = PosteriorConfig {
             sets: std::iter::once(Vec::new()).chain(rivals).collect(),
-            sampler: Sampler::Smc(SmcConfig { particles: 32, ..SmcConfig::standard(self.seed) }),
+            sampler: Sampler::Smc(SmcConfig { particles: 64, ..SmcConfig::standard(self.seed) }),
             ..PosteriorConfig::standard(self.seed)
         };
         loop {
@@ -174,25 +191,30 @@ impl World<'_> {
         }
     }
 
-    /// The experiment that tells most of which rival is right; nothing where only one is left.
+    /// The experiment that tells most of which rival is right, of those that are not all but out of the question; nothing where only one is
+    /// left.
     fn chosen(
         &self,
         tasks: &[Task],
-        document: Document,
+        document: &Document,
         spent: usize,
     ) -> Result<Option<(usize, iplw::task::ValidAction)>> {
-        let belief =
-            Belief::from_value(serde_json::to_value(document).map_err(|e| Error::Failed(e.to_string()))?)?;
+        let value = serde_json::to_value(document).map_err(|e| Error::Failed(e.to_string()))?;
+        let all = Belief::from_value(value)?;
+        let count = |set: usize| document.set.iter().filter(|s| **s == set).count();
+        let left: Vec<usize> = (0..document.sets.len()).filter(|s| count(*s) >= FEWEST_DRAWS).collect();
+        if left.len() < 2 {
+            return Ok(None);
+        }
+        let own = all.draws().iter().zip(&document.set).filter(|(_, set)| left.contains(set));
+        let belief = Belief::of_draws(own.map(|(draw, _)| draw.clone()).collect())?;
         let usual = DesignConfig::standard(Question::Effects, rng::derive(self.seed, "design", spent as u64));
         let config = DesignConfig { noise: self.run.noise, ..usual };
-        match design(tasks, &[], &belief, &config, &Silent) {
-            Ok(found) => Ok(found.experiments.into_iter().next().and_then(|e| {
-                let task = tasks.iter().position(|t| t.id == e.task)?;
-                Some((task, e.action))
-            })),
-            Err(Error::Input(_)) => Ok(None),
-            Err(error) => Err(error),
-        }
+        let found = design(tasks, &[], &belief, &config, &Silent)?;
+        Ok(found.experiments.into_iter().next().and_then(|e| {
+            let task = tasks.iter().position(|t| t.id == e.task)?;
+            Some((task, e.action))
+        }))
     }
 }
 

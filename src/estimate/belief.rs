@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::{Error, Result, within};
 use crate::rng;
 use crate::task::scene::EffectTerm;
-use crate::world::effect::Role;
+use crate::world::effect::{Act, Effect, Parameter, Role};
 use crate::world::latent::{FACTORS, clamp};
 use crate::world::{EffectParameter, Latents, effect};
 
@@ -27,8 +27,10 @@ pub const PRIOR_DRAWS: usize = 1024;
 pub const MOST_DRAWS: usize = 100_000;
 const MOST_COLUMNS: usize = 64;
 const MOST_EFFECTS: usize = 32;
-/// Most effects that all draws have beside their columns, all draws together.
+/// Most effects beside their columns that draws have, all together.
 const MOST_TERMS: usize = 400_000;
+/// Most effects of forces without a name that a posterior's document is written with, so that it can be sent and read.
+pub const MOST_CARRIED: usize = 200_000;
 /// Most effects whose sum a force without a name is.
 const MOST_UNNAMED: usize = 128;
 /// Draws of a normal outside its factor's bounds before the last is moved to the nearest bound.
@@ -203,9 +205,12 @@ impl Belief {
             }
         }
         let count = length(&document.columns)?;
-        if count * document.effects.len() > MOST_TERMS {
-            let value = format!("{} in each of {count} draws", document.effects.len());
-            return Err(Error::input("effects", value, format!("at most {MOST_TERMS} over all draws")));
+        let carried = document.unnamed.iter().map(|u| u.draws.len() * u.effects.len()).sum::<usize>();
+        let terms = count * document.effects.len() + carried;
+        if terms > MOST_TERMS {
+            let field = if carried > 0 { "unnamed" } else { "effects" };
+            let value = format!("{terms} effects over all of {count} draws");
+            return Err(Error::input(field, value, format!("at most {MOST_TERMS}")));
         }
         let mut draws = vec![Believed { effects: document.effects, ..Believed::default() }; count];
         for (name, values) in &document.columns {
@@ -248,16 +253,11 @@ impl Belief {
 impl UnnamedForces {
     /// Puts the forces where they belong, after the effects that have names. Errors name the field.
     fn write(&self, draws: &mut [Believed]) -> Result<()> {
-        effect::check(&self.effects)?;
+        let effects = self.sums()?;
         let (count, terms) = (draws.len(), self.effects.len());
         if self.amplitudes.len() != self.draws.len() {
             let value = format!("{} draws' amplitudes", self.amplitudes.len());
             return Err(Error::input("amplitudes", value, format!("those of {} draws", self.draws.len())));
-        }
-        if self.draws.len() * terms > MOST_TERMS || terms > MOST_UNNAMED {
-            let value = format!("{terms} in each of {} draws", self.draws.len());
-            let allowed = format!("at most {MOST_UNNAMED}, and {MOST_TERMS} over all draws");
-            return Err(Error::input("effects", value, allowed));
         }
         for (i, (draw, amplitudes)) in self.draws.iter().zip(&self.amplitudes).enumerate() {
             let Some(own) = draws.get_mut(*draw).filter(|own| own.unnamed == 0) else {
@@ -268,13 +268,13 @@ impl UnnamedForces {
                 let value = format!("{} numbers", amplitudes.len());
                 return Err(Error::input(format!("amplitudes[{i}]"), value, format!("{}", 2 * terms)));
             }
-            for (k, (term, pair)) in self.effects.iter().zip(amplitudes.chunks_exact(2)).enumerate() {
+            let sized = self.effects.iter().zip(&effects).zip(amplitudes.chunks_exact(2)).enumerate();
+            for (k, ((term, effect), pair)) in sized {
                 let mut term = term.clone();
-                for (place, (parameter, value)) in
-                    effect::find(&term.name)?.parameters.iter().zip(pair).enumerate()
-                {
+                for (place, (parameter, value)) in effect.parameters.iter().zip(pair).enumerate() {
                     let [low, high] = parameter.bounds;
-                    let value = within(&format!("amplitudes[{i}][{}]", 2 * k + place), *value, low, high)?;
+                    let value = within("", *value, low, high)
+                        .map_err(|e| e.under(&format!("amplitudes[{i}][{}]", 2 * k + place)))?;
                     term.parameters.insert(parameter.name.into(), value);
                 }
                 own.effects.push(term);
@@ -282,6 +282,28 @@ impl UnnamedForces {
             own.unnamed = terms;
         }
         Ok(())
+    }
+
+    /// The effects; errors unless each is a force whose first two parameters are amplitudes that are not given yet.
+    fn sums(&self) -> Result<Vec<&'static Effect>> {
+        effect::check(&self.effects)?;
+        if self.effects.len() > MOST_UNNAMED {
+            let value = format!("{} of them", self.effects.len());
+            return Err(Error::input("effects", value, format!("at most {MOST_UNNAMED}")));
+        }
+        let of = |(k, term): (usize, &EffectTerm)| {
+            let effect = effect::find(&term.name)?;
+            let sized = |p: &Parameter| p.is_amplitude() && !term.parameters.contains_key(p.name);
+            let force = matches!(effect.act, Act::Motion(_));
+            let first = effect.parameters.iter().take(2);
+            if force && first.clone().count() == 2 && first.clone().all(sized) {
+                return Ok(effect);
+            }
+            let allowed =
+                "forces whose first two parameters are amplitudes, without those: bumps and monomials";
+            Err(Error::input(format!("effects[{k}]"), format!("{:?}", term.name), allowed))
+        };
+        self.effects.iter().enumerate().map(of).collect()
     }
 }
 
@@ -455,6 +477,23 @@ mod tests {
         refused(&forces.replace("[1]", "[0, 1]"), "unnamed[0].amplitudes");
         refused(&forces.replace("monomial", "ether"), "ether");
         refused(&format!("{forces}, {forces}"), "unnamed[1].draws[0]");
+        refused(
+            &forces.replace("monomial", "wind").replace(r#""pvx": 1"#, r#""ax": 1"#),
+            "unnamed[0].effects[0]",
+        );
+        refused(
+            &forces.replace(r#""monomial", "parameters": {"pvx": 1}"#, r#""linear_drag", "parameters": {}"#),
+            "effects[0]",
+        );
+        refused(
+            &forces.replace(
+                r#""monomial", "parameters": {"pvx": 1}"#,
+                r#""placement_offset", "parameters": {}"#,
+            ),
+            "effects[0]",
+        );
+        let many = vec![r#"{"name": "monomial", "parameters": {}}"#; 129].join(",");
+        refused(&format!(r#"{{"effects": [{many}], "draws": [], "amplitudes": []}}"#), "unnamed[0].effects");
     }
 
     #[test]

@@ -19,7 +19,7 @@ pub use reading::Reading;
 pub use recorded::{decode, read_trials, trials_from_csv, trials_to_csv, written};
 pub use tracks::{File, Gathered, Of, gather};
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::task::scene::{BodyOverride, Setting, StaticOverride};
 use crate::task::{Scene, Task, ValidAction};
 use crate::trajectory::Trajectory;
@@ -68,11 +68,15 @@ impl Attempt {
 }
 
 /// `base` with a setting for every trial, by its name, and the trials each in its setting: what can be written as a
-/// scene and a trials file.
+/// scene and a trials file. Errors where two trials have one name.
 pub fn settled(base: &Scene, trials: Vec<Trial>) -> Result<(Scene, Vec<Trial>)> {
     let mut scene = Scene { settings: Default::default(), ..base.clone() };
     for trial in &trials {
-        scene.settings.insert(trial.name.clone(), setting_between(base, &trial.scene));
+        let other = scene.settings.insert(trial.name.clone(), setting_between(base, &trial.scene));
+        if other.is_some() {
+            let allowed = "a name of its own for every trial: its setting goes by it";
+            return Err(Error::input("trials", format!("{:?} twice", trial.name), allowed));
+        }
     }
     scene.validate()?;
     let named = trials.into_iter().map(|trial| Trial { setting: Some(trial.name.clone()), ..trial });
@@ -104,4 +108,24 @@ pub fn setting_between(base: &Scene, varied: &Scene) -> Setting {
         (over != StaticOverride::default()).then(|| (s.name.clone(), over))
     });
     Setting { bodies: bodies.collect(), statics: statics.collect() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::task::family;
+
+    #[test]
+    fn trials_are_told_from_each_other_by_their_names() {
+        let scene = family("bowling").unwrap().tasks()[0].scene.clone();
+        let named = |name: &str| Trial {
+            name: name.into(),
+            setting: None,
+            scene: scene.clone(),
+            observed: Trajectory::default(),
+        };
+        assert!(settled(&scene, vec![named("a"), named("b")]).is_ok());
+        let twice = settled(&scene, vec![named("a"), named("a")]).unwrap_err().to_string();
+        assert!(twice.contains("\"a\" twice"), "{twice}");
+    }
 }

@@ -1,6 +1,7 @@
 //! What is known, from trials of hidden worlds: draws hold the truth, and say when the model lacks something.
 
 use iplw::discover::posterior::{Document, Likelihood, PosteriorConfig, Sampler, posterior};
+use iplw::estimate::Belief;
 use iplw::estimate::sampler::mcmc::McmcConfig;
 use iplw::estimate::sampler::smc::SmcConfig;
 use iplw::experiment::random_trials;
@@ -104,6 +105,10 @@ fn what_a_model_lacks_is_followed() {
         let found = posterior(&scene, &trials, &wanted, &Silent).unwrap();
         let points = &found.sets[0].draws.points;
         assert!(found.sets[0].set.is_empty(), "a field has no name: {:?}", found.sets[0].set);
+        let document = serde_json::to_value(Document::new(&found, &wanted)).unwrap();
+        let belief = Belief::from_value(document).unwrap();
+        let carried: Vec<usize> = belief.draws().iter().map(|d| d.unnamed).collect();
+        assert!(carried.iter().all(|n| *n > 0), "every draw carries it: {carried:?}");
         (points.iter().map(|p| p[1]).sum::<f64>() / points.len() as f64 - 0.447_213_595).abs()
     };
     let (left, followed) = (off(false), off(true));

@@ -201,7 +201,7 @@ impl Density {
             let first = all.len();
             let of = |(i, left): (usize, &Vec<DVector<f64>>)| {
                 let by_field = self.discrepancy.log_likelihoods(&self.parts, left);
-                let mut stream = rng::stream(rng::derive(seed, "lacking", (first + i) as u64), "field");
+                let mut stream = rng::stream(rng::derive(seed, "draw", (first + i) as u64), "field");
                 let drawn = self.discrepancy.drawn(left, &by_field, &mut stream);
                 (by_field, drawn)
             };

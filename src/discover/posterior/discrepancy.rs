@@ -15,7 +15,8 @@
 //! Source: Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425; Tierney and Kadane, J. Am. Stat. Assoc. 81 (1986) 82.
 //!
 //! Differences from the source: functions of fixed widths in place of a Gaussian process; the directions that all parts together tell
-//! least of are left out; so are kinds and strengths of which the fit says that they are out of the question.
+//! least of are left out, so that drawn fields are nothing (or what the model has) along them, and are surer of themselves there than they
+//! have reason to be; left out are kinds and strengths of which the fit says that they are out of the question.
 
 use std::ops::Range;
 
@@ -146,10 +147,12 @@ impl Discrepancy {
     ) -> Option<(usize, DVector<f64>)> {
         let all = log_sum_exp(by_field.iter().copied());
         let mut rest: f64 = stream.random();
-        let met = by_field.iter().position(|l| {
+        let mut met = by_field.iter().position(|l| {
             rest -= libm::exp(l - all);
             rest < 0.0
         });
+        // Where rounding leaves something over it is the last that may be.
+        met = met.or_else(|| by_field.iter().rposition(|l| l.is_finite()));
         let (kind, strength, _) = *self.tried.get(met?.checked_sub(1)?)?;
         let own = &self.kinds[kind];
         let mut along = own.field(&own.asked(left), strength);

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Field, OfSet, Posterior, PosteriorConfig, Sampler};
 use crate::discover::field::Over;
-use crate::estimate::belief::{POSTERIOR_FORMAT, UnnamedForces};
+use crate::estimate::belief::{MOST_CARRIED, POSTERIOR_FORMAT, UnnamedForces};
 use crate::estimate::sampler::{Marginal, Quality, log_sum_exp};
 use crate::rng;
 use crate::task::scene::EffectTerm;
@@ -110,7 +110,8 @@ const QUANTILES: [f64; 7] = [0.025, 0.05, 0.25, 0.5, 0.75, 0.95, 0.975];
 
 impl Document {
     pub fn new(posterior: &Posterior, config: &PosteriorConfig) -> Document {
-        let draws = mixed(&posterior.sets, config.seed);
+        let all = mixed(&posterior.sets, config.seed);
+        let (draws, left_out) = readable(&posterior.sets, all);
         let mut columns: BTreeMap<String, Vec<Option<f64>>> = BTreeMap::new();
         let mut parameters: Vec<Parameter> = Vec::new();
         for (s, of) in posterior.sets.iter().enumerate() {
@@ -131,7 +132,8 @@ impl Document {
                 parameters.push(parameter(number, column, &run));
             }
         }
-        let warnings = warnings(posterior, config.follow);
+        let mut warnings = warnings(posterior, config.follow);
+        warnings.extend(left_out);
         let unnamed = unnamed(&posterior.sets, &draws);
         Document {
             format: POSTERIOR_FORMAT.into(),
@@ -174,6 +176,20 @@ fn unnamed(sets: &[OfSet], draws: &[(usize, usize)]) -> Vec<OfDraws> {
         }
     }
     out
+}
+
+/// As many of the draws, evenly, as a document can hold with the forces that they carry; and a word on it where that is not all of them.
+fn readable(sets: &[OfSet], draws: Vec<(usize, usize)>) -> (Vec<(usize, usize)>, Option<String>) {
+    let carried = sets.iter().flat_map(|of| &of.carried);
+    let terms: usize = carried.map(|c| c.draws.len() * c.effects.len()).sum();
+    if terms <= MOST_CARRIED {
+        return (draws, None);
+    }
+    let (all, kept) = (draws.len(), (draws.len() * MOST_CARRIED / terms).max(1));
+    let told = format!(
+        "{kept} of {all} draws are kept: they carry up to {MOST_CARRIED} effects of forces without a name together"
+    );
+    ((0..kept).map(|i| draws[i * all / kept]).collect(), Some(told))
 }
 
 /// Draws of all sets, as many of each as it weighs: (set, draw). Of a single set all, in their order.
@@ -316,5 +332,73 @@ impl Document {
             Sampler::Smc(_) => "sequential Monte Carlo",
             Sampler::Mcmc(_) => "Markov chains",
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimate::Belief;
+    use crate::estimate::sampler::Draws;
+
+    /// A set of `count` draws, each of which carries `terms` effects by its number.
+    fn of(count: usize, weight: f64, terms: usize) -> OfSet {
+        let effects = vec![EffectTerm { name: "monomial".into(), parameters: BTreeMap::new() }; terms];
+        let amplitudes = (0..count).map(|i| vec![1e-3 * i as f64; 2 * terms]).collect();
+        let carried =
+            super::super::Carried { over: Over::Powers, effects, draws: (0..count).collect(), amplitudes };
+        let quality = Quality { r_hat: vec![1.0], effective: vec![count as f64], accepted: 0.5 };
+        OfSet {
+            set: Vec::new(),
+            numbers: vec![super::super::Known {
+                name: "friction".into(),
+                unit: "1",
+                setting: None,
+                prior: Marginal::Normal { mean: 1.0, sd: 0.5, low: 0.0, high: 10.0 },
+            }],
+            fit: vec![0.5],
+            draws: Draws {
+                points: (0..count).map(|i| vec![1e-3 * i as f64]).collect(),
+                log_likelihoods: vec![0.0; count],
+                run: vec![0; count],
+                log_evidence: Vec::new(),
+                evaluations: 0,
+                quality,
+            },
+            fields: Vec::new(),
+            carried: vec![carried],
+            followed: None,
+            weight,
+            predictive: 0.0,
+            sizes: (1, 1),
+        }
+    }
+
+    fn document(sets: Vec<OfSet>) -> Document {
+        let posterior = Posterior { sets, trials: [4, 4], noise: 0.005 };
+        Document::new(&posterior, &PosteriorConfig::standard(3))
+    }
+
+    /// Every draw has the force that it was drawn with, also where a document holds some draws of several sets.
+    #[test]
+    fn draws_keep_their_own_forces() {
+        let found = document(vec![of(100, 0.3, 2), of(100, 0.7, 3)]);
+        let belief = Belief::from_value(serde_json::to_value(&found).unwrap()).unwrap();
+        assert_eq!((belief.draws().len(), found.unnamed.len()), (100, 2));
+        for (draw, set) in belief.draws().iter().zip(&found.set) {
+            assert_eq!(draw.unnamed, 2 + set);
+            let friction = draw.latents.friction.unwrap();
+            assert!(draw.effects.iter().all(|e| e.parameters["ay"] == friction), "{draw:?}");
+        }
+    }
+
+    /// What is written can be read: of more than a document holds some draws are kept, and that is said.
+    #[test]
+    fn what_is_written_can_be_read() {
+        let found = document(vec![of(4000, 1.0, 100)]);
+        assert_eq!(found.set.len(), MOST_CARRIED / 100);
+        assert!(found.warnings.iter().any(|w| w.contains("2000 of 4000 draws")), "{:?}", found.warnings);
+        let belief = Belief::from_value(serde_json::to_value(&found).unwrap()).unwrap();
+        assert!(belief.draws().iter().all(|d| d.unnamed == 100));
     }
 }

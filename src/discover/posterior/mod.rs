@@ -34,6 +34,7 @@ use crate::estimate::sampler::mcmc::mcmc;
 use crate::estimate::sampler::smc::smc;
 use crate::progress::Progress;
 use crate::reality::Trial;
+use crate::rng;
 use crate::task::Scene;
 pub use config::{PosteriorConfig, Sampler};
 use density::Lacking;
@@ -88,7 +89,7 @@ pub fn posterior(
     with_models(scene, trials, config, progress, |models, ready| {
         let mut sets = Vec::with_capacity(models.len());
         let mut noise = f64::INFINITY;
-        for Weighed { model, weight, predictive } in models {
+        for (s, Weighed { model, weight, predictive }) in models.iter().enumerate() {
             let own = Ask { model, ready, config };
             let (density, numbers, reference, fit) = own.likelihood()?;
             let draws = match &config.sampler {
@@ -96,7 +97,8 @@ pub fn posterior(
                 Sampler::Mcmc(own) => mcmc(&density, &reference, own, progress)?,
             };
             noise = noise.min(model.noise.sd);
-            let Lacking { fields, carried } = density.lacking(&draws.points, config.seed)?;
+            let Lacking { fields, carried } =
+                density.lacking(&draws.points, rng::derive(config.seed, "lacking", s as u64))?;
             sets.push(OfSet {
                 set: model.named().iter().map(|t| t.effect.name.to_string()).collect(),
                 numbers,

@@ -3,6 +3,8 @@
 //! A field is a sum of functions, each a pair of effects' amplitudes: Gaussian bumps (`field`), or powers of place, velocity and speed
 //! (`law`). It is among the forces and not in what is seen, so that it goes on through contacts.
 
+use std::ops::Range;
+
 use nalgebra::DVector;
 
 use super::discrepancy::{Discrepancy, Kinds};
@@ -122,13 +124,17 @@ impl Every {
         })
     }
 
+    /// A field of a kind's bumps.
+    fn of_bumps(&self, over: Over, range: &Range<usize>) -> Unnamed {
+        Unnamed::nothing(over, self.bumps.effects[range.start / 2..range.end / 2].to_vec())
+    }
+
     /// The field of one kind.
     pub fn only(&self, over: Over) -> Option<Unnamed> {
         if over == Over::Powers {
             return Some(self.powers.clone());
         }
-        let range = &self.kinds.iter().find(|k| k.0 == over)?.1;
-        Some(Unnamed::nothing(over, self.bumps.effects[range.start / 2..range.end / 2].to_vec()))
+        self.kinds.iter().find(|k| k.0 == over).map(|(over, range)| self.of_bumps(*over, range))
     }
 }
 
@@ -163,7 +169,9 @@ impl Lacks<'_> {
     pub fn kinds(&self) -> Vec<Unnamed> {
         match self {
             Lacks::Nothing => Vec::new(),
-            Lacks::Any(every) => every.kinds.iter().filter_map(|kind| every.only(kind.0)).collect(),
+            Lacks::Any(every) => {
+                every.kinds.iter().map(|(over, range)| every.of_bumps(*over, range)).collect()
+            }
             Lacks::Known(unnamed) => vec![(*unnamed).clone()],
         }
     }

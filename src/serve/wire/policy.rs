@@ -19,7 +19,8 @@ pub struct TrainIn {
     pub task: String,
     /// `fixed` (the default): one simulation; `randomised`: every rollout draws its latents.
     pub training: Option<TrainingIn>,
-    /// An `iplw.posterior/1` document: every action is labelled in one of its equally likely draws. Stands in the place of
+    /// An `iplw.posterior/1` document: every action is labelled in one of its equally likely draws, what they
+    /// carry without a name included. Stands in the place of
     /// `training`, `latents` and `effects`.
     #[schema(value_type = Option<Object>)]
     pub belief: Option<Map<String, Value>>,

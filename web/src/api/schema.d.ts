@@ -2527,7 +2527,8 @@ export interface components {
             /** @description Updates; the family's own number if absent. */
             batches?: number | null;
             /**
-             * @description An `iplw.posterior/1` document: every action is labelled in one of its equally likely draws. Stands in the place of
+             * @description An `iplw.posterior/1` document: every action is labelled in one of its equally likely draws, what they
+             *     carry without a name included. Stands in the place of
              *     `training`, `latents` and `effects`.
              */
             belief?: Record<string, never> | null;
