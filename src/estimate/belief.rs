@@ -12,10 +12,11 @@ use rand::seq::SliceRandom;
 use rand_distr::{Distribution, Normal};
 use serde::{Deserialize, Serialize};
 
+use super::forces::UnnamedForces;
 use crate::error::{Error, Result, within};
 use crate::rng;
 use crate::task::scene::EffectTerm;
-use crate::world::effect::{Act, Effect, Parameter, Role};
+use crate::world::effect::Role;
 use crate::world::latent::{FACTORS, clamp};
 use crate::world::{EffectParameter, Latents, effect};
 
@@ -29,10 +30,6 @@ const MOST_COLUMNS: usize = 64;
 const MOST_EFFECTS: usize = 32;
 /// Most effects beside their columns that draws have, all together.
 const MOST_TERMS: usize = 400_000;
-/// Most effects of forces without a name that a posterior's document is written with, so that it can be sent and read.
-pub const MOST_CARRIED: usize = 200_000;
-/// Most effects whose sum a force without a name is.
-const MOST_UNNAMED: usize = 128;
 /// Draws of a normal outside its factor's bounds before the last is moved to the nearest bound.
 const MOST_REDRAWN: usize = 1000;
 
@@ -58,16 +55,6 @@ pub struct Believed {
 
 fn is_zero(number: &usize) -> bool {
     *number == 0
-}
-
-/// Forces that no effect accounts for, in some draws: a sum of effects whose first two parameters are amplitudes.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct UnnamedForces {
-    /// The effects without their amplitudes.
-    pub effects: Vec<EffectTerm>,
-    /// Draws that have the force, and its amplitudes in each: two for an effect.
-    pub draws: Vec<usize>,
-    pub amplitudes: Vec<Vec<f64>>,
 }
 
 /// Where a belief came from.
@@ -124,9 +111,9 @@ impl Believed {
 impl Belief {
     /// One world, known for sure.
     pub fn point(latents: Latents, effects: Vec<EffectTerm>) -> Result<Belief> {
-        latents.validate()?;
-        effect::check(&effects)?;
-        Ok(Belief { source: Source::Point, draws: vec![Believed::new(latents, effects)] })
+        let world = Believed::new(latents, effects);
+        world.validate()?;
+        Ok(Belief { source: Source::Point, draws: vec![world] })
     }
 
     /// `count` draws of independent normals, (mean, standard deviation) of density, friction and restitution, with the same
@@ -205,7 +192,7 @@ impl Belief {
             }
         }
         let count = length(&document.columns)?;
-        let carried = document.unnamed.iter().map(|u| u.draws.len() * u.effects.len()).sum::<usize>();
+        let carried = document.unnamed.iter().map(|u| u.terms()).sum::<usize>();
         let terms = count * document.effects.len() + carried;
         if terms > MOST_TERMS {
             let field = if carried > 0 { "unnamed" } else { "effects" };
@@ -220,7 +207,7 @@ impl Belief {
             }
         }
         for (i, forces) in document.unnamed.iter().enumerate() {
-            forces.write(&mut draws).map_err(|e| e.under(&format!("unnamed[{i}]")))?;
+            carry(&mut draws, forces).map_err(|e| e.under(&format!("unnamed[{i}]")))?;
         }
         Ok(Belief { source: Source::Posterior, draws })
     }
@@ -250,61 +237,18 @@ impl Belief {
     }
 }
 
-impl UnnamedForces {
-    /// Puts the forces where they belong, after the effects that have names. Errors name the field.
-    fn write(&self, draws: &mut [Believed]) -> Result<()> {
-        let effects = self.sums()?;
-        let (count, terms) = (draws.len(), self.effects.len());
-        if self.amplitudes.len() != self.draws.len() {
-            let value = format!("{} draws' amplitudes", self.amplitudes.len());
-            return Err(Error::input("amplitudes", value, format!("those of {} draws", self.draws.len())));
-        }
-        for (i, (draw, amplitudes)) in self.draws.iter().zip(&self.amplitudes).enumerate() {
-            let Some(own) = draws.get_mut(*draw).filter(|own| own.unnamed == 0) else {
-                let allowed = format!("the number of a draw, below {count}, that has no such force yet");
-                return Err(Error::input(format!("draws[{i}]"), draw.to_string(), allowed));
-            };
-            if amplitudes.len() != 2 * terms {
-                let value = format!("{} numbers", amplitudes.len());
-                return Err(Error::input(format!("amplitudes[{i}]"), value, format!("{}", 2 * terms)));
-            }
-            let sized = self.effects.iter().zip(&effects).zip(amplitudes.chunks_exact(2)).enumerate();
-            for (k, ((term, effect), pair)) in sized {
-                let mut term = term.clone();
-                for (place, (parameter, value)) in effect.parameters.iter().zip(pair).enumerate() {
-                    let [low, high] = parameter.bounds;
-                    let value = within("", *value, low, high)
-                        .map_err(|e| e.under(&format!("amplitudes[{i}][{}]", 2 * k + place)))?;
-                    term.parameters.insert(parameter.name.into(), value);
-                }
-                own.effects.push(term);
-            }
-            own.unnamed = terms;
-        }
-        Ok(())
-    }
-
-    /// The effects; errors unless each is a force whose first two parameters are amplitudes that are not given yet.
-    fn sums(&self) -> Result<Vec<&'static Effect>> {
-        effect::check(&self.effects)?;
-        if self.effects.len() > MOST_UNNAMED {
-            let value = format!("{} of them", self.effects.len());
-            return Err(Error::input("effects", value, format!("at most {MOST_UNNAMED}")));
-        }
-        let of = |(k, term): (usize, &EffectTerm)| {
-            let effect = effect::find(&term.name)?;
-            let sized = |p: &Parameter| p.is_amplitude() && !term.parameters.contains_key(p.name);
-            let force = matches!(effect.act, Act::Motion(_));
-            let first = effect.parameters.iter().take(2);
-            if force && first.clone().count() == 2 && first.clone().all(sized) {
-                return Ok(effect);
-            }
-            let allowed =
-                "forces whose first two parameters are amplitudes, without those: bumps and monomials";
-            Err(Error::input(format!("effects[{k}]"), format!("{:?}", term.name), allowed))
+/// Puts forces without a name into the draws that have them, after the effects that have names.
+fn carry(draws: &mut [Believed], forces: &UnnamedForces) -> Result<()> {
+    let count = draws.len();
+    for (i, (draw, effects)) in forces.by_draw()?.into_iter().enumerate() {
+        let Some(own) = draws.get_mut(draw).filter(|own| own.unnamed == 0) else {
+            let allowed = format!("the number of a draw, below {count}, that has no such force yet");
+            return Err(Error::input(format!("draws[{i}]"), draw.to_string(), allowed));
         };
-        self.effects.iter().enumerate().map(of).collect()
+        own.unnamed = effects.len();
+        own.effects.extend(effects);
     }
+    Ok(())
 }
 
 /// An effect with amplitudes as large as they usually are.

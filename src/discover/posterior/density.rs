@@ -22,10 +22,10 @@ use crate::discover::launch;
 use crate::discover::model::{self, Layout, Mode, State};
 use crate::discover::window::Window;
 use crate::error::Result;
+use crate::estimate::forces::UnnamedForces;
 use crate::estimate::sampler::{Prior, Target};
 use crate::rng;
 use crate::task::Scene;
-use crate::task::scene::EffectTerm;
 use crate::world::{Engine, Rollout, Sample, simulate_map};
 
 /// Points whose rollouts are made together.
@@ -47,11 +47,7 @@ pub struct Density {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Carried {
     pub over: Over,
-    /// The effects whose sum it is, without their amplitudes, which are the first two parameters of each.
-    pub effects: Vec<EffectTerm>,
-    /// Draws that carry one, and its amplitudes in each, two for an effect.
-    pub draws: Vec<usize>,
-    pub amplitudes: Vec<Vec<f64>>,
+    pub forces: UnnamedForces,
 }
 
 /// What points lack.
@@ -183,33 +179,34 @@ impl Density {
         Ok(out)
     }
 
-    /// Log likelihoods beside every shared field: `[point][field]`.
-    fn by_field(&self, points: &[Sample]) -> Result<Vec<Vec<f64>>> {
+    /// Of every point, by its number, what parts leave there.
+    fn at_each<T: Send>(
+        &self,
+        points: &[Sample],
+        of: impl Fn(usize, &[DVector<f64>]) -> T + Sync,
+    ) -> Result<Vec<T>> {
         let mut out = Vec::with_capacity(points.len());
         for together in points.chunks(TOGETHER) {
-            let left = self.left(together)?;
-            let of = |left: &Vec<DVector<f64>>| self.discrepancy.log_likelihoods(&self.parts, left);
-            out.par_extend(left.par_iter().map(of));
+            let (first, left) = (out.len(), self.left(together)?);
+            out.par_extend(left.par_iter().enumerate().map(|(i, left)| of(first + i, left)));
         }
         Ok(out)
     }
 
+    /// Log likelihoods beside every shared field: `[point][field]`.
+    fn by_field(&self, points: &[Sample]) -> Result<Vec<Vec<f64>>> {
+        self.at_each(points, |_, left| self.discrepancy.log_likelihoods(&self.parts, left))
+    }
+
     /// What is lacking at points drawn from the posterior.
     pub fn lacking(&self, points: &[Sample], seed: u64) -> Result<Lacking> {
-        let (mut all, mut drawn) = (Vec::with_capacity(points.len()), Vec::with_capacity(points.len()));
-        for together in points.chunks(TOGETHER) {
-            let first = all.len();
-            let of = |(i, left): (usize, &Vec<DVector<f64>>)| {
-                let by_field = self.discrepancy.log_likelihoods(&self.parts, left);
-                let mut stream = rng::stream(rng::derive(seed, "draw", (first + i) as u64), "field");
-                let drawn = self.discrepancy.drawn(left, &by_field, &mut stream);
-                (by_field, drawn)
-            };
-            let left = self.left(together)?;
-            let (fields, fresh): (Vec<_>, Vec<_>) = left.par_iter().enumerate().map(of).unzip();
-            all.extend(fields);
-            drawn.extend(fresh);
-        }
+        let of = |i: usize, left: &[DVector<f64>]| {
+            let by_field = self.discrepancy.log_likelihoods(&self.parts, left);
+            let mut stream = rng::stream(rng::derive(seed, "draw", i as u64), "field");
+            let drawn = self.discrepancy.drawn(left, &by_field, &mut stream);
+            (by_field, drawn)
+        };
+        let (all, drawn): (Vec<_>, Vec<_>) = self.at_each(points, of)?.into_iter().unzip();
         let carried = (0..self.kinds.len()).filter_map(|kind| self.carried(kind, &drawn)).collect();
         let fields =
             self.discrepancy.fields().into_iter().zip(self.discrepancy.probabilities(&all)).collect();
@@ -222,8 +219,8 @@ impl Density {
         let unnamed = &self.kinds[kind];
         let (draws, amplitudes): (Vec<usize>, Vec<Vec<f64>>) =
             own.filter(|(_, k, _)| *k == kind).map(|(i, _, more)| (i, unnamed.amplitudes(more))).unzip();
-        let effects = unnamed.shapes();
-        (!draws.is_empty()).then_some(Carried { over: unnamed.over, effects, draws, amplitudes })
+        let forces = UnnamedForces { effects: unnamed.shapes(), draws, amplitudes };
+        (!forces.draws.is_empty()).then_some(Carried { over: unnamed.over, forces })
     }
 }
 

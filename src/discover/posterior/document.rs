@@ -2,9 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Field, OfSet, Posterior, PosteriorConfig, Sampler};
+use super::{Carried, Field, OfSet, Posterior, PosteriorConfig, Sampler};
 use crate::discover::field::Over;
-use crate::estimate::belief::{MOST_CARRIED, POSTERIOR_FORMAT, UnnamedForces};
+use crate::estimate::belief::POSTERIOR_FORMAT;
+use crate::estimate::forces::{MOST_CARRIED, UnnamedForces};
 use crate::estimate::sampler::{Marginal, Quality, log_sum_exp};
 use crate::rng;
 use crate::task::scene::EffectTerm;
@@ -165,13 +166,13 @@ fn unnamed(sets: &[OfSet], draws: &[(usize, usize)]) -> Vec<OfDraws> {
     for (s, of) in sets.iter().enumerate() {
         let places: BTreeMap<usize, usize> =
             draws.iter().enumerate().filter(|(_, d)| d.0 == s).map(|(place, d)| (d.1, place)).collect();
-        for carried in &of.carried {
-            let own = carried.draws.iter().zip(&carried.amplitudes);
+        for Carried { over, forces } in &of.carried {
+            let own = forces.draws.iter().zip(&forces.amplitudes);
             let (draws, amplitudes): (Vec<usize>, Vec<Vec<f64>>) =
                 own.filter_map(|(draw, a)| Some((*places.get(draw)?, a.clone()))).unzip();
             if !draws.is_empty() {
-                let forces = UnnamedForces { effects: carried.effects.clone(), draws, amplitudes };
-                out.push(OfDraws { set: s, over: carried.over, forces });
+                let forces = UnnamedForces { effects: forces.effects.clone(), draws, amplitudes };
+                out.push(OfDraws { set: s, over: *over, forces });
             }
         }
     }
@@ -180,8 +181,7 @@ fn unnamed(sets: &[OfSet], draws: &[(usize, usize)]) -> Vec<OfDraws> {
 
 /// As many of the draws, evenly, as a document can hold with the forces that they carry; and a word on it where that is not all of them.
 fn readable(sets: &[OfSet], draws: Vec<(usize, usize)>) -> (Vec<(usize, usize)>, Option<String>) {
-    let carried = sets.iter().flat_map(|of| &of.carried);
-    let terms: usize = carried.map(|c| c.draws.len() * c.effects.len()).sum();
+    let terms: usize = unnamed(sets, &draws).iter().map(|own| own.forces.terms()).sum();
     if terms <= MOST_CARRIED {
         return (draws, None);
     }
@@ -345,8 +345,8 @@ mod tests {
     fn of(count: usize, weight: f64, terms: usize) -> OfSet {
         let effects = vec![EffectTerm { name: "monomial".into(), parameters: BTreeMap::new() }; terms];
         let amplitudes = (0..count).map(|i| vec![1e-3 * i as f64; 2 * terms]).collect();
-        let carried =
-            super::super::Carried { over: Over::Powers, effects, draws: (0..count).collect(), amplitudes };
+        let forces = UnnamedForces { effects, draws: (0..count).collect(), amplitudes };
+        let carried = Carried { over: Over::Powers, forces };
         let quality = Quality { r_hat: vec![1.0], effective: vec![count as f64], accepted: 0.5 };
         OfSet {
             set: Vec::new(),
@@ -400,5 +400,8 @@ mod tests {
         assert!(found.warnings.iter().any(|w| w.contains("2000 of 4000 draws")), "{:?}", found.warnings);
         let belief = Belief::from_value(serde_json::to_value(&found).unwrap()).unwrap();
         assert!(belief.draws().iter().all(|d| d.unnamed == 100));
+        // What counts is what the document's draws carry, not what all draws of all sets do.
+        let several = document((0..4).map(|_| of(1000, 0.25, 100)).collect());
+        assert_eq!((several.set.len(), several.warnings.len()), (1000, 0), "{:?}", several.warnings);
     }
 }
