@@ -44,11 +44,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<()> {
     iplw::error::within("--trials", args.trials as f64, 1.0, 100_000.0)?;
     let (tasks, family) = parse::tasks(&args.task)?;
-    let mut config = standard(family);
-    if !args.effects.is_empty() {
-        config.effects = args.effects.iter().map(|e| parse::effect(e)).collect::<Result<_>>()?;
-    }
-    config = parse::real(&args.real, config)?;
+    let mut config = parse::hidden(&args.effects, &args.real, standard(family))?;
     (config.noise, config.seed) = (args.noise, args.seed);
     let mut world = HiddenWorld::new(config)?;
     let (training, _) = parts(&tasks);

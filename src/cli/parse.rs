@@ -75,6 +75,13 @@ pub fn real(text: &str, base: HiddenConfig) -> Result<HiddenConfig> {
     world("--real", text, base)
 }
 
+/// A hidden world with these effects in place of `base`'s, if there are any, and what `--real` says of it.
+pub fn hidden(effects: &[String], real_world: &str, base: HiddenConfig) -> Result<HiddenConfig> {
+    let own = effects.iter().map(|e| effect(e)).collect::<Result<Vec<_>>>()?;
+    let effects = if own.is_empty() { base.effects.clone() } else { own };
+    real(real_world, HiddenConfig { effects, ..base })
+}
+
 /// What one `--related` says of a known environment that has `base` latents and no effects.
 pub fn related(text: &str, base: [f64; 3]) -> Result<Related> {
     let plain = HiddenConfig {

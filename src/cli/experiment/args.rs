@@ -69,6 +69,10 @@ pub struct ExperimentArgs {
     /// Of `grounding`: the hidden world, over the family's own: `damping=0.8,density=..,friction=..,restitution=..,engine=..`.
     #[arg(long)]
     pub real: Option<String>,
+    /// Of `grounding`: effect of the hidden world, `name:parameter=value,...` (see `iplw effects`); may be repeated. None: the family's
+    /// own.
+    #[arg(long = "effect", value_name = "EFFECT")]
+    pub effects: Vec<String>,
     /// Of `grounding`: effects whose parameters are to be known beside the latents, joined by +, or none; linear_drag if not given.
     #[arg(long)]
     pub set: Option<String>,

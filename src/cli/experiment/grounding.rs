@@ -27,7 +27,7 @@ const ROLLOUTS: usize = 40_000;
 
 pub fn run(args: &ExperimentArgs) -> Result<()> {
     let family = family(&args.task)?;
-    let hidden = parse::real(args.real.as_deref().unwrap_or(""), standard(family))?;
+    let hidden = parse::hidden(&args.effects, args.real.as_deref().unwrap_or(""), standard(family))?;
     let set = parse::set(args.set.as_deref().unwrap_or(DRAG.effect.name));
     let named: Vec<&str> = args.ways.iter().flatten().map(String::as_str).collect();
     let ways = if named.is_empty() { WAYS.to_vec() } else { named };

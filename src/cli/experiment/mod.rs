@@ -35,7 +35,7 @@ fn experiments() -> Vec<Experiment> {
     ];
     all.extend(families().iter().map(of));
     all.push(row("policies", study::policies, &["--trials", "--batches"]));
-    all.push(row("grounding", grounding::run, &["--ways", "--estimators", "--real", "--set"]));
+    all.push(row("grounding", grounding::run, &["--ways", "--estimators", "--real", "--effect", "--set"]));
     all.push(row("harder", study::harder, &["--trials", "--batches", "--worlds"]));
     all
 }
@@ -51,7 +51,9 @@ fn chosen(args: &ExperimentArgs) -> Result<Experiment> {
         ("--batches", args.batches.map(|v| v.to_string())),
         ("--rounds", args.rounds.as_ref().map(|v| format!("{v:?}"))),
         ("--ways", args.ways.as_ref().map(|v| v.join(","))),
+        ("--estimators", args.estimators.as_ref().map(|v| v.join(","))),
         ("--real", args.real.clone()),
+        ("--effect", Some(args.effects.join(" ")).filter(|e| !e.is_empty())),
         ("--set", args.set.clone()),
         ("--worlds", args.worlds.as_ref().map(|v| v.join(","))),
     ];
