@@ -178,4 +178,19 @@ mod tests {
             assert!(effect(bad).is_err(), "{bad}");
         }
     }
+
+    /// Effects that are named take the place of the family's own, and `--real` has the last word.
+    #[test]
+    fn a_hidden_world_is_what_was_asked_for() {
+        let base = iplw::reality::standard(iplw::task::family("bowling").unwrap());
+        let names = |effects: &[&str], real: &str| {
+            let effects: Vec<String> = effects.iter().map(|e| e.to_string()).collect();
+            let found = hidden(&effects, real, base.clone()).unwrap();
+            found.effects.iter().map(|e| e.name.clone()).collect::<Vec<_>>()
+        };
+        assert_eq!(names(&[], ""), ["linear_drag"]);
+        assert_eq!(names(&["wind:ax=1", "lift:s=1"], "friction=0.3"), ["wind", "lift"]);
+        assert_eq!(names(&["wind:ax=1"], "damping=1"), Vec::<String>::new());
+        assert!(hidden(&["wind:ax=x".into()], "", base).is_err());
+    }
 }

@@ -276,6 +276,10 @@ fn estimate_prints_the_contract() {
     let experiment = |name| ["experiment", name, "--worlds", "windy", "--out", nowhere.to_str().unwrap()];
     refused(&experiment("harder"), "", "wind, quadratic_drag");
     refused(&experiment("bowling"), "", "--worlds");
+    for (option, value) in [("--effect", "wind:ax=1"), ("--estimators", "iplw")] {
+        let unheeded = ["experiment", "harder", option, value, "--out", nowhere.to_str().unwrap()];
+        refused(&unheeded, "", "it is for grounding");
+    }
     refused(&["estimate", "--real", "grip=1"], "", "grip");
 }
 
