@@ -23,6 +23,11 @@ pub fn effect(text: &str) -> Result<EffectTerm> {
     Ok(term)
 }
 
+/// Every `--effect` that was given.
+pub fn effects(texts: &[String]) -> Result<Vec<EffectTerm>> {
+    texts.iter().map(|text| effect(text)).collect()
+}
+
 /// A set of effects, their names joined by `+`; `none` is an empty one.
 pub fn set(text: &str) -> Vec<String> {
     match text.trim() {
@@ -77,7 +82,7 @@ pub fn real(text: &str, base: HiddenConfig) -> Result<HiddenConfig> {
 
 /// A hidden world with these effects in place of `base`'s, if there are any, and what `--real` says of it.
 pub fn hidden(effects: &[String], real_world: &str, base: HiddenConfig) -> Result<HiddenConfig> {
-    let own = effects.iter().map(|e| effect(e)).collect::<Result<Vec<_>>>()?;
+    let own = self::effects(effects)?;
     let effects = if own.is_empty() { base.effects.clone() } else { own };
     real(real_world, HiddenConfig { effects, ..base })
 }

@@ -11,7 +11,6 @@ use iplw::experiment::planning::{PlannedTask, PlanningConfig, PlanningScore, pla
 use iplw::picture::plan_svgs;
 use iplw::plan::{PlanConfig, PlanDocument, document, plan};
 use iplw::reality::{HiddenWorld, standard};
-use iplw::task::scene::EffectTerm;
 use iplw::task::{DEFAULT_FAMILY, Family, Split, Task, split};
 use iplw::world::Engine;
 use serde::Serialize;
@@ -147,15 +146,11 @@ fn given_belief(args: &Args) -> Result<Option<Belief>> {
         return parse::belief(path).map(Some);
     }
     let Some(latents) = &args.latents else { return Ok(None) };
-    Belief::point(parse::latents(latents)?, effects(args)?).map(Some)
+    Belief::point(parse::latents(latents)?, parse::effects(&args.effects)?).map(Some)
 }
 
 fn prior(args: &Args, family: &Family) -> Result<Belief> {
-    Belief::prior(family.prior, effects(args)?, PRIOR_DRAWS.max(2 * args.draws), args.seed)
-}
-
-fn effects(args: &Args) -> Result<Vec<EffectTerm>> {
-    args.effects.iter().map(|e| parse::effect(e)).collect()
+    Belief::prior(family.prior, parse::effects(&args.effects)?, PRIOR_DRAWS.max(2 * args.draws), args.seed)
 }
 
 /// Plans every test task and tries the orders in the hidden world.

@@ -164,7 +164,7 @@ fn saturating(args: &TrainArgs, tasks: &[Task]) -> Result<bool> {
 
 /// The physics that labels come from, as it was asked for.
 fn training(args: &TrainArgs) -> Result<Training> {
-    let effects = args.effects.iter().map(|e| parse::effect(e)).collect::<Result<Vec<_>>>()?;
+    let effects = parse::effects(&args.effects)?;
     if let Some(path) = &args.belief {
         return Ok(Training::believed(&parse::belief(path)?));
     }

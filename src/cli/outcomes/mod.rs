@@ -65,7 +65,7 @@ pub fn run(args: &Args) -> Result<()> {
     };
     let given = OutcomesConfig {
         latents: parse::latents(&args.latents)?,
-        effects: args.effects.iter().map(|e| parse::effect(e)).collect::<Result<_>>()?,
+        effects: parse::effects(&args.effects)?,
         engine: Engine::from_name(&args.engine)?,
     };
     let config = physics(&args.world, family, &given)?;
