@@ -54,8 +54,8 @@ pub struct Sampling {
     /// Take the model for complete: nothing is allowed for that trials share and the model lacks.
     #[arg(long, help_heading = SAMPLING)]
     no_discrepancy: bool,
-    /// Where trials share something that the model lacks, fit it as a force field and go on from there: latents come out nearer what they
-    /// are, minutes later. Naming the effect (`iplw diagnose`, then `--set`) is better and faster, where it has a name.
+    /// Where trials share something that the model lacks, draw it along as a force field: less is known then, and mostly truly, a minute or more
+    /// later. Naming the effect (`iplw diagnose`, then `--set`) is better and faster, where it has a name.
     #[arg(long, conflicts_with = "no_discrepancy", help_heading = SAMPLING)]
     follow: bool,
     /// Engine of the simulation.

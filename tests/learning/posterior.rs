@@ -96,23 +96,36 @@ fn what_a_model_lacks_is_said() {
     assert!(document.columns["linear_drag.c"].iter().flatten().count() > 250);
 }
 
-/// Where the field that launches share is followed, bounces are blamed for less of what the drag took.
+/// Where the field that launches share is followed, it is drawn along, and what is known of the latents is true: without it bounces are
+/// blamed for what the drag took, for certain.
 #[test]
 fn what_a_model_lacks_is_followed() {
     let (scene, trials) = measured(10, 72, true);
-    let off = |follow: bool| {
+    let found = |follow: bool| {
         let wanted = PosteriorConfig { follow, ..config(&[&[]], 4) };
         let found = posterior(&scene, &trials, &wanted, &Silent).unwrap();
-        let points = &found.sets[0].draws.points;
         assert!(found.sets[0].set.is_empty(), "a field has no name: {:?}", found.sets[0].set);
-        let document = serde_json::to_value(Document::new(&found, &wanted)).unwrap();
-        let belief = Belief::from_value(document).unwrap();
+        let document = Document::new(&found, &wanted);
+        let belief = Belief::from_value(serde_json::to_value(&document).unwrap()).unwrap();
         let carried: Vec<usize> = belief.draws().iter().map(|d| d.unnamed).collect();
         assert!(carried.iter().all(|n| *n > 0), "every draw carries it: {carried:?}");
-        (points.iter().map(|p| p[1]).sum::<f64>() / points.len() as f64 - 0.447_213_595).abs()
+        (found, document)
     };
-    let (left, followed) = (off(false), off(true));
-    assert!(followed < left, "restitution is off by {followed}, {left} where the field is not followed");
+    let ((_, without), (followed, with)) = (found(false), found(true));
+    let off = |document: &Document, name: &str, truth: f64| {
+        let [mean, sd] = known(document, name);
+        [(mean - truth).abs(), (mean - truth).abs() / sd]
+    };
+    let restitution = |document: &Document| off(document, "restitution", 0.447_213_595);
+    let ([far, surely], [near, hardly]) = (restitution(&without), restitution(&with));
+    assert!(near < 0.2 * far, "restitution is off by {near}, {far} where the field is not followed");
+    assert!(hardly < 3.0 && surely > 10.0, "{hardly} and {surely} of its deviations");
+    let [_, friction] = off(&with, "friction", std::f64::consts::FRAC_1_SQRT_2);
+    assert!(friction < 3.0, "{friction} deviations");
+    let field = &with.sets[0].discrepancy;
+    assert!(field.len() == 2 && field[0].probability == 0.0 && field[1].field.strength > 0.1, "{field:?}");
+    let points = &followed.sets[0].draws.points;
+    assert!(points.iter().all(|p| p.len() == 2 + 24), "a point has the field's numbers behind its own");
 }
 
 #[test]

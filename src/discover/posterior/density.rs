@@ -10,9 +10,12 @@
 //! Differences from the source: how windows depend on their starts, and the variance components, are those at the fit (empirical
 //! Bayes); within a window that dependence is taken for straight.
 
+use std::borrow::Cow;
+
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
+use super::along::{Along, BELIEVED};
 use super::discrepancy::{Discrepancy, Field};
 use super::unnamed::{Lacks, Unnamed};
 use super::whitened::{Whitened, whiten};
@@ -41,6 +44,8 @@ pub struct Density {
     discrepancy: Discrepancy,
     /// What each kind of shared field is made of.
     kinds: Vec<Unnamed>,
+    /// The field that the model has, if it has one: drawn along.
+    along: Option<Along>,
 }
 
 /// Shared fields as they may be, one of a kind for some draws.
@@ -114,6 +119,15 @@ impl Density {
             }
             whitened.push(own);
         }
+        let along = match lacks {
+            Lacks::Known(unnamed) => match Along::new(&whitened, unnamed, &fit.prior.precision) {
+                None => return Ok(None),
+                found => found,
+            },
+            Lacks::Nothing | Lacks::Any(_) => None,
+        };
+        let drawn = along.iter().flat_map(|along| along.amounts()).map(|_| BELIEVED);
+        let prior = Prior::new(prior.marginals().iter().copied().chain(drawn).collect())?;
         Ok(Some(Density {
             layout: layout.clone(),
             prior,
@@ -121,6 +135,7 @@ impl Density {
             windows,
             discrepancy: lacks.discrepancy(&whitened),
             kinds: lacks.kinds(),
+            along,
             parts: whitened,
         }))
     }
@@ -137,17 +152,38 @@ impl Density {
         size_of::<f64>() * (windows.chain(parts).sum::<usize>() + self.discrepancy.numbers())
     }
 
+    /// About where points are likely, as far as everything is straight, and their covariance there.
+    pub fn likeliest(&self, fit: &Fitted) -> (Vec<f64>, DMatrix<f64>) {
+        match &self.along {
+            Some(along) => {
+                let (at, covariance) = along.likeliest(&fit.state.values);
+                (at, covariance.clone())
+            }
+            None => (fit.state.values.clone(), fit.covariance.clone()),
+        }
+    }
+
+    /// The model's layout at a point.
+    fn layout_at(&self, point: &[f64]) -> Cow<'_, Layout> {
+        match &self.along {
+            Some(along) => Cow::Owned(along.layout(&self.layout, point)),
+            None => Cow::Borrowed(&self.layout),
+        }
+    }
+
     /// By point: what every part leaves there.
     fn left(&self, points: &[Sample]) -> Result<Vec<Vec<DVector<f64>>>> {
         let simulated: Vec<usize> =
             (0..self.windows.len()).filter(|w| self.windows[*w].window.kind.simulated()).collect();
         let integrated: Vec<usize> =
             (0..self.windows.len()).filter(|w| !self.windows[*w].window.kind.simulated()).collect();
+        let layouts: Vec<Cow<Layout>> = points.iter().map(|p| self.layout_at(p)).collect();
         let mut physics = Vec::with_capacity(points.len() * simulated.len());
         // Window by window, so that lanes of a batch roll the same scene out.
         for w in &simulated {
             let window = &self.windows[*w].window;
-            physics.extend(points.iter().map(|p| self.layout.physics(p, window.setting, window.start)));
+            let at = layouts.iter().zip(points);
+            physics.extend(at.map(|(layout, p)| layout.physics(p, window.setting, window.start)));
         }
         let n = points.len().max(1);
         let of = |i: usize| &self.windows[simulated[i / n]];
@@ -166,7 +202,7 @@ impl Density {
                 modes: kept.mode.iter().cloned().collect(),
                 ..State::new(points[i % n].clone(), vec![kept.nuisances.clone()])
             };
-            kept.moved(&model::seen(&kept.window, &self.layout, &state))
+            kept.moved(&model::seen(&kept.window, &layouts[i % n], &state))
         };
         let by_hand: Vec<DVector<f64>> =
             (0..integrated.len() * points.len()).into_par_iter().map(by_hand).collect();
@@ -200,6 +236,15 @@ impl Density {
 
     /// What is lacking at points drawn from the posterior.
     pub fn lacking(&self, points: &[Sample], seed: u64) -> Result<Lacking> {
+        if let Some(along) = &self.along {
+            let none = Field { over: None, strength: 0.0 };
+            let field = along.field(points);
+            let carried = field.over.map(|over| Carried { over, forces: along.forces(points) });
+            return Ok(Lacking {
+                fields: vec![(none, 0.0), (field, 1.0)],
+                carried: carried.into_iter().collect(),
+            });
+        }
         let of = |i: usize, left: &[DVector<f64>]| {
             let by_field = self.discrepancy.log_likelihoods(&self.parts, left);
             let mut stream = rng::stream(rng::derive(seed, "draw", i as u64), "field");
@@ -237,6 +282,10 @@ impl Kept {
 impl Target for Density {
     fn prior(&self) -> &Prior {
         &self.prior
+    }
+
+    fn alone(&self) -> usize {
+        if self.along.is_some() { self.layout.slots.len() } else { 0 }
     }
 
     fn log_likelihoods(&self, points: &[Sample]) -> Result<Vec<f64>> {

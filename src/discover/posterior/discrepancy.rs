@@ -7,15 +7,14 @@
 //!
 //! log p(r | t) = sum_p log student(|r_p - Z_p a|^2) - |a|^2 / (2 t^2) - log det(I + t^2 A) / 2,  a = (A + I / t^2)^-1 sum_p w_p Z_p' r_p,
 //!
-//! A = sum_p w_p Z_p' Z_p. Where the model has a field already, of coefficients b (`unnamed`), what is sought is how far they are from those:
-//! -|b + a|^2 / (2 t^2) in place of -|a|^2 / (2 t^2), with a to match. No field is as believable as all fields together, each kind as
+//! A = sum_p w_p Z_p' Z_p. No field is as believable as all fields together, each kind as
 //! the others, each strength as the others. A
 //! simulation that leaves nothing out loses little by that; one that does is not as sure as it would be.
 //!
 //! Source: Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425; Tierney and Kadane, J. Am. Stat. Assoc. 81 (1986) 82.
 //!
 //! Differences from the source: functions of fixed widths in place of a Gaussian process; the directions that all parts together tell
-//! least of are left out, so that drawn fields are nothing (or what the model has) along them, and are surer of themselves there than they
+//! least of are left out, so that drawn fields are nothing along them, and are surer of themselves there than they
 //! have reason to be; left out are kinds and strengths of which the fit says that they are out of the question.
 
 use std::ops::Range;
@@ -42,7 +41,8 @@ const ROUNDS: usize = 3;
 /// Nats that a field is worse at the fit than the best beyond which it is out of the question.
 const HOPELESS: f64 = 25.0;
 
-/// A kind of shared field and the standard deviation of its coefficients, m/s^2; none of strength 0.
+/// A kind of shared field and the standard deviation of its coefficients (of one that was followed their root mean square over draws), m/s^2; none of
+/// strength 0.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Field {
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -58,8 +58,8 @@ pub struct Discrepancy {
     kinds: Vec<Kind>,
     /// Fields that are tried: index of the kind, strength and log prior probability.
     tried: Vec<(usize, f64, f64)>,
-    /// Log prior probability of none, if that is possible at all.
-    none: Option<f64>,
+    /// Log prior probability of none.
+    none: f64,
 }
 
 /// A kind of field, in the directions that data tell of.
@@ -67,8 +67,6 @@ struct Kind {
     over: Over,
     /// The directions, by function of the range.
     turn: DMatrix<f64>,
-    /// Where the model's own field stands in each direction, m/s^2.
-    at: DVector<f64>,
     /// Information of each direction at the fit.
     information: DVector<f64>,
     /// By part: weight, and derivatives by the directions.
@@ -79,24 +77,12 @@ impl Discrepancy {
     /// Of parts with derivatives by all functions; `kinds`: which of those each kind has.
     pub fn new(parts: &[Whitened], kinds: &[(Over, Range<usize>)]) -> Discrepancy {
         let none = if kinds.is_empty() { 0.0 } else { libm::log(0.5) };
-        let kinds = kinds.iter().map(|(over, range)| Kind::new(parts, *over, range, None)).collect();
-        Discrepancy::of(parts, kinds, Some(none))
-    }
-
-    /// Of parts of a model that has a field of a kind already, with derivatives by its functions, and their coefficients there.
-    pub fn about(parts: &[Whitened], over: Over, coefficients: &[f64]) -> Discrepancy {
-        let at = DVector::from_column_slice(coefficients);
-        let kind = Kind::new(parts, over, &(0..coefficients.len()), Some(&at));
-        Discrepancy::of(parts, vec![kind], None)
-    }
-
-    fn of(parts: &[Whitened], kinds: Vec<Kind>, none: Option<f64>) -> Discrepancy {
-        let left: Vec<&DVector<f64>> = parts.iter().map(|p| &p.left).collect();
-        let share = if none.is_some() { 0.5 } else { 1.0 };
-        let each = libm::log(share / (kinds.len() * STRENGTHS.len()).max(1) as f64);
+        let kinds: Vec<Kind> = kinds.iter().map(|(over, range)| Kind::new(parts, *over, range)).collect();
+        let left: Vec<DVector<f64>> = parts.iter().map(|p| p.left.clone()).collect();
+        let each = libm::log(0.5 / (kinds.len() * STRENGTHS.len()).max(1) as f64);
         let all = (0..kinds.len()).flat_map(|k| STRENGTHS.map(|s| (k, s, each)));
         let mut found = Discrepancy { tried: all.collect(), kinds, none };
-        let densities = found.log_likelihoods(parts, &left.into_iter().cloned().collect::<Vec<_>>());
+        let densities = found.log_likelihoods(parts, &left);
         let best = densities.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let mut worth = densities.iter().skip(1).map(|d| best - d < HOPELESS);
         found.tried.retain(|_| worth.next().unwrap_or(false));
@@ -120,8 +106,7 @@ impl Discrepancy {
     /// Log likelihood of what parts leave beside every field, its prior probability in it; infinitely little where a path diverged.
     pub fn log_likelihoods(&self, parts: &[Whitened], left: &[DVector<f64>]) -> Vec<f64> {
         let density = |(part, left): (&Whitened, &DVector<f64>)| part.log_density(left.norm_squared());
-        let none = self.none.map(|none| none + parts.iter().zip(left).map(density).sum::<f64>());
-        let mut out = vec![none.unwrap_or(f64::NEG_INFINITY)];
+        let mut out = vec![self.none + parts.iter().zip(left).map(density).sum::<f64>()];
         let mut asked: Vec<Option<DVector<f64>>> = vec![None; self.kinds.len()];
         for (k, strength, believed) in &self.tried {
             let kind = &self.kinds[*k];
@@ -136,9 +121,8 @@ impl Discrepancy {
         log_sum_exp(by_field.iter().copied())
     }
 
-    /// A field as it may be, of what parts leave at a point: its kind, by its number, and how far the coefficient of each of its functions is from
-    /// the model's own, m/s^2; nothing where there is none. Drawn by the fields' probabilities there, then about the most likely
-    /// coefficients; directions that nothing tells of stay as the model has them. `by_field`: log likelihoods at the point.
+    /// A field as it may be, of what parts leave at a point: its kind, by its number, and the coefficient of each of its functions, m/s^2; nothing where there is none. Drawn by the fields' probabilities there, then about the most likely
+    /// coefficients; directions that nothing tells of stay nothing. `by_field`: log likelihoods at the point.
     pub fn drawn(
         &self,
         left: &[DVector<f64>],
@@ -175,10 +159,9 @@ impl Discrepancy {
 }
 
 impl Kind {
-    /// `at`: coefficients that a field of the model has already, by function of the range.
-    fn new(parts: &[Whitened], over: Over, range: &Range<usize>, at: Option<&DVector<f64>>) -> Kind {
+    fn new(parts: &[Whitened], over: Over, range: &Range<usize>) -> Kind {
         let mut weights = vec![1.0; parts.len()];
-        let mut found = Kind::turned(parts, &weights, over, range, at);
+        let mut found = Kind::turned(parts, &weights, over, range);
         let own: Vec<DVector<f64>> = parts.iter().map(|p| p.left.clone()).collect();
         for _ in 0..ROUNDS {
             let asked = found.asked(&own);
@@ -193,19 +176,13 @@ impl Kind {
                 let square = (left - columns * &field).norm_squared();
                 *weight = (FREEDOM + n) / (FREEDOM + square);
             }
-            found = Kind::turned(parts, &weights, over, range, at);
+            found = Kind::turned(parts, &weights, over, range);
         }
         found
     }
 
     /// Columns turned to directions in which information is diagonal.
-    fn turned(
-        parts: &[Whitened],
-        weights: &[f64],
-        over: Over,
-        range: &Range<usize>,
-        at: Option<&DVector<f64>>,
-    ) -> Kind {
+    fn turned(parts: &[Whitened], weights: &[f64], over: Over, range: &Range<usize>) -> Kind {
         let count = range.len();
         let mut gram = DMatrix::zeros(count, count);
         for (part, weight) in parts.iter().zip(weights) {
@@ -221,10 +198,8 @@ impl Kind {
         let turn = eigen.eigenvectors.select_columns(&order);
         let turned =
             |(part, weight): (&Whitened, &f64)| (*weight, part.field.columns(range.start, count) * &turn);
-        let along = at.map_or_else(|| DVector::zeros(order.len()), |at| turn.tr_mul(at));
         Kind {
             over,
-            at: along,
             information: DVector::from_fn(order.len(), |k, _| eigen.eigenvalues[order[k]]),
             parts: parts.iter().zip(weights).map(turned).collect(),
             turn,
@@ -240,11 +215,11 @@ impl Kind {
         asked
     }
 
-    /// By how much the most likely field of a strength differs from the model's own.
+    /// The most likely field of a strength.
     fn field(&self, asked: &DVector<f64>, strength: f64) -> DVector<f64> {
         let variance = strength.powi(2);
         let room = |k: usize| 1.0 + variance * self.information[k];
-        DVector::from_fn(asked.len(), |k, _| (variance * asked[k] - self.at[k]) / room(k))
+        DVector::from_fn(asked.len(), |k, _| variance * asked[k] / room(k))
     }
 
     fn log_likelihood(
@@ -255,7 +230,7 @@ impl Kind {
         strength: f64,
     ) -> f64 {
         let field = self.field(asked, strength);
-        let mut own = -0.5 * (&self.at + &field).norm_squared() / strength.powi(2);
+        let mut own = -0.5 * field.norm_squared() / strength.powi(2);
         for ((part, left), (_, columns)) in parts.iter().zip(left).zip(&self.parts) {
             let mut rest = left.clone();
             rest.gemv(-1.0, columns, &field, 1.0);
@@ -276,7 +251,12 @@ mod tests {
         let part = |p: usize| {
             let field = DMatrix::from_fn(6, 1, |i, _| 3.0 * wave(7 * p + i));
             let noise = DVector::from_fn(6, |i, _| 1.3 * wave(311 * p + 17 * i * i));
-            Whitened { left: noise + field.column(0) * amount, field, log_det: 0.0 }
+            Whitened {
+                left: noise + field.column(0) * amount,
+                slots: DMatrix::zeros(6, 0),
+                field,
+                log_det: 0.0,
+            }
         };
         (0..20).map(part).collect()
     }
@@ -326,29 +306,6 @@ mod tests {
                 let wanted = log_sum_exp(logs.iter().copied()) + libm::log(at(1) - at(0)) + libm::log(0.1);
                 assert!((density - wanted).abs() < 0.12, "{field:?}: {density} for {wanted}");
             }
-        }
-    }
-
-    /// About a field that the model has already, the integral is over what it may be in all, and none is out of the question.
-    #[test]
-    fn about_a_field_its_strength_is_of_all_of_it() {
-        let parts = parts(0.3);
-        let found = Discrepancy::about(&parts, Over::Powers, &[0.7]);
-        let all = found.log_likelihoods(&parts, &lefts(&parts));
-        assert_eq!((all[0], found.probabilities(std::slice::from_ref(&all))[0]), (f64::NEG_INFINITY, 0.0));
-        for (field, density) in found.fields().iter().zip(&all).skip(1) {
-            let n = 4001;
-            let at = |i: usize| field.strength * 8.0 * (2.0 * i as f64 / (n - 1) as f64 - 1.0);
-            let of = |b: f64| {
-                let own =
-                    parts.iter().map(|p| p.log_density((&p.left - &p.field * (b - 0.7)).norm_squared()));
-                own.sum::<f64>()
-                    - 0.5 * (b / field.strength).powi(2)
-                    - libm::log(field.strength * 2.506_628_274_631)
-            };
-            let logs: Vec<f64> = (0..n).map(|i| of(at(i))).collect();
-            let wanted = log_sum_exp(logs.iter().copied()) + libm::log(at(1) - at(0)) - libm::log(5.0);
-            assert!((density - wanted).abs() < 0.12, "{field:?}: {density} for {wanted}");
         }
     }
 

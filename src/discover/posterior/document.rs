@@ -314,7 +314,7 @@ fn warnings(posterior: &Posterior, follow: bool) -> Vec<String> {
             let then = match (of.followed, follow) {
                 (Some(over), _) => format!("{} stand in for it in every draw", words(over)),
                 (None, true) => "nothing could be followed that predicts beginnings better".into(),
-                (None, false) => "draws carry what it may be, too little of it where it is strong (`iplw posterior --follow` comes nearer)".into(),
+                (None, false) => "draws carry what it may be, too little of it where it is strong, and intervals do not hold the truth (with `iplw posterior --follow` they mostly do)".into(),
             };
             out.push(format!(
                 "{name}: launches share something that this model lacks (probability {shared:.3}); {then}; `iplw diagnose` looks for its \

@@ -3,7 +3,8 @@
 //! 1. Trials are cut into windows and the model of every set is fitted, as a diagnosis does it.
 //!    `models`: they; `reach`: beginnings of trials, whose starts are known, go on as far as the model predicts them.
 //! 2. `density`: how likely the windows are at any values, about that fit; `discrepancy`: what launches share that the model lacks
-//!    is integrated out; `follow`: if it is to be followed, it is put into the model first (`unnamed`: what such a field is); `whitened`: coordinates in which that is plain; `prior`: what is believed of every number.
+//!    is integrated out; `follow`: if it is to be followed, it is put into the model first (`unnamed`: what such a field is) and drawn
+//!    `along`; `whitened`: coordinates in which that is plain; `prior`: what is believed of every number.
 //! 3. `estimate::sampler` draws, beginning near the fit; `likelihood`: the same density for samplers of one's own.
 //! 4. Sets are weighed by how well each predicts launches from the others (`decide`); their evidence stands beside that.
 //!    `document`: all of it as it is written; `config`: what can be asked; `wanted`: what people
@@ -14,6 +15,7 @@
 //!
 //! Range of validity: how windows depend on their unknown starts, and variance components, are held at the fit.
 
+mod along;
 mod config;
 mod density;
 mod discrepancy;
@@ -31,7 +33,7 @@ use crate::discover::field::Over;
 use crate::error::Result;
 use crate::estimate::sampler::Draws;
 use crate::estimate::sampler::mcmc::mcmc;
-use crate::estimate::sampler::smc::smc;
+use crate::estimate::sampler::smc::{SmcConfig, smc};
 use crate::progress::Progress;
 use crate::reality::Trial;
 use crate::rng;
@@ -45,6 +47,9 @@ pub use likelihood::{LIKELIHOOD_FORMAT, Likelihood};
 use models::{Ask, Weighed, with_models};
 pub use prior::Known;
 pub use wanted::Wanted;
+
+/// By how much oftener particles are moved where a field is drawn along.
+const MOVES: usize = 2;
 
 /// Draws from the posterior of every set.
 #[derive(Clone, Debug)]
@@ -92,8 +97,13 @@ pub fn posterior(
         for (s, Weighed { model, weight, predictive }) in models.iter().enumerate() {
             let own = Ask { model, ready, config };
             let (density, numbers, reference, fit) = own.likelihood()?;
+            // A field is many numbers more, among which particles take longer to forget where they stood.
+            let more = if model.unnamed.is_some() { MOVES } else { 1 };
             let draws = match &config.sampler {
-                Sampler::Smc(own) => smc(&density, &reference, own, progress)?,
+                Sampler::Smc(own) => {
+                    let (moves, last_moves) = (more * own.moves, more * own.last_moves);
+                    smc(&density, &reference, &SmcConfig { moves, last_moves, ..own.clone() }, progress)?
+                }
                 Sampler::Mcmc(own) => mcmc(&density, &reference, own, progress)?,
             };
             noise = noise.min(model.noise.sd);

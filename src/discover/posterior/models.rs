@@ -76,7 +76,7 @@ pub fn with_models<T>(
         let model = match begun.is_some() {
             true => {
                 let found = reached(&grounds, &fit.layout, &fit.state.values)?;
-                if config.follow { completed(&grounds, found, progress)? } else { found }
+                if config.follow { completed(&grounds, found, &config.prior, progress)? } else { found }
             }
             false => OfModel {
                 windows: ready.windows.clone(),
@@ -86,6 +86,7 @@ pub fn with_models<T>(
                 noise: ready.noise,
                 left: 0.0,
                 unnamed: None,
+                cloud: Vec::new(),
             },
         };
         scores.push(fit.score);
@@ -118,7 +119,10 @@ impl Ask<'_> {
         let fit =
             fit.ok_or_else(|| Error::Failed("the model could not be scored where its fit stands".into()))?;
         let (density, numbers) = self.ready_to_draw(&fitter, &fit)?;
-        let reference = reference(&fit, &density);
+        let reference = match self.model.cloud.as_slice() {
+            [] => reference(&fit, &density),
+            cloud => Reference::about(cloud, WIDER, density.prior()),
+        };
         Ok((density, numbers, reference, fit.state.values))
     }
 
@@ -137,16 +141,16 @@ impl Ask<'_> {
     }
 }
 
-/// Where draws begin.
-fn reference(fit: &Fitted, density: &Density) -> Reference {
+/// Where draws begin of which nothing but a fit is known.
+pub fn reference(fit: &Fitted, density: &Density) -> Reference {
     let prior = density.prior();
     let inside = |(v, m): (&f64, &Marginal)| {
         let [low, high] = m.bounds();
         v.clamp(low, high)
     };
-    let at: Vec<f64> = fit.state.values.iter().zip(prior.marginals()).map(inside).collect();
-    let mut covariance = fit.covariance.clone();
-    for i in 0..at.len() {
+    let (likeliest, mut covariance) = density.likeliest(fit);
+    let at: Vec<f64> = likeliest.iter().zip(prior.marginals()).map(inside).collect();
+    for i in 0..fit.state.values.len() {
         // Launches that disagree know less than each of them claims.
         let share = (fit.robust[i] / covariance[(i, i)]).max(1.0);
         if share.is_finite() {

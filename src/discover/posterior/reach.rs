@@ -18,7 +18,7 @@ use crate::discover::survey;
 use crate::discover::window::{Kind, Point, Window, leave_runs};
 use crate::error::Result;
 use crate::trajectory::Trajectory;
-use crate::world::Engine;
+use crate::world::{Engine, Sample};
 
 /// Most intervals of beginnings, stage by stage.
 pub const STAGES: [usize; 3] = [8, 12, 16];
@@ -41,6 +41,8 @@ pub struct OfModel {
     pub left: f64,
     /// A field that the set has no name for, among the layout's terms.
     pub unnamed: Option<Unnamed>,
+    /// Points from which draws begin, where such a field is drawn along.
+    pub cloud: Vec<Sample>,
 }
 
 impl OfModel {
@@ -96,19 +98,19 @@ fn settled(grounds: &Grounds, layout: &Layout, grown: Grown) -> Result<OfModel> 
     let (state, _) = model::fit(&data, layout, start, STEPS)?;
     let sd = data.sd;
     let noise = Noise { sd: noise, ..grounds.ready.noise };
-    Ok(OfModel { windows, sd, layout: layout.clone(), state, noise, left, unnamed: None })
+    Ok(OfModel { windows, sd, layout: layout.clone(), state, noise, left, unnamed: None, cloud: Vec::new() })
 }
 
 /// Values, and how far beginnings go that they predict.
-pub struct Grown {
-    pub values: Vec<f64>,
+struct Grown {
+    values: Vec<f64>,
     /// When each trial's beginning ends, s.
-    pub until: Vec<f64>,
+    until: Vec<f64>,
     /// Noise of an observed coordinate, m.
-    pub noise: f64,
+    noise: f64,
     /// Loss over the longest beginnings: of each observation the mean square of its coordinates, in squares of [`OFF`] deviations of one noise
     /// for all fits; 1 where it is off or comes after one that is.
-    pub left: f64,
+    left: f64,
 }
 
 impl Grown {
@@ -119,7 +121,7 @@ impl Grown {
 }
 
 /// Every stretch whose start was found along, fitted at some values.
-pub struct Shots {
+struct Shots {
     /// By trial and place among the whole windows.
     known: HashMap<(usize, u64), Known>,
 }
@@ -132,7 +134,7 @@ struct Known {
 }
 
 impl Shots {
-    pub fn fitted(grounds: &Grounds, layout: &Layout, values: &[f64]) -> Result<Shots> {
+    fn fitted(grounds: &Grounds, layout: &Layout, values: &[f64]) -> Result<Shots> {
         let windows: Vec<Window> =
             grounds.ready.whole.iter().filter(|w| w.kind == Kind::Shot).cloned().collect();
         let sd = vec![grounds.ready.simulated; windows.len()];
@@ -154,7 +156,7 @@ impl Shots {
     }
 
     /// Values fitted to beginnings that grow in stages, as far as they are predicted.
-    pub fn grown(&self, grounds: &Grounds, layout: &Layout, mut values: Vec<f64>) -> Result<Grown> {
+    fn grown(&self, grounds: &Grounds, layout: &Layout, mut values: Vec<f64>) -> Result<Grown> {
         let mut noise = grounds.ready.simulated;
         let open = vec![f64::INFINITY; grounds.ready.settings.len()];
         let mut until = open.clone();
@@ -181,7 +183,7 @@ impl Shots {
     }
 
     /// Windows as data, and where they start.
-    pub fn data<'a>(
+    fn data<'a>(
         &self,
         grounds: &'a Grounds,
         windows: &'a [Window],
@@ -239,7 +241,7 @@ fn ends(windows: &[Window], shown: &[Vec<f64>], sd: f64, until: &mut [f64]) {
 }
 
 /// [`Grown::left`]; `until`: by trial, when nothing is looked at any more, s, brought forward to what is off first.
-fn left(windows: &[Window], shown: &[Vec<f64>], sd: f64, until: &mut [f64]) -> f64 {
+pub fn left(windows: &[Window], shown: &[Vec<f64>], sd: f64, until: &mut [f64]) -> f64 {
     ends(windows, shown, sd, until);
     let runs = windows.iter().zip(shown).filter(|(w, _)| w.kind == Kind::Run);
     let of = |(point, at, until): (&Point, &[f64], f64)| {

@@ -30,7 +30,7 @@ pub struct Unnamed {
     /// The effects that its functions are, two functions each: their first two parameters are the amplitudes.
     pub effects: Vec<(&'static Effect, Vec<f64>)>,
     /// Amplitude of each effect that pushes with 1 m/s^2 at most.
-    units: Vec<f64>,
+    pub units: Vec<f64>,
     /// Coefficients by function, m/s^2.
     pub amounts: Vec<f64>,
 }
@@ -57,6 +57,14 @@ impl Unnamed {
             })
         };
         self.effects.iter().zip(&self.units).flat_map(of).collect()
+    }
+
+    /// A layout that has this field in place of another of the same functions.
+    pub fn instead(&self, layout: &Layout) -> Layout {
+        let mut layout = layout.clone();
+        layout.terms.truncate(layout.terms.len() - self.effects.len());
+        layout.terms.extend(self.terms());
+        layout
     }
 
     /// Its effects as terms of a model, none of whose numbers is fitted.
@@ -100,13 +108,13 @@ pub enum Lacks<'a> {
     Nothing,
     /// A field of bumps of any kind.
     Any(Every),
-    /// More or less of the field that it has.
+    /// More or less of the field that it has, which is drawn along.
     Known(&'a Unnamed),
 }
 
 /// Every field that may be there, nothing of any yet, where windows lead.
 pub struct Every {
-    powers: Unnamed,
+    pub powers: Unnamed,
     bumps: Unnamed,
     /// Which of all bumps each kind of field has.
     kinds: Kinds,
@@ -165,23 +173,21 @@ impl Lacks<'_> {
         }
     }
 
-    /// Nothing of each kind of field that may be there, or the model's own, in the order of [`Lacks::discrepancy`].
+    /// Nothing of each kind of field that may be there beside the model, in the order of [`Lacks::discrepancy`].
     pub fn kinds(&self) -> Vec<Unnamed> {
         match self {
-            Lacks::Nothing => Vec::new(),
             Lacks::Any(every) => {
                 every.kinds.iter().map(|(over, range)| every.of_bumps(*over, range)).collect()
             }
-            Lacks::Known(unnamed) => vec![(*unnamed).clone()],
+            Lacks::Nothing | Lacks::Known(_) => Vec::new(),
         }
     }
 
-    /// The fields that may be there, from parts with derivatives by the functions.
+    /// The fields that may be there beside it, from parts with derivatives by the functions.
     pub fn discrepancy(&self, parts: &[Whitened]) -> Discrepancy {
         match self {
-            Lacks::Nothing => Discrepancy::new(parts, &[]),
             Lacks::Any(every) => Discrepancy::new(parts, &every.kinds),
-            Lacks::Known(unnamed) => Discrepancy::about(parts, unnamed.over, &unnamed.amounts),
+            Lacks::Nothing | Lacks::Known(_) => Discrepancy::new(parts, &[]),
         }
     }
 }

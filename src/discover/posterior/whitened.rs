@@ -9,7 +9,8 @@ use crate::discover::launch::Part;
 pub struct Whitened {
     /// What the fit leaves.
     pub left: DVector<f64>,
-    /// Derivatives by the functions of a shared field.
+    /// Derivatives by the model's own numbers, and by the functions of a shared field.
+    pub slots: DMatrix<f64>,
     pub field: DMatrix<f64>,
     /// Log determinant of the covariance.
     pub log_det: f64,
@@ -20,7 +21,7 @@ pub fn whiten(part: &Part, components: &Components, slots: usize) -> Option<(Whi
     let n: usize = part.blocks.iter().map(|b| b.left.len()).sum();
     let extras = part.blocks.first()?.columns.ncols() - slots;
     let (mut covariance, mut log_det) = (DMatrix::zeros(n, n), 0.0);
-    let (mut left, mut field) = (DVector::zeros(n), DMatrix::zeros(n, extras));
+    let (mut left, mut columns) = (DVector::zeros(n), DMatrix::zeros(n, slots + extras));
     // What windows of a launch have alike: sizes that differ by launch, pushes, strengths.
     let spread = |k: usize| components.spread.get(k).copied().filter(|s| part.differs && *s > 0.0);
     let sizes: Vec<(usize, f64)> = (0..slots).filter_map(|k| spread(k).map(|s| (k, s))).collect();
@@ -31,7 +32,7 @@ pub fn whiten(part: &Part, components: &Components, slots: usize) -> Option<(Whi
         let m = block.left.len();
         log_det += block.log_white;
         left.rows_mut(row, m).copy_from(&block.left);
-        field.rows_mut(row, m).copy_from(&block.columns.columns(slots, extras));
+        columns.rows_mut(row, m).copy_from(&block.columns.columns(0, slots + extras));
         let mut own = DMatrix::from_diagonal(&block.slow.map(|s| 1.0 + components.slow.powi(2) * s));
         for (k, kind) in block.kinds.iter().enumerate() {
             let column = block.own.column(k) * components.of(*kind);
@@ -51,8 +52,9 @@ pub fn whiten(part: &Part, components: &Components, slots: usize) -> Option<(Whi
     let root = covariance.cholesky()?.l();
     log_det += 2.0 * root.diagonal().iter().map(|d| libm::log(*d)).sum::<f64>();
     let left = root.solve_lower_triangular(&left)?;
-    let field = root.solve_lower_triangular(&field)?;
-    Some((Whitened { left, field, log_det }, root))
+    let columns = root.solve_lower_triangular(&columns)?;
+    let own = |from: usize, count: usize| columns.columns(from, count).into_owned();
+    Some((Whitened { left, slots: own(0, slots), field: own(slots, extras), log_det }, root))
 }
 
 impl Whitened {

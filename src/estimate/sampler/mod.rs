@@ -24,6 +24,11 @@ pub trait Target: Sync {
     /// What is believed of the numbers of a point.
     fn prior(&self) -> &Prior;
 
+    /// How many numbers, the first of each point, are worth moving alone: those of which less is told than of the many that follow.
+    fn alone(&self) -> usize {
+        0
+    }
+
     /// Log likelihoods of points that lie within the prior's bounds, in their order; the same for any batch.
     fn log_likelihoods(&self, points: &[Sample]) -> Result<Vec<f64>>;
 }

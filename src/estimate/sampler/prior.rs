@@ -3,6 +3,7 @@
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
+use super::log_sum_exp;
 use crate::error::{Error, Result, within};
 use crate::rng::Stream;
 use crate::world::Sample;
@@ -13,6 +14,9 @@ use crate::world::Sample;
 pub enum Marginal {
     /// Normal, cut off at bounds.
     Normal { mean: f64, sd: f64, low: f64, high: f64 },
+    /// Normal with one of several standard deviations, each as likely as the others, cut off at bounds: most such numbers are small, and some
+    /// are not.
+    Scales { mean: f64, sds: [f64; 4], low: f64, high: f64 },
     /// Anything between bounds.
     Uniform { low: f64, high: f64 },
 }
@@ -38,8 +42,10 @@ impl Prior {
             if low == high {
                 return Err(Error::input(format!("prior[{i}].high"), high, format!("more than low, {low}")));
             }
-            if let Marginal::Normal { mean, sd, .. } = marginal {
-                within(&format!("prior[{i}].mean"), *mean, -1e9, 1e9)?;
+            if let Some(mean) = marginal.mean() {
+                within(&format!("prior[{i}].mean"), mean, -1e9, 1e9)?;
+            }
+            for sd in marginal.sds() {
                 within(&format!("prior[{i}].sd"), *sd, 1e-12, 1e9)?;
             }
         }
@@ -78,14 +84,43 @@ impl Marginal {
     /// Least and greatest value.
     pub fn bounds(&self) -> [f64; 2] {
         match *self {
-            Marginal::Normal { low, high, .. } | Marginal::Uniform { low, high } => [low, high],
+            Marginal::Normal { low, high, .. }
+            | Marginal::Scales { low, high, .. }
+            | Marginal::Uniform { low, high } => [low, high],
         }
+    }
+
+    /// Mean of what is not cut off; none of what is uniform.
+    fn mean(&self) -> Option<f64> {
+        match *self {
+            Marginal::Normal { mean, .. } | Marginal::Scales { mean, .. } => Some(mean),
+            Marginal::Uniform { .. } => None,
+        }
+    }
+
+    /// Standard deviations of normal densities, each as likely as the others.
+    fn sds(&self) -> &[f64] {
+        match self {
+            Marginal::Normal { sd, .. } => std::slice::from_ref(sd),
+            Marginal::Scales { sds, .. } => sds,
+            Marginal::Uniform { .. } => &[],
+        }
+    }
+
+    /// Share of uncut normal densities below a value.
+    fn below(&self, x: f64) -> f64 {
+        let mean = self.mean().unwrap_or(0.0);
+        self.sds().iter().map(|sd| normal((x - mean) / sd)).sum::<f64>() / self.sds().len() as f64
     }
 
     /// Middle and width: mean and standard deviation of what is not cut off.
     pub fn centre(&self) -> [f64; 2] {
         match *self {
             Marginal::Normal { mean, sd, low, high } => [mean.clamp(low, high), sd],
+            Marginal::Scales { mean, sds, low, high } => {
+                let square = sds.iter().map(|sd| sd * sd).sum::<f64>() / sds.len() as f64;
+                [mean.clamp(low, high), square.sqrt()]
+            }
             Marginal::Uniform { low, high } => [0.5 * (low + high), (high - low) / 12f64.sqrt()],
         }
     }
@@ -94,8 +129,8 @@ impl Marginal {
     pub fn quantile(&self, share: f64) -> f64 {
         match *self {
             Marginal::Uniform { low, high } => low + share * (high - low),
-            Marginal::Normal { mean, sd, low, high } => {
-                let below = |x: f64| normal((x - mean) / sd);
+            Marginal::Normal { low, high, .. } | Marginal::Scales { low, high, .. } => {
+                let below = |x: f64| self.below(x);
                 let wanted = below(low) + share * (below(high) - below(low));
                 let (mut a, mut b) = (low, high);
                 for _ in 0..HALVINGS {
@@ -110,13 +145,13 @@ impl Marginal {
         }
     }
 
-    /// Share of an uncut normal density within the bounds; the width of what is uniform.
+    /// Share of uncut normal densities within the bounds; the width of what is uniform.
     fn mass(&self) -> f64 {
         match *self {
-            Marginal::Normal { mean, sd, low, high } => {
-                normal((high - mean) / sd) - normal((low - mean) / sd)
-            }
             Marginal::Uniform { low, high } => high - low,
+            Marginal::Normal { low, high, .. } | Marginal::Scales { low, high, .. } => {
+                self.below(high) - self.below(low)
+            }
         }
     }
 
@@ -127,12 +162,18 @@ impl Marginal {
         }
         match *self {
             Marginal::Uniform { .. } => 0.0,
-            Marginal::Normal { mean, sd, .. } => {
-                let z = (x - mean) / sd;
-                -0.5 * z * z - libm::log(sd) - 0.5 * libm::log(2.0 * std::f64::consts::PI)
+            Marginal::Normal { mean, sd, .. } => log_normal(x - mean, sd),
+            Marginal::Scales { mean, sds, .. } => {
+                log_sum_exp(sds.map(|sd| log_normal(x - mean, sd))) - libm::log(sds.len() as f64)
             }
         }
     }
+}
+
+/// Log density of a normal distribution about nothing.
+fn log_normal(x: f64, sd: f64) -> f64 {
+    let z = x / sd;
+    -0.5 * z * z - libm::log(sd) - 0.5 * libm::log(2.0 * std::f64::consts::PI)
 }
 
 /// Share of the standard normal distribution below `z`.
@@ -159,6 +200,26 @@ mod tests {
         assert!((sum - 0.2).abs() < 1e-6, "a fifth of what is uniform over 5: {sum}");
         assert_eq!(prior.log_density(&[1.2, 0.0]), f64::NEG_INFINITY);
         assert!(prior.allows(&[1.0, -2.0]) && !prior.allows(&[0.5, 3.1]) && !prior.allows(&[0.5]));
+    }
+
+    /// Of what may be of several sizes the density is whole, draws are as it says, and what is far off is far likelier than for one size.
+    #[test]
+    fn what_may_be_of_several_sizes() {
+        let scales = Marginal::Scales { mean: 0.1, sds: [0.1, 0.3, 1.0, 3.0], low: -9.0, high: 9.0 };
+        let prior = Prior::new(vec![scales]).unwrap();
+        let n = 36_000;
+        let at = |i: usize| -9.0 + 18.0 * (i as f64 + 0.5) / n as f64;
+        let sum: f64 = (0..n).map(|i| prior.log_density(&[at(i)]).exp()).sum::<f64>() * 18.0 / n as f64;
+        assert!((sum - 1.0).abs() < 1e-6, "{sum}");
+        let share = (0..n).filter(|i| at(*i) < 0.4).map(|i| prior.log_density(&[at(i)]).exp()).sum::<f64>();
+        let share = share * 18.0 / n as f64;
+        assert!((scales.quantile(share) - 0.4).abs() < 1e-3);
+        let one = Prior::new(vec![Marginal::Normal { mean: 0.1, sd: 0.3, low: -9.0, high: 9.0 }]).unwrap();
+        assert!(prior.log_density(&[5.0]) > one.log_density(&[5.0]) + 100.0);
+        assert!(
+            Prior::new(vec![Marginal::Scales { mean: 0.0, sds: [0.1, 0.0, 1.0, 3.0], low: -1.0, high: 1.0 }])
+                .is_err()
+        );
     }
 
     #[test]

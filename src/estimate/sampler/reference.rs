@@ -6,6 +6,7 @@ use nalgebra::{DMatrix, DVector};
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
+use super::moments;
 use super::prior::Prior;
 use crate::rng::Stream;
 use crate::world::Sample;
@@ -104,6 +105,12 @@ impl Reference {
         };
         let others = if fit.len() > 1 { (0..fit.len()).map(without).collect() } else { Vec::new() };
         Reference { near, others, prior: prior.clone() }
+    }
+
+    /// About points, as they stand to each other.
+    pub fn about(points: &[Sample], wider: f64, prior: &Prior) -> Reference {
+        let (mean, covariance) = moments(points, &vec![1.0 / points.len() as f64; points.len()]);
+        Reference::new(mean.as_slice(), &covariance, wider, prior)
     }
 
     /// Share of draws about the fit, and of those but for each number.

@@ -7,7 +7,8 @@
 //! Sources: Del Moral, Doucet and Jasra, J. R. Stat. Soc. B 68 (2006) 411 (sections 2.3 and 3.3.2); choice of the next temperature
 //! by effective sample size: Jasra et al., Scand. J. Stat. 38 (2011) 1.
 //!
-//! Differences from the source: moves are random walks and independent draws in turn, both scaled by where the particles stand; the
+//! Differences from the source: moves are random walks and independent draws in turn, both scaled by where the particles stand (and walks of one number by any scale, where
+//! a target asks for them); the
 //! last density is moved in until particles have forgotten where they stood; several independent runs tell how far the result can
 //! be trusted.
 
@@ -45,6 +46,8 @@ const WORTH: f64 = 0.5;
 const FORGOTTEN: f64 = 0.3;
 /// Most temperatures: more than a reference that lies anywhere near needs.
 const TEMPERATURES: usize = 60;
+/// Least share of its prior's width by which a number walks alone.
+const NARROWEST: f64 = 1e-3;
 /// By how much an independent draw is wider than the particles.
 const WIDER: f64 = 1.1;
 
@@ -171,12 +174,18 @@ impl Run<'_> {
         Spread { independent, walk: root.root().clone() }
     }
 
-    /// One move of every particle under pi_at: a random walk and an independent draw in turn.
+    /// One move of every particle under pi_at: an independent draw and a random walk in turn, and where numbers are worth moving alone a walk of
+    /// one of them.
     fn step(&mut self, particles: &mut [Particle], at: f64, spread: &Spread, number: usize) -> Result<()> {
-        let independent = number.is_multiple_of(2);
-        let mut propose = |p: &Particle| match independent {
-            true => spread.independent.draw(&mut self.stream),
-            false => spread.walked(&p.at, &mut self.stream),
+        let alone = self.target.alone();
+        let kind = number % if alone > 0 { 3 } else { 2 };
+        let independent = kind == 0;
+        let widths: Vec<f64> =
+            self.target.prior().marginals()[..alone].iter().map(|m| m.centre()[1]).collect();
+        let mut propose = |p: &Particle| match kind {
+            0 => spread.independent.draw(&mut self.stream),
+            1 => spread.walked(&p.at, &mut self.stream),
+            _ => one_walked(&p.at, &widths, &mut self.stream),
         };
         let proposed: Vec<Sample> = particles.iter().map(&mut propose).collect();
         let proposed = self.weighed(proposed)?;
@@ -214,6 +223,16 @@ impl Run<'_> {
         // Particles of one ancestor are as much alike as they remember of it.
         Ok(kept.iter().map(|c| n / (1.0 + (n / worth - 1.0).max(0.0) * c.max(0.0).powi(2))).collect())
     }
+}
+
+/// A point of which one number has walked, by any share of its width from all of it down to [`NARROWEST`].
+fn one_walked(from: &[f64], widths: &[f64], stream: &mut Stream) -> Sample {
+    let k = stream.random_range(0..widths.len());
+    let u: f64 = stream.random();
+    let z: f64 = StandardNormal.sample(stream);
+    let mut out = from.to_vec();
+    out[k] += widths[k] * libm::pow(NARROWEST, u) * z;
+    out
 }
 
 /// What moves are scaled by.
@@ -373,6 +392,39 @@ mod tests {
             assert!((evidence - Tilted::log_evidence()).abs() < 0.2, "{evidence}");
             assert!(draws.quality.verdict().is_ok(), "{:?}", draws.quality);
         }
+    }
+
+    /// Moves of one number leave a density as it is, too.
+    #[test]
+    fn numbers_that_walk_alone_are_drawn_as_they_are() {
+        struct Alone(Tilted);
+        impl Target for Alone {
+            fn prior(&self) -> &crate::estimate::sampler::Prior {
+                self.0.prior()
+            }
+            fn alone(&self) -> usize {
+                3
+            }
+            fn log_likelihoods(&self, points: &[Sample]) -> Result<Vec<f64>> {
+                self.0.log_likelihoods(points)
+            }
+        }
+        let target = Alone(Tilted::new());
+        let reference = reference(&target.0, [1.3, 0.2, 3.0], 1.5);
+        let config = SmcConfig { particles: 1000, moves: 3, last_moves: 12, ..SmcConfig::standard(5) };
+        let draws = smc(&target, &reference, &config, &Silent).unwrap();
+        let (mean, covariance) =
+            moments(&draws.points, &vec![1.0 / draws.points.len() as f64; draws.points.len()]);
+        for i in 0..2 {
+            let sd = COVARIANCE[i][i].sqrt();
+            assert!((mean[i] - MEAN[i]).abs() < 0.1 * sd, "{mean}");
+            assert!((covariance[(i, i)].sqrt() / sd - 1.0).abs() < 0.1, "{covariance}");
+        }
+        assert!((mean[2] - 1.0).abs() < 0.06 && (covariance[(2, 2)].sqrt() - 0.48).abs() < 0.06, "{mean}");
+        let mut stream = rng::stream(2, "walk");
+        let walked: Vec<Sample> =
+            (0..200).map(|_| one_walked(&[0.5, 0.5], &[1.0, 2.0], &mut stream)).collect();
+        assert!(walked.iter().all(|p| (p[0] == 0.5) != (p[1] == 0.5)), "one number moves");
     }
 
     #[test]
