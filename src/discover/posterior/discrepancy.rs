@@ -7,15 +7,13 @@
 //!
 //! log p(r | t) = sum_p log student(|r_p - Z_p a|^2) - |a|^2 / (2 t^2) - log det(I + t^2 A) / 2,  a = (A + I / t^2)^-1 sum_p w_p Z_p' r_p,
 //!
-//! A = sum_p w_p Z_p' Z_p. No field is as believable as all fields together, each kind as
-//! the others, each strength as the others. A
+//! A = sum_p w_p Z_p' Z_p. No field is as believable as all fields together, each kind as the others, each strength as the others. A
 //! simulation that leaves nothing out loses little by that; one that does is not as sure as it would be.
 //!
 //! Source: Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425; Tierney and Kadane, J. Am. Stat. Assoc. 81 (1986) 82.
 //!
 //! Differences from the source: functions of fixed widths in place of a Gaussian process; the directions that all parts together tell
-//! least of are left out, so that drawn fields are nothing along them, and are surer of themselves there than they
-//! have reason to be; left out are kinds and strengths of which the fit says that they are out of the question.
+//! least of are left out, so that drawn fields are nothing along them, and are surer of themselves there than they have reason to be; left out are kinds and strengths of which the fit says that they are out of the question.
 
 use std::ops::Range;
 

@@ -1,10 +1,10 @@
 //! What launches share and no set of effects accounts for, put into the model: a force field, drawn along with everything else.
 //!
 //! A field that is integrated out straight about a model without it (`discrepancy`) cannot follow what bends paths by a hundred times the
-//! noise: values then make up for it, and are sure of what is wrong. So where none is unlikely, a field of powers of place, velocity and speed is simulated, and
-//! values and its coefficients are drawn together (`along`), first of short beginnings of trials, which leave much open but lead
-//! nowhere wrong, then of longer and longer ones, each time from where the draws before stood: tempering by data (Chopin, Biometrika 89 (2002)
-//! 539). (Steps by Gauss and Newton on long beginnings ended in hollows a hundred nats below the truth.)
+//! noise: values then make up for it, and are sure of what is wrong. So where none is unlikely, a field of powers of place, velocity
+//! and speed is simulated, and values and its coefficients are drawn together (`along`), first of short beginnings of trials, which
+//! leave much open but lead nowhere wrong, then of longer and longer ones, each time from where the draws before stood: tempering by
+//! data (Chopin, Biometrika 89 (2002) 539). (Steps by Gauss and Newton on long beginnings ended in hollows a hundred nats below the truth.)
 //!
 //! Differences from the source: beginnings grow for all trials at once, and what the draws of the last length hand on is their mean and
 //! covariance.

@@ -30,7 +30,7 @@ pub struct Unnamed {
     /// The effects that its functions are, two functions each: their first two parameters are the amplitudes.
     pub effects: Vec<(&'static Effect, Vec<f64>)>,
     /// Amplitude of each effect that pushes with 1 m/s^2 at most.
-    pub units: Vec<f64>,
+    units: Vec<f64>,
     /// Coefficients by function, m/s^2.
     pub amounts: Vec<f64>,
 }
@@ -135,14 +135,6 @@ impl Every {
     /// A field of a kind's bumps.
     fn of_bumps(&self, over: Over, range: &Range<usize>) -> Unnamed {
         Unnamed::nothing(over, self.bumps.effects[range.start / 2..range.end / 2].to_vec())
-    }
-
-    /// The field of one kind.
-    pub fn only(&self, over: Over) -> Option<Unnamed> {
-        if over == Over::Powers {
-            return Some(self.powers.clone());
-        }
-        self.kinds.iter().find(|k| k.0 == over).map(|(over, range)| self.of_bumps(*over, range))
     }
 }
 

@@ -7,10 +7,9 @@
 //! Sources: Del Moral, Doucet and Jasra, J. R. Stat. Soc. B 68 (2006) 411 (sections 2.3 and 3.3.2); choice of the next temperature
 //! by effective sample size: Jasra et al., Scand. J. Stat. 38 (2011) 1.
 //!
-//! Differences from the source: moves are random walks and independent draws in turn, both scaled by where the particles stand (and walks of one number by any scale, where
-//! a target asks for them); the
-//! last density is moved in until particles have forgotten where they stood; several independent runs tell how far the result can
-//! be trusted.
+//! Differences from the source: moves are random walks and independent draws in turn, both scaled by where the particles stand (and
+//! walks of one number by any scale, where a target asks for them); the last density is moved in until particles have forgotten where
+//! they stood; several independent runs tell how far the result can be trusted.
 
 use nalgebra::DMatrix;
 use rand::RngExt;
