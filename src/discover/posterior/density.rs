@@ -26,11 +26,13 @@ use crate::discover::model::{self, Layout, Mode, State};
 use crate::discover::window::Window;
 use crate::error::Result;
 use crate::estimate::forces::UnnamedForces;
-use crate::estimate::sampler::{Prior, Target};
+use crate::estimate::sampler::{Marginal, Prior, Reference, Target};
 use crate::rng;
 use crate::task::Scene;
 use crate::world::{Engine, Rollout, Sample, simulate_map};
 
+/// By how much the reference is wider than the fit says.
+pub const WIDER: f64 = 1.5;
 /// Points whose rollouts are made together.
 const TOGETHER: usize = 64;
 
@@ -152,15 +154,29 @@ impl Density {
         size_of::<f64>() * (windows.chain(parts).sum::<usize>() + self.discrepancy.numbers())
     }
 
-    /// About where points are likely, as far as everything is straight, and their covariance there.
-    pub fn likeliest(&self, fit: &Fitted) -> (Vec<f64>, DMatrix<f64>) {
-        match &self.along {
+    /// Where draws begin of which nothing but a fit is known: about where points are likely, as far as everything is straight.
+    pub fn reference(&self, fit: &Fitted) -> Reference {
+        let inside = |(v, m): (&f64, &Marginal)| {
+            let [low, high] = m.bounds();
+            v.clamp(low, high)
+        };
+        let (likeliest, mut covariance) = match &self.along {
             Some(along) => {
                 let (at, covariance) = along.likeliest(&fit.state.values);
                 (at, covariance.clone())
             }
             None => (fit.state.values.clone(), fit.covariance.clone()),
+        };
+        let at: Vec<f64> = likeliest.iter().zip(self.prior.marginals()).map(inside).collect();
+        for i in 0..fit.state.values.len() {
+            // Launches that disagree know less than each of them claims.
+            let share = (fit.robust[i] / covariance[(i, i)]).max(1.0);
+            if share.is_finite() {
+                covariance.row_mut(i).scale_mut(share.sqrt());
+                covariance.column_mut(i).scale_mut(share.sqrt());
+            }
         }
+        Reference::new(&at, &covariance, WIDER, &self.prior)
     }
 
     /// The model's layout at a point.

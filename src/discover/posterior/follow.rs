@@ -12,7 +12,6 @@
 //! Range of validity: what such a field can be. Beginnings end where even their likeliest draw does not predict them.
 
 use super::density::Density;
-use super::models::reference;
 use super::prior;
 use super::reach::{Grounds, OfModel, RUN, cut, left};
 use super::unnamed::{Every, Lacks, Unnamed};
@@ -143,7 +142,7 @@ impl Way<'_> {
             return Ok(None);
         };
         let reference = match from.cloud.as_slice() {
-            [] => reference(&fit, &density),
+            [] => density.reference(&fit),
             cloud => Reference::about(cloud, WIDER, density.prior()),
         };
         let config = SmcConfig {

@@ -1,7 +1,7 @@
 //! Models of sets of effects, fitted and ready to be asked how likely trials are.
 
 use super::config::PosteriorConfig;
-use super::density::Density;
+use super::density::{Density, WIDER};
 use super::follow::completed;
 use super::prior::{self, Known, known};
 use super::reach::{Grounds, OfModel, RUN, STAGES, cut, reached};
@@ -14,15 +14,12 @@ use crate::discover::prepare::{Ready, prepare};
 use crate::discover::search::Hunt;
 use crate::discover::window::Kind;
 use crate::error::{Error, Result};
-use crate::estimate::sampler::{Marginal, Reference, Target as _};
+use crate::estimate::sampler::{Reference, Target as _};
 use crate::progress::Progress;
 use crate::reality::Trial;
 use crate::rng;
 use crate::task::Scene;
 use crate::world::latent::factor_index;
-
-/// By how much the reference is wider than the fit says.
-const WIDER: f64 = 1.5;
 
 /// A model, how much its set weighs among all, and how likely launches are, each told from the others.
 pub struct Weighed {
@@ -120,7 +117,7 @@ impl Ask<'_> {
             fit.ok_or_else(|| Error::Failed("the model could not be scored where its fit stands".into()))?;
         let (density, numbers) = self.ready_to_draw(&fitter, &fit)?;
         let reference = match self.model.cloud.as_slice() {
-            [] => reference(&fit, &density),
+            [] => density.reference(&fit),
             cloud => Reference::about(cloud, WIDER, density.prior()),
         };
         Ok((density, numbers, reference, fit.state.values))
@@ -139,24 +136,4 @@ impl Ask<'_> {
         let failed = || Error::Failed("the windows cannot be simulated where the fit stands".into());
         Ok((density.ok_or_else(failed)?, numbers))
     }
-}
-
-/// Where draws begin of which nothing but a fit is known.
-pub fn reference(fit: &Fitted, density: &Density) -> Reference {
-    let prior = density.prior();
-    let inside = |(v, m): (&f64, &Marginal)| {
-        let [low, high] = m.bounds();
-        v.clamp(low, high)
-    };
-    let (likeliest, mut covariance) = density.likeliest(fit);
-    let at: Vec<f64> = likeliest.iter().zip(prior.marginals()).map(inside).collect();
-    for i in 0..fit.state.values.len() {
-        // Launches that disagree know less than each of them claims.
-        let share = (fit.robust[i] / covariance[(i, i)]).max(1.0);
-        if share.is_finite() {
-            covariance.row_mut(i).scale_mut(share.sqrt());
-            covariance.column_mut(i).scale_mut(share.sqrt());
-        }
-    }
-    Reference::new(&at, &covariance, WIDER, prior)
 }
