@@ -150,7 +150,7 @@ impl Density {
     /// Memory that it takes, without the windows' scenes, bytes.
     pub fn bytes(&self) -> usize {
         let windows = self.windows.iter().map(|k| k.by_position.len() + 4 * k.shown.len());
-        let parts = self.parts.iter().map(|p| p.left.len() + p.field.len());
+        let parts = self.parts.iter().map(|p| p.left.len() + p.slots.len() + p.field.len());
         size_of::<f64>() * (windows.chain(parts).sum::<usize>() + self.discrepancy.numbers())
     }
 
