@@ -53,6 +53,9 @@ struct Run {
     /// Follow what the model lacks
     #[arg(long, conflicts_with = "no_discrepancy")]
     follow: bool,
+    /// Particles of each of four runs
+    #[arg(long, default_value_t = 256)]
+    particles: usize,
     /// Where the table goes
     #[arg(long, default_value = "calibration.md")]
     out: PathBuf,
@@ -107,7 +110,7 @@ fn world(run: &Run, seed: u64) -> Result<String> {
     let trials = random_trials(&tasks, &mut HiddenWorld::new(hidden)?, run.trials, seed, &Silent)?;
     let (mut scene, trials) = settled(&tasks[0].scene, trials)?;
     scene.calibrate = ASKED.map(String::from).to_vec();
-    let sampler = Sampler::Smc(SmcConfig { particles: 64, ..SmcConfig::standard(seed) });
+    let sampler = Sampler::Smc(SmcConfig { particles: run.particles, ..SmcConfig::standard(seed) });
     let config = PosteriorConfig { sampler, discrepancy: !run.no_discrepancy, follow: run.follow, ..usual };
     let found = posterior(&scene, &trials, &config, &Silent)?;
     let draws = &found.sets[0].draws;

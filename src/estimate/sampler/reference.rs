@@ -1,6 +1,7 @@
 //! Where draws begin: near a fit, with a share from the prior, so that nothing the prior allows is out of reach, and a share that is
 //! near the fit but for one number: a long even stretch of one number (a floor rough enough to stick is as good as a rougher one)
-//! would be missed otherwise, since a draw of all numbers from the prior hardly ever meets the others.
+//! would be missed otherwise, since a draw of all numbers from the prior hardly ever meets the others. Once points are known that are
+//! likely, most of what is near is near them.
 
 use nalgebra::{DMatrix, DVector};
 use rand::RngExt;
@@ -20,13 +21,21 @@ pub struct Student {
     log_scale: f64,
 }
 
-/// A mixture of a wide Student t about a fit, the same with one number from the prior, and the prior.
+/// A mixture of a wide Student t about a fit (or about several), the same with one number from the prior, and the prior.
 #[derive(Clone, Debug)]
 pub struct Reference {
+    fits: Vec<Near>,
+    prior: Prior,
+}
+
+/// What is near a fit.
+#[derive(Clone, Debug)]
+struct Near {
+    /// Its share among all fits.
+    share: f64,
     near: Student,
     /// By number: the others' density near the fit. Nothing where there is but one number.
     others: Vec<Student>,
-    prior: Prior,
 }
 
 /// Degrees of freedom: tails that no posterior's are wider than, as far as they matter.
@@ -34,6 +43,8 @@ const FREEDOM: f64 = 5.0;
 /// Share of draws from the prior; and of those near the fit but for one number.
 const ANYWHERE: f64 = 0.1;
 const BUT_ONE: f64 = 0.2;
+/// Share of a fit beside points that are likely: they may be of one hollow among several.
+const BESIDE: f64 = 0.2;
 /// Least scale along a direction, as a share of the prior's width: a fit may be surer than it has reason to.
 const LEAST: f64 = 1e-9;
 
@@ -104,7 +115,7 @@ impl Reference {
             Student::new(centre.clone().remove_row(i), &scale, &unit)
         };
         let others = if fit.len() > 1 { (0..fit.len()).map(without).collect() } else { Vec::new() };
-        Reference { near, others, prior: prior.clone() }
+        Reference { fits: vec![Near { share: 1.0, near, others }], prior: prior.clone() }
     }
 
     /// About points, as they stand to each other.
@@ -113,10 +124,21 @@ impl Reference {
         Reference::new(mean.as_slice(), &covariance, wider, prior)
     }
 
-    /// Share of draws about the fit, and of those but for each number.
+    /// About the same fit, and mostly about points that are likely.
+    pub fn beside(self, points: &[Sample], wider: f64) -> Reference {
+        let about = Reference::about(points, wider, &self.prior);
+        let shared = |fits: Vec<Near>, all: f64| {
+            fits.into_iter().map(move |fit| Near { share: all * fit.share, ..fit })
+        };
+        let fits = shared(self.fits, BESIDE).chain(shared(about.fits, 1.0 - BESIDE)).collect();
+        Reference { fits, ..about }
+    }
+
+    /// Share of draws about fits, and of those but for each number.
     fn shares(&self) -> [f64; 2] {
-        let but_one = if self.others.is_empty() { 0.0 } else { BUT_ONE };
-        [1.0 - ANYWHERE - but_one, but_one / self.others.len().max(1) as f64]
+        let numbers = self.fits.first().map_or(0, |fit| fit.others.len());
+        let but_one = if numbers == 0 { 0.0 } else { BUT_ONE };
+        [1.0 - ANYWHERE - but_one, but_one / numbers.max(1) as f64]
     }
 
     pub fn draw(&self, stream: &mut Stream) -> Sample {
@@ -125,7 +147,7 @@ impl Reference {
             return self.prior.draw(stream);
         }
         let [near, but_one] = self.shares();
-        let mut out = self.near.draw(stream);
+        let mut out = self.fit(stream).near.draw(stream);
         if u >= ANYWHERE + near {
             let number = (((u - ANYWHERE - near) / but_one) as usize).min(out.len() - 1);
             out[number] = self.prior.marginals()[number].quantile(stream.random());
@@ -133,16 +155,34 @@ impl Reference {
         out
     }
 
+    /// One of the fits by their shares.
+    fn fit(&self, stream: &mut Stream) -> &Near {
+        let last = self.fits.len() - 1;
+        if last == 0 {
+            return &self.fits[0];
+        }
+        let mut rest: f64 = stream.random();
+        let met = self.fits.iter().position(|fit| {
+            rest -= fit.share;
+            rest < 0.0
+        });
+        // Where rounding leaves something over it is the last.
+        &self.fits[met.unwrap_or(last)]
+    }
+
     pub fn log_density(&self, point: &[f64]) -> f64 {
         let [near, but_one] = self.shares();
+        let over = |of: &dyn Fn(&Near) -> f64| {
+            super::log_sum_exp(self.fits.iter().map(|fit| libm::log(fit.share) + of(fit)).collect::<Vec<_>>())
+        };
         let mut all = vec![
-            libm::log(near) + self.near.log_density(point),
+            libm::log(near) + over(&|fit| fit.near.log_density(point)),
             libm::log(ANYWHERE) + self.prior.log_density(point),
         ];
-        for (i, others) in self.others.iter().enumerate() {
+        for i in 0..self.fits[0].others.len() {
             let rest: Sample = point.iter().enumerate().filter(|(j, _)| *j != i).map(|(_, x)| *x).collect();
             let own = self.prior.log_density_of(i, point[i]);
-            all.push(libm::log(but_one) + own + others.log_density(&rest));
+            all.push(libm::log(but_one) + own + over(&|fit| fit.others[i].log_density(&rest)));
         }
         super::log_sum_exp(all)
     }
@@ -168,9 +208,13 @@ mod tests {
             let covariance = DMatrix::from_row_slice(3, 3, &covariance).view((0, 0), (d, d)).into_owned();
             let reference = Reference::new(&[0.5, 0.4, 3.0][..d], &covariance, 1.5, &prior);
             let wanted: f64 = all[..d].iter().map(|m| m.bounds()[1] - m.bounds()[0]).product();
-            let [area, within] = area(&reference, &prior);
-            assert!((area / wanted - 1.0).abs() < 0.06, "{area} for an area of {wanted}");
-            assert!(within > 0.7, "{within}");
+            let near = [[0.3, 0.1, 1.0], [0.9, 0.3, 2.0], [0.6, 0.7, 1.5], [0.7, 0.2, 1.0]];
+            let points = near.map(|p| p[..d].to_vec());
+            for reference in [reference.clone(), reference.beside(&points, 1.5)] {
+                let [area, within] = area(&reference, &prior);
+                assert!((area / wanted - 1.0).abs() < 0.06, "{area} for an area of {wanted}");
+                assert!(within > 0.7, "{within}");
+            }
         }
     }
 
@@ -196,7 +240,7 @@ mod tests {
             Prior::new(vec![Marginal::Normal { mean: 1.0, sd: 0.5, low: 0.0, high: 9.0 }; 2]).unwrap();
         let covariance = DMatrix::from_row_slice(2, 2, &[1e8, 0.0, 0.0, 1e-6]);
         let reference = Reference::new(&[1.0, 1.0], &covariance, 1.0, &prior);
-        let root = &reference.near.root;
+        let root = &reference.fits[0].near.root;
         assert!((root[(0, 0)] - 0.5).abs() < 1e-3 && (root[(1, 1)] - 1e-3).abs() < 1e-5, "{root}");
     }
 }

@@ -9,7 +9,8 @@
 //!
 //! Differences from the source: moves are random walks and independent draws in turn, both scaled by where the particles stand (and
 //! walks of one number by any scale, where a target asks for them); the last density is moved in until particles have forgotten where
-//! they stood; several independent runs tell how far the result can be trusted.
+//! they stood; several independent runs tell how far the result can be trusted. They begin near a pilot of fewer particles, which takes
+//! the many small steps of the temperature that a fit needs which is off, once for all of them.
 
 use nalgebra::DMatrix;
 use rand::RngExt;
@@ -47,6 +48,11 @@ const FORGOTTEN: f64 = 0.3;
 const TEMPERATURES: usize = 60;
 /// Least share of its prior's width by which a number walks alone.
 const NARROWEST: f64 = 1e-3;
+/// Particles of a pilot, as a share of a run's; fewest of them for every number: of fewer no covariance is told.
+const PILOT: f64 = 0.25;
+const TELL: usize = 8;
+/// By how much the reference is wider than a pilot's particles.
+const ABOUT: f64 = 1.5;
 /// By how much an independent draw is wider than the particles.
 const WIDER: f64 = 1.1;
 
@@ -75,16 +81,37 @@ pub fn smc(
 ) -> Result<Draws> {
     config.validate()?;
     let mut runs = Vec::with_capacity(config.runs);
+    // The pilot counts as the part of a run that its particles are.
+    let thousandths = |runs: f64| (1000.0 * runs) as u64;
+    let all = thousandths(PILOT + config.runs as f64);
+    let report = |runs: f64| progress.report("drawing from the posterior", thousandths(runs), all);
+    let (reference, asked) = piloted(target, reference, config, &|at| report(PILOT * at))?;
     for number in 0..config.runs {
-        let stream = rng::stream(rng::derive(config.seed, "run", number as u64), "smc");
-        let mut run = Run { target, reference, config, stream, evaluations: 0, moved: [0, 0] };
-        let report = |at: f64| {
-            let done = (1000.0 * (number as f64 + at)) as u64;
-            progress.report("drawing from the posterior", done, 1000 * config.runs as u64)
-        };
-        runs.push(run.go(&report)?);
+        let seed = rng::derive(config.seed, "run", number as u64);
+        let begun = PILOT + number as f64;
+        runs.push(Run::new(target, &reference, config, seed).go(&|at| report(begun + at))?);
     }
-    Ok(joined(runs))
+    let mut draws = joined(runs);
+    draws.evaluations += asked;
+    Ok(draws)
+}
+
+/// Where runs begin: the reference, and beside it where a pilot's particles ended; and how many likelihoods that took.
+fn piloted(
+    target: &dyn Target,
+    reference: &Reference,
+    config: &SmcConfig,
+    report: &dyn Fn(f64) -> Result<()>,
+) -> Result<(Reference, u64)> {
+    let particles = (PILOT * config.particles as f64) as usize;
+    if particles < TELL * target.prior().marginals().len() {
+        return Ok((reference.clone(), 0));
+    }
+    let config = SmcConfig { particles, ..config.clone() };
+    let seed = rng::derive(config.seed, "pilot", 0);
+    let Ended { particles, evaluations, .. } = Run::new(target, reference, &config, seed).go(report)?;
+    let points: Vec<Sample> = particles.into_iter().map(|p| p.at).collect();
+    Ok((reference.clone().beside(&points, ABOUT), evaluations))
 }
 
 /// A particle: where it stands and how likely that is.
@@ -117,7 +144,11 @@ struct Ended {
     moved: [u64; 2],
 }
 
-impl Run<'_> {
+impl<'a> Run<'a> {
+    fn new(target: &'a dyn Target, reference: &'a Reference, config: &'a SmcConfig, seed: u64) -> Run<'a> {
+        Run { target, reference, config, stream: rng::stream(seed, "smc"), evaluations: 0, moved: [0, 0] }
+    }
+
     fn go(&mut self, report: &dyn Fn(f64) -> Result<()>) -> Result<Ended> {
         let drawn = (0..self.config.particles).map(|_| self.reference.draw(&mut self.stream)).collect();
         let mut particles = self.weighed(drawn)?;
