@@ -3,13 +3,18 @@
 //! Each component's logarithm steps up and down in turn, further where that helps and less far where it does not (pattern
 //! search: Hooke and Jeeves, J. ACM 8 (1961) 212): there are few, and they are few nats wide. What a part says under some
 //! components is worked out once, whichever launches a search goes by, so held-out folds, which start alike, share most of
-//! theirs; and so are the sums over its windows, which most steps leave alone.
+//! theirs; and so are the sums over its windows, which most steps leave alone. Components as they may be are drawn by a walk on the
+//! same logarithms (Metropolis et al., J. Chem. Phys. 21 (1953) 1087).
 
 use std::collections::HashMap;
+
+use rand::RngExt;
+use rand_distr::{Distribution, StandardNormal};
 
 use super::columns::{Own, pushes};
 use super::gaussian::{Components, Prior, Summed, Weighed};
 use super::launch::Part;
+use crate::rng::Stream;
 
 /// First steps of the components' logarithms: of a first search, about what is nearly right, and about what a few launches less
 /// can hardly move.
@@ -40,6 +45,11 @@ const LEAST: f64 = 1e-4;
 /// Gain (nats) of a search below which it is the last, and most searches.
 const SETTLED: f64 = 0.05;
 const SEARCHES: usize = 4;
+/// Rounds of a walk, each a step of every component, before the first draw and between draws; shortest and longest deviation of a
+/// step, of which there are many on the logarithm's scale.
+const FORGETS: usize = 60;
+const BETWEEN: usize = 12;
+const STRIDES: [f64; 2] = [0.2, 2.0];
 
 impl Components {
     /// Where a fit starts; `strengths`: whether the model has effects whose strength may differ as a whole.
@@ -125,6 +135,48 @@ impl<'a> Likelihood<'a> {
         self.climbed(prior, &most, NEAR, |_| true)
     }
 
+    /// Components as they may be where the model stands, beginning where the search did; launches differ by no more than they have
+    /// reason to. Steps are multiples of the shortest of a search, so that a walk comes by the same places again.
+    pub fn drawn(&mut self, prior: &Prior, count: usize, stream: &mut Stream) -> Vec<Components> {
+        let (from, matter) = (self.from.clone(), self.matter());
+        let most = from.most(prior);
+        let mut logs: Vec<f64> = from.logs().iter().zip(&most).map(|(l, most)| l.min(*most)).collect();
+        let quality = |own: &mut Likelihood, logs: &[f64]| {
+            own.densities(logs).iter().sum::<f64>() + from.log_prior(logs, prior)
+        };
+        let mut here = quality(self, &logs);
+        let mut out = Vec::with_capacity(count);
+        for round in 1..=FORGETS + BETWEEN * count {
+            for k in (0..logs.len()).filter(|k| matter[*k]) {
+                let [short, long] = STRIDES;
+                let stride = short * libm::pow(long / short, stream.random());
+                let z: f64 = StandardNormal.sample(stream);
+                let u: f64 = stream.random();
+                let mut moved = logs.clone();
+                moved[k] += FINEST * (stride * z / FINEST).round();
+                if moved[k] > most[k] {
+                    continue;
+                }
+                let there = quality(self, &moved);
+                if libm::log(u) < there - here {
+                    (here, logs) = (there, moved);
+                }
+            }
+            if round > FORGETS && (round - FORGETS).is_multiple_of(BETWEEN) {
+                out.push(from.with(&logs));
+            }
+        }
+        out
+    }
+
+    /// Whether parts depend on any of them.
+    pub fn depend(&self) -> bool {
+        let own = |part: &Part| {
+            part.blocks.iter().any(|b| !b.kinds.is_empty() || b.slow.iter().any(|slow| *slow > 0.0))
+        };
+        self.parts.iter().any(|part| part.differs || own(part))
+    }
+
     fn climbed(
         &mut self,
         prior: &Prior,
@@ -205,6 +257,8 @@ impl<'a> Likelihood<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::discover::launch::Block;
+    use crate::rng;
     use nalgebra::{DMatrix, DVector};
 
     fn prior() -> Prior {
@@ -215,6 +269,64 @@ mod tests {
             reason: vec![0.1, 0.0],
             by_setting: vec![false; 2],
         }
+    }
+
+    /// Launches of a block each, whose first size differs.
+    fn parts() -> Vec<Part> {
+        let wave = |k: usize| libm::sin(1.7 * k as f64 + 0.3);
+        let part = |launch: usize| {
+            let columns = DMatrix::from_fn(8, 2, |i, k| 2.0 * wave(31 + 7 * i + k + launch));
+            let noise = DVector::from_fn(8, |i, _| 1.4 * wave(5 * i * i + 97 * launch));
+            let block = Block {
+                window: launch,
+                left: noise + columns.column(0) * (0.6 * wave(11 * launch)),
+                slow: DVector::zeros(8),
+                columns,
+                alike: DMatrix::zeros(8, 0),
+                alike_of: Vec::new(),
+                own: DMatrix::zeros(8, 0),
+                kinds: Vec::new(),
+                log_white: 0.0,
+            };
+            Part { launch, blocks: vec![block], differs: true }
+        };
+        (0..8).map(part).collect()
+    }
+
+    /// A spread is drawn as a sum over a grid says, and what nothing tells as it is believed.
+    #[test]
+    fn components_are_drawn_as_they_may_be() {
+        let (parts, prior) = (parts(), Prior { reason: vec![9.0, 0.0], ..prior() });
+        let start = Components::start(&prior, false);
+        let mut likely = Likelihood::new(&parts, &start);
+        assert!(likely.depend());
+        let drawn = likely.drawn(&prior, 4000, &mut rng::stream(2, "test"));
+        let moments = |values: &[f64], weights: &[f64]| {
+            let all: f64 = weights.iter().sum();
+            let mean = values.iter().zip(weights).map(|(v, w)| v * w).sum::<f64>() / all;
+            let square = values.iter().zip(weights).map(|(v, w)| (v - mean).powi(2) * w).sum::<f64>();
+            [mean, (square / all).sqrt()]
+        };
+        let even = vec![1.0; drawn.len()];
+        let found = moments(&drawn.iter().map(|c| c.spread[0].ln()).collect::<Vec<_>>(), &even);
+        let grid: Vec<f64> = (0..120).map(|i| -9.0 + 0.1 * f64::from(i)).collect();
+        let at = |l: f64| [&start.logs()[..start.logs().len() - 1], &[l]].concat();
+        let of = |l: &f64| likely.densities(&at(*l)).iter().sum::<f64>() + start.log_prior(&at(*l), &prior);
+        let logs: Vec<f64> = grid.iter().map(of).collect();
+        let most = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let wanted = moments(&grid, &logs.iter().map(|l| (l - most).exp()).collect::<Vec<_>>());
+        assert!((found[0] - wanted[0]).abs() < 0.1 * wanted[1], "{found:?} for {wanted:?}");
+        assert!((found[1] / wanted[1] - 1.0).abs() < 0.1, "{found:?} for {wanted:?}");
+        assert!(wanted[1] < 0.5, "the parts tell the spread: {wanted:?}");
+        let slow = moments(&drawn.iter().map(|c| c.slow.ln()).collect::<Vec<_>>(), &even);
+        assert!((slow[0] - SLOW[0]).abs() < 0.3 && (slow[1] - SLOW[1]).abs() < 0.3, "{slow:?}");
+    }
+
+    /// Windows that start from what is known whole, without slow misfit, depend on no component.
+    #[test]
+    fn what_does_not_differ_depends_on_none() {
+        let alike: Vec<Part> = parts().into_iter().map(|p| Part { differs: false, ..p }).collect();
+        assert!(!Likelihood::new(&alike, &Components::start(&prior(), false)).depend());
     }
 
     /// What a search steps along is what the components are, and a model without strengths has no step for one.

@@ -334,7 +334,7 @@ fn normal(r: &mut rng::Stream) -> f64 {
 }
 
 /// Positions at `rows` equal times.
-fn flight(start: [f64; 4], duration: f64, rows: usize, force: &Force) -> Vec<(f64, [f64; 2])> {
+pub fn flight(start: [f64; 4], duration: f64, rows: usize, force: &Force) -> Vec<(f64, [f64; 2])> {
     let slope = |t: f64, s: [f64; 4]| {
         let a = force(t, s);
         [s[2], s[3], a[0], a[1] - 9.81]

@@ -2,23 +2,25 @@
 //!
 //! Windows are simulated anew at the values, from the starts that the fit found; what they show is taken against what was seen, in
 //! coordinates across the start (restricted likelihood: what another start would do as well does not count), under the variance
-//! components that launches show. Parts of launches are multivariate Student t. What launches have in common that the model lacks,
-//! a force field of some strength, is integrated out ([`super::discrepancy`]).
+//! components that launches may have: where parts depend on them, the likelihood is the mean over components drawn at the fit, each
+//! weighed by how likely it is there ([`super::under`]). Parts of launches are multivariate Student t. What launches have in common
+//! that the model lacks, a force field of some strength, is integrated out ([`super::discrepancy`]).
 //!
 //! Sources: as in `launch`; model discrepancy integrated out: Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425.
 //!
-//! Differences from the source: how windows depend on their starts, and the variance components, are those at the fit (empirical
-//! Bayes); within a window that dependence is taken for straight.
+//! Differences from the source: how windows depend on their starts is as at the fit; within a window that dependence is taken for
+//! straight.
 
 use std::borrow::Cow;
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 use rayon::prelude::*;
 
 use super::along::{Along, BELIEVED};
-use super::discrepancy::{Discrepancy, Field};
+use super::discrepancy::{self, Field};
+use super::under::{Place, Under};
 use super::unnamed::{Lacks, Unnamed};
-use super::whitened::{Whitened, whiten};
+use crate::discover::components;
 use crate::discover::field::Over;
 use crate::discover::fit::{Fitted, Fitter};
 use crate::discover::launch;
@@ -26,7 +28,7 @@ use crate::discover::model::{self, Layout, Mode, State};
 use crate::discover::window::Window;
 use crate::error::Result;
 use crate::estimate::forces::UnnamedForces;
-use crate::estimate::sampler::{Marginal, Prior, Reference, Target};
+use crate::estimate::sampler::{Marginal, Prior, Reference, Target, log_sum_exp};
 use crate::rng;
 use crate::task::Scene;
 use crate::world::{Engine, Rollout, Sample, simulate_map};
@@ -35,6 +37,8 @@ use crate::world::{Engine, Rollout, Sample, simulate_map};
 pub const WIDER: f64 = 1.5;
 /// Points whose rollouts are made together.
 const TOGETHER: usize = 64;
+/// Draws of the variance components over which a likelihood is the mean.
+const DRAWN: usize = 16;
 
 /// The likelihood of trials, ready to be evaluated.
 pub struct Density {
@@ -42,8 +46,8 @@ pub struct Density {
     prior: Prior,
     engine: Engine,
     windows: Vec<Kept>,
-    parts: Vec<Whitened>,
-    discrepancy: Discrepancy,
+    /// Under components as they may be; under those of the fit alone where parts depend on none.
+    under: Vec<Under>,
     /// What each kind of shared field is made of.
     kinds: Vec<Unnamed>,
     /// The field that the model has, if it has one: drawn along.
@@ -74,59 +78,72 @@ struct Kept {
     mode: Option<Mode>,
     /// What it showed at the fit, two numbers a point, m.
     shown: Vec<f64>,
-    /// Index of its part, and by how much the part's whitened residual grows with what was seen less what is shown, 1/m.
+    /// Index of its part.
     part: usize,
-    by_position: DMatrix<f64>,
 }
 
 impl Density {
-    /// Of the windows of a fitted model, and of shared fields that may be there beside it. `None` where the model cannot be simulated or its
-    /// covariance fails.
-    pub fn new(fitter: &Fitter, fit: &Fitted, prior: Prior, lacks: &Lacks) -> Result<Option<Density>> {
+    /// Of the windows of a fitted model, and of shared fields that may be there beside it; `seed`: of components. `None` where the model cannot
+    /// be simulated or its covariance fails.
+    pub fn new(
+        fitter: &Fitter,
+        fit: &Fitted,
+        prior: Prior,
+        lacks: &Lacks,
+        seed: u64,
+    ) -> Result<Option<Density>> {
         let (data, layout, state) = (fitter.data, &fit.layout, &fit.state);
         let Some((looks, parts)) = fitter.parts(layout, &fit.set, state, &lacks.extras())? else {
             return Ok(None);
         };
         let slots = layout.slots.len();
         let mut shown = model::shown(data, layout, state)?;
-        let (mut windows, mut whitened) = (Vec::new(), Vec::new());
-        for part in &parts {
-            let Some((own, root)) = whiten(part, &fit.components, slots) else { return Ok(None) };
+        let (mut windows, mut places) = (Vec::new(), Vec::new());
+        for (p, part) in parts.iter().enumerate() {
             let mut row = 0;
             for block in &part.blocks {
-                let (w, m) = (block.window, block.left.len());
+                let w = block.window;
                 let (window, look) = (&data.windows[w], &looks[w]);
                 let tells =
                     !layout.terms.is_empty() || (0..slots).any(|k| look.columns.column(k).amax() > 0.0);
                 if tells {
-                    let Some(map) =
+                    let Some(by_position) =
                         launch::by_position((w, window), &fitter.frames[w], look, fitter.scales[w])
                     else {
                         return Ok(None);
                     };
-                    let mut whole = DMatrix::zeros(own.left.len(), map.ncols());
-                    whole.rows_mut(row, m).copy_from(&map);
-                    let Some(by_position) = root.solve_lower_triangular(&whole) else { return Ok(None) };
+                    places.push(Place { part: p, row, by_position });
                     windows.push(Kept {
                         scene: model::placed(window, &state.nuisances[w]),
                         window: window.clone(),
                         nuisances: state.nuisances[w].clone(),
                         mode: state.modes.get(w).cloned(),
                         shown: std::mem::take(&mut shown[w]),
-                        part: whitened.len(),
-                        by_position,
+                        part: p,
                     });
                 }
-                row += m;
+                row += block.left.len();
             }
-            whitened.push(own);
         }
+        let Some(at_fit) = Under::new(&parts, &places, &fit.components, slots, (lacks, None)) else {
+            return Ok(None);
+        };
         let along = match lacks {
-            Lacks::Known(unnamed) => match Along::new(&whitened, unnamed, &fit.prior.precision) {
+            Lacks::Known(unnamed) => match Along::new(&at_fit.parts, unnamed, &fit.prior.precision) {
                 None => return Ok(None),
                 found => found,
             },
             Lacks::Nothing | Lacks::Any(_) => None,
+        };
+        let mut likely = components::Likelihood::new(&parts, &fit.components);
+        let under = match likely.depend() {
+            true => {
+                let drawn = likely.drawn(&fit.prior, DRAWN, &mut rng::stream(seed, "components"));
+                let of = |c| Under::new(&parts, &places, c, slots, (lacks, Some(&at_fit)));
+                let found: Vec<Under> = drawn.par_iter().filter_map(of).collect();
+                if found.is_empty() { vec![at_fit] } else { found }
+            }
+            false => vec![at_fit],
         };
         let drawn = along.iter().flat_map(|along| along.amounts()).map(|_| BELIEVED);
         let prior = Prior::new(prior.marginals().iter().copied().chain(drawn).collect())?;
@@ -135,23 +152,21 @@ impl Density {
             prior,
             engine: data.engine,
             windows,
-            discrepancy: lacks.discrepancy(&whitened),
+            under,
             kinds: lacks.kinds(),
             along,
-            parts: whitened,
         }))
     }
 
     /// Windows that are simulated for a likelihood, and all parts.
     pub fn sizes(&self) -> (usize, usize) {
-        (self.windows.len(), self.parts.len())
+        (self.windows.len(), self.under[0].parts.len())
     }
 
     /// Memory that it takes, without the windows' scenes, bytes.
     pub fn bytes(&self) -> usize {
-        let windows = self.windows.iter().map(|k| k.by_position.len() + 4 * k.shown.len());
-        let parts = self.parts.iter().map(|p| p.left.len() + p.slots.len() + p.field.len());
-        size_of::<f64>() * (windows.chain(parts).sum::<usize>() + self.discrepancy.numbers())
+        let windows = self.windows.iter().map(|k| 4 * k.shown.len());
+        size_of::<f64>() * windows.chain(self.under.iter().map(Under::numbers)).sum::<usize>()
     }
 
     /// Where draws begin of which nothing but a fit is known: about where points are likely, as far as everything is straight.
@@ -187,8 +202,8 @@ impl Density {
         }
     }
 
-    /// By point: what every part leaves there.
-    fn left(&self, points: &[Sample]) -> Result<Vec<Vec<DVector<f64>>>> {
+    /// By point, under each of the components: what every part leaves there.
+    fn left(&self, points: &[Sample]) -> Result<Vec<Vec<Vec<DVector<f64>>>>> {
         let simulated: Vec<usize> =
             (0..self.windows.len()).filter(|w| self.windows[*w].window.kind.simulated()).collect();
         let integrated: Vec<usize> =
@@ -209,8 +224,8 @@ impl Density {
             .map(|(i, physics)| of(i).window.rollout(&of(i).scene, physics))
             .collect();
         let by_engine = simulate_map(&rollouts, self.engine, |i, path| {
-            let kept = &self.windows[simulated[i / n]];
-            kept.moved(&model::predicted(&kept.window, &path))
+            let w = simulated[i / n];
+            self.moved(w, &model::predicted(&self.windows[w].window, &path))
         })?;
         let by_hand = |i: usize| {
             let kept = &self.windows[integrated[i / n]];
@@ -218,24 +233,32 @@ impl Density {
                 modes: kept.mode.iter().cloned().collect(),
                 ..State::new(points[i % n].clone(), vec![kept.nuisances.clone()])
             };
-            kept.moved(&model::seen(&kept.window, &layouts[i % n], &state))
+            self.moved(integrated[i / n], &model::seen(&kept.window, &layouts[i % n], &state))
         };
-        let by_hand: Vec<DVector<f64>> =
+        let by_hand: Vec<Vec<DVector<f64>>> =
             (0..integrated.len() * points.len()).into_par_iter().map(by_hand).collect();
-        let mut out = vec![self.parts.iter().map(|p| p.left.clone()).collect::<Vec<_>>(); points.len()];
+        let mut out = vec![self.under.iter().map(Under::left).collect::<Vec<_>>(); points.len()];
         for (of, all) in [(&simulated, by_engine), (&integrated, by_hand)] {
             for (i, moved) in all.into_iter().enumerate() {
-                out[i % n][self.windows[of[i / n]].part] += moved;
+                let part = self.windows[of[i / n]].part;
+                out[i % n].iter_mut().zip(moved).for_each(|(left, moved)| left[part] += moved);
             }
         }
         Ok(out)
+    }
+
+    /// By how much the whitened residual of a window's part grows, under each of the components, where it shows `shown`.
+    fn moved(&self, window: usize, shown: &[f64]) -> Vec<DVector<f64>> {
+        let fit = &self.windows[window].shown;
+        let off = DVector::from_fn(fit.len(), |i, _| fit[i] - shown.get(i).copied().unwrap_or(f64::NAN));
+        self.under.iter().map(|under| &under.maps[window] * &off).collect()
     }
 
     /// Of every point, by its number, what parts leave there.
     fn at_each<T: Send>(
         &self,
         points: &[Sample],
-        of: impl Fn(usize, &[DVector<f64>]) -> T + Sync,
+        of: impl Fn(usize, &[Vec<DVector<f64>>]) -> T + Sync,
     ) -> Result<Vec<T>> {
         let mut out = Vec::with_capacity(points.len());
         for together in points.chunks(TOGETHER) {
@@ -245,9 +268,9 @@ impl Density {
         Ok(out)
     }
 
-    /// Log likelihoods beside every shared field: `[point][field]`.
-    fn by_field(&self, points: &[Sample]) -> Result<Vec<Vec<f64>>> {
-        self.at_each(points, |_, left| self.discrepancy.log_likelihoods(&self.parts, left))
+    /// Log likelihoods of what is left under each of the components, beside every shared field: `[components][field]`.
+    fn under_each(&self, left: &[Vec<DVector<f64>>]) -> Vec<Vec<f64>> {
+        self.under.iter().zip(left).map(|(under, left)| under.log_likelihoods(left)).collect()
     }
 
     /// What is lacking at points drawn from the posterior.
@@ -261,16 +284,18 @@ impl Density {
                 carried: carried.into_iter().collect(),
             });
         }
-        let of = |i: usize, left: &[DVector<f64>]| {
-            let by_field = self.discrepancy.log_likelihoods(&self.parts, left);
+        let of = |i: usize, left: &[Vec<DVector<f64>>]| {
+            let under_each = self.under_each(left);
             let mut stream = rng::stream(rng::derive(seed, "draw", i as u64), "field");
-            let drawn = self.discrepancy.drawn(left, &by_field, &mut stream);
-            (by_field, drawn)
+            let mixed: Vec<f64> = under_each.iter().map(|of| log_sum_exp(of.iter().copied())).collect();
+            let k = discrepancy::one_of(&mixed, &mut stream).unwrap_or(0);
+            let drawn = self.under[k].discrepancy.drawn(&left[k], &under_each[k], &mut stream);
+            (beside(&under_each), drawn)
         };
         let (all, drawn): (Vec<_>, Vec<_>) = self.at_each(points, of)?.into_iter().unzip();
         let carried = (0..self.kinds.len()).filter_map(|kind| self.carried(kind, &drawn)).collect();
-        let fields =
-            self.discrepancy.fields().into_iter().zip(self.discrepancy.probabilities(&all)).collect();
+        let discrepancy = &self.under[0].discrepancy;
+        let fields = discrepancy.fields().into_iter().zip(discrepancy.probabilities(&all)).collect();
         Ok(Lacking { fields, carried })
     }
 
@@ -285,14 +310,11 @@ impl Density {
     }
 }
 
-impl Kept {
-    /// By how much the part's whitened residual grows where the window shows `shown`.
-    fn moved(&self, shown: &[f64]) -> DVector<f64> {
-        let moved = DVector::from_fn(self.shown.len(), |i, _| {
-            self.shown[i] - shown.get(i).copied().unwrap_or(f64::NAN)
-        });
-        &self.by_position * moved
-    }
+/// Log likelihoods beside every shared field, of those under each of the components: their mean.
+fn beside(under_each: &[Vec<f64>]) -> Vec<f64> {
+    let count = libm::log(under_each.len() as f64);
+    let fields = under_each.first().map_or(0, Vec::len);
+    (0..fields).map(|f| log_sum_exp(under_each.iter().map(|of| of[f])) - count).collect()
 }
 
 impl Target for Density {
@@ -305,6 +327,6 @@ impl Target for Density {
     }
 
     fn log_likelihoods(&self, points: &[Sample]) -> Result<Vec<f64>> {
-        Ok(self.by_field(points)?.iter().map(|of| self.discrepancy.mixed(of)).collect())
+        self.at_each(points, |_, left| log_sum_exp(beside(&self.under_each(left))))
     }
 }

@@ -63,6 +63,8 @@ pub struct Discrepancy {
 /// A kind of field, in the directions that data tell of.
 struct Kind {
     over: Over,
+    /// Which of all functions are its own.
+    range: Range<usize>,
     /// The directions, by function of the range.
     turn: DMatrix<f64>,
     /// Information of each direction at the fit.
@@ -75,7 +77,8 @@ impl Discrepancy {
     /// Of parts with derivatives by all functions; `kinds`: which of those each kind has.
     pub fn new(parts: &[Whitened], kinds: &[(Over, Range<usize>)]) -> Discrepancy {
         let none = if kinds.is_empty() { 0.0 } else { libm::log(0.5) };
-        let kinds: Vec<Kind> = kinds.iter().map(|(over, range)| Kind::new(parts, *over, range)).collect();
+        let kinds: Vec<Kind> =
+            kinds.iter().map(|(over, range)| Kind::new(parts, *over, range, None)).collect();
         let left: Vec<DVector<f64>> = parts.iter().map(|p| p.left.clone()).collect();
         let each = libm::log(0.5 / (kinds.len() * STRENGTHS.len()).max(1) as f64);
         let all = (0..kinds.len()).flat_map(|k| STRENGTHS.map(|s| (k, s, each)));
@@ -85,6 +88,19 @@ impl Discrepancy {
         let mut worth = densities.iter().skip(1).map(|d| best - d < HOPELESS);
         found.tried.retain(|_| worth.next().unwrap_or(false));
         found
+    }
+
+    /// The same fields, where parts have other covariances.
+    pub fn under(&self, parts: &[Whitened]) -> Discrepancy {
+        let anew = |kind: &Kind| {
+            let found = Kind::new(parts, kind.over, &kind.range, Some(&kind.turn));
+            Kind { turn: &kind.turn * &found.turn, ..found }
+        };
+        Discrepancy {
+            kinds: self.kinds.iter().map(anew).collect(),
+            tried: self.tried.clone(),
+            none: self.none,
+        }
     }
 
     /// Numbers that it holds.
@@ -114,11 +130,6 @@ impl Discrepancy {
         out
     }
 
-    /// All fields together.
-    pub fn mixed(&self, by_field: &[f64]) -> f64 {
-        log_sum_exp(by_field.iter().copied())
-    }
-
     /// A field as it may be, of what parts leave at a point: its kind, by its number, and the coefficient of each of its functions, m/s^2; nothing where there is none. Drawn by the fields' probabilities there, then about the most likely
     /// coefficients; directions that nothing tells of stay nothing. `by_field`: log likelihoods at the point.
     pub fn drawn(
@@ -127,15 +138,7 @@ impl Discrepancy {
         by_field: &[f64],
         stream: &mut Stream,
     ) -> Option<(usize, DVector<f64>)> {
-        let all = log_sum_exp(by_field.iter().copied());
-        let mut rest: f64 = stream.random();
-        let mut met = by_field.iter().position(|l| {
-            rest -= libm::exp(l - all);
-            rest < 0.0
-        });
-        // Where rounding leaves something over it is the last that may be.
-        met = met.or_else(|| by_field.iter().rposition(|l| l.is_finite()));
-        let (kind, strength, _) = *self.tried.get(met?.checked_sub(1)?)?;
+        let (kind, strength, _) = *self.tried.get(one_of(by_field, stream)?.checked_sub(1)?)?;
         let own = &self.kinds[kind];
         let mut along = own.field(&own.asked(left), strength);
         for (k, a) in along.iter_mut().enumerate() {
@@ -156,10 +159,31 @@ impl Discrepancy {
     }
 }
 
+/// One of several, drawn by the logarithms of their weights; `None` where there is none that may be.
+pub fn one_of(log_weights: &[f64], stream: &mut Stream) -> Option<usize> {
+    if log_weights.len() == 1 {
+        return Some(0);
+    }
+    let all = log_sum_exp(log_weights.iter().copied());
+    let mut rest: f64 = stream.random();
+    let met = log_weights.iter().position(|l| {
+        rest -= libm::exp(l - all);
+        rest < 0.0
+    });
+    // Where rounding leaves something over it is the last that may be.
+    met.or_else(|| log_weights.iter().rposition(|l| l.is_finite()))
+}
+
 impl Kind {
-    fn new(parts: &[Whitened], over: Over, range: &Range<usize>) -> Kind {
+    /// Of some of all functions, or of what they come to along some directions of theirs.
+    fn new(parts: &[Whitened], over: Over, range: &Range<usize>, along: Option<&DMatrix<f64>>) -> Kind {
+        let by = |part: &Whitened| {
+            let own = part.field.columns(range.start, range.len());
+            along.map_or_else(|| own.into_owned(), |turn| own * turn)
+        };
+        let columns: Vec<DMatrix<f64>> = parts.iter().map(by).collect();
         let mut weights = vec![1.0; parts.len()];
-        let mut found = Kind::turned(parts, &weights, over, range);
+        let mut found = Kind::turned(&columns, &weights, over, range);
         let own: Vec<DVector<f64>> = parts.iter().map(|p| p.left.clone()).collect();
         for _ in 0..ROUNDS {
             let asked = found.asked(&own);
@@ -174,18 +198,17 @@ impl Kind {
                 let square = (left - columns * &field).norm_squared();
                 *weight = (FREEDOM + n) / (FREEDOM + square);
             }
-            found = Kind::turned(parts, &weights, over, range);
+            found = Kind::turned(&columns, &weights, over, range);
         }
         found
     }
 
     /// Columns turned to directions in which information is diagonal.
-    fn turned(parts: &[Whitened], weights: &[f64], over: Over, range: &Range<usize>) -> Kind {
-        let count = range.len();
+    fn turned(by: &[DMatrix<f64>], weights: &[f64], over: Over, range: &Range<usize>) -> Kind {
+        let count = by.first().map_or(0, DMatrix::ncols);
         let mut gram = DMatrix::zeros(count, count);
-        for (part, weight) in parts.iter().zip(weights) {
-            let own = part.field.columns(range.start, count);
-            gram += own.tr_mul(&own) * *weight;
+        for (own, weight) in by.iter().zip(weights) {
+            gram += own.tr_mul(own) * *weight;
         }
         let eigen = gram.symmetric_eigen();
         let strongest = STRENGTHS[STRENGTHS.len() - 1];
@@ -194,12 +217,12 @@ impl Kind {
         order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]).then(a.cmp(b)));
         order.truncate(DIRECTIONS);
         let turn = eigen.eigenvectors.select_columns(&order);
-        let turned =
-            |(part, weight): (&Whitened, &f64)| (*weight, part.field.columns(range.start, count) * &turn);
+        let turned = |(own, weight): (&DMatrix<f64>, &f64)| (*weight, own * &turn);
         Kind {
             over,
+            range: range.clone(),
             information: DVector::from_fn(order.len(), |k, _| eigen.eigenvalues[order[k]]),
-            parts: parts.iter().zip(weights).map(turned).collect(),
+            parts: by.iter().zip(weights).map(turned).collect(),
             turn,
         }
     }

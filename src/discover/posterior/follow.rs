@@ -138,7 +138,7 @@ impl Way<'_> {
             return Ok(None);
         };
         let lacks = Lacks::Known(&from.unnamed);
-        let Some(density) = Density::new(&fitter, &fit, self.prior.clone(), &lacks)? else {
+        let Some(density) = Density::new(&fitter, &fit, self.prior.clone(), &lacks, *seed)? else {
             return Ok(None);
         };
         let reference = match from.cloud.as_slice() {

@@ -25,6 +25,7 @@ mod likelihood;
 mod models;
 mod prior;
 mod reach;
+mod under;
 mod unnamed;
 mod wanted;
 mod whitened;
@@ -33,7 +34,7 @@ use crate::discover::field::Over;
 use crate::error::Result;
 use crate::estimate::sampler::Draws;
 use crate::estimate::sampler::mcmc::mcmc;
-use crate::estimate::sampler::smc::{SmcConfig, smc};
+use crate::estimate::sampler::smc::smc;
 use crate::progress::Progress;
 use crate::reality::Trial;
 use crate::rng;
@@ -100,10 +101,7 @@ pub fn posterior(
             // A field is many numbers more, among which particles take longer to forget where they stood.
             let more = if model.unnamed.is_some() { MOVES } else { 1 };
             let draws = match &config.sampler {
-                Sampler::Smc(own) => {
-                    let (moves, last_moves) = (more * own.moves, more * own.last_moves);
-                    smc(&density, &reference, &SmcConfig { moves, last_moves, ..own.clone() }, progress)?
-                }
+                Sampler::Smc(own) => smc(&density, &reference, &own.moving(more), progress)?,
                 Sampler::Mcmc(own) => mcmc(&density, &reference, own, progress)?,
             };
             noise = noise.min(model.noise.sd);

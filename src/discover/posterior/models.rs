@@ -132,7 +132,7 @@ impl Ask<'_> {
             (None, true) => Lacks::Any(Every::of(fitter, &fit.layout, &fit.state)?),
             (None, false) => Lacks::Nothing,
         };
-        let density = Density::new(fitter, fit, prior, &lacks)?;
+        let density = Density::new(fitter, fit, prior, &lacks, self.config.seed)?;
         let failed = || Error::Failed("the windows cannot be simulated where the fit stands".into());
         Ok((density.ok_or_else(failed)?, numbers))
     }

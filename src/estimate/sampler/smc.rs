@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 
 use super::quality::{Quality, by_run, r_hat};
 use super::reference::{Reference, Student};
-use super::{Draws, Target, log_sum_exp, moments};
+use super::{Draws, Target, densities, log_sum_exp, moments};
 use crate::error::{Error, Result, within};
 use crate::progress::Progress;
 use crate::rng::{self, Stream};
@@ -46,6 +46,8 @@ const WORTH: f64 = 0.5;
 const FORGOTTEN: f64 = 0.3;
 /// Most temperatures: more than a reference that lies anywhere near needs.
 const TEMPERATURES: usize = 60;
+/// Most moves of a particle at a temperature.
+const MOST_MOVES: usize = 1000;
 /// Least share of its prior's width by which a number walks alone.
 const NARROWEST: f64 = 1e-3;
 /// Particles of a pilot, as a share of a run's; fewest of them for every number: of fewer no covariance is told.
@@ -66,8 +68,14 @@ impl SmcConfig {
     pub fn validate(&self) -> Result<()> {
         within("particles", self.particles as f64, 16.0, 100_000.0)?;
         within("runs", self.runs as f64, 2.0, 64.0)?;
-        within("moves", self.moves as f64, 1.0, 1000.0)?;
-        within("last_moves", self.last_moves as f64, self.moves as f64, 1000.0).map(drop)
+        within("moves", self.moves as f64, 1.0, MOST_MOVES as f64)?;
+        within("last_moves", self.last_moves as f64, self.moves as f64, MOST_MOVES as f64).map(drop)
+    }
+
+    /// The same with particles moved oftener, as far as is allowed.
+    pub fn moving(&self, times: usize) -> SmcConfig {
+        let of = |moves: usize| moves.saturating_mul(times).min(MOST_MOVES);
+        SmcConfig { moves: of(self.moves), last_moves: of(self.last_moves), ..self.clone() }
     }
 }
 
@@ -175,21 +183,16 @@ impl<'a> Run<'a> {
         Err(Error::Failed(lost.into()))
     }
 
-    /// Points with their densities; the likelihood is asked only where the prior allows them.
+    /// Points with their densities.
     fn weighed(&mut self, points: Vec<Sample>) -> Result<Vec<Particle>> {
-        let prior = self.target.prior();
-        let allowed: Vec<Sample> = points.iter().filter(|p| prior.allows(p)).cloned().collect();
-        self.evaluations += allowed.len() as u64;
-        let mut likelihoods = self.target.log_likelihoods(&allowed)?.into_iter();
-        let particle = |at: Sample| {
-            let begun = self.reference.log_density(&at);
-            let likelihood = match prior.allows(&at) {
-                true => likelihoods.next().filter(|l| !l.is_nan()).unwrap_or(f64::NEG_INFINITY),
-                false => f64::NEG_INFINITY,
-            };
-            Particle { begun, wanted: prior.log_density(&at) + likelihood, likelihood, at }
+        let found = densities(self.target, &points, &mut self.evaluations)?;
+        let particle = |(at, [wanted, likelihood]): (Sample, [f64; 2])| Particle {
+            begun: self.reference.log_density(&at),
+            wanted,
+            likelihood,
+            at,
         };
-        Ok(points.into_iter().map(particle).collect())
+        Ok(points.into_iter().zip(found).map(particle).collect())
     }
 
     /// How particles stand to each other: what moves are scaled by.

@@ -3,10 +3,14 @@
 //!
 //! `cargo run --release --example posterior_calibration -- --worlds 100 --out calibration.md`. Every world's outcome is added to a CSV
 //! beside the table as soon as it is known, and a run that was stopped goes on where it was. `--leave linear_drag:c=0.223` gives every
-//! world an effect that the simulation lacks: then intervals should still hold the truth.
+//! world an effect that the simulation lacks: then intervals should still hold the truth. `--recorded` draws recordings of a ball that is
+//! thrown in place of tasks ([`recordings`]; else [`tasks`]): there variance components are drawn with what is asked.
 //!
 //! Source: Talts, Betancourt, Simpson, Vehtari and Gelman, arXiv:1804.06788 (2018); p values of several numbers are corrected
 //! as Holm, Scand. J. Stat. 6 (1979) 65.
+
+mod recordings;
+mod tasks;
 
 use std::collections::HashSet;
 use std::io::Write as _;
@@ -17,14 +21,9 @@ use clap::Parser;
 use iplw::discover::posterior::{PosteriorConfig, Sampler, posterior};
 use iplw::error::Result;
 use iplw::estimate::sampler::smc::SmcConfig;
-use iplw::estimate::sampler::{Marginal, Prior};
-use iplw::experiment::random_trials;
 use iplw::progress::Silent;
-use iplw::reality::{HiddenConfig, HiddenWorld, settled, standard};
-use iplw::rng;
-use iplw::task::scene::EffectTerm;
-use iplw::task::{Split, family, split};
-use iplw::world::Latents;
+use iplw::reality::Trial;
+use iplw::task::Scene;
 
 /// Draws worlds from the prior and counts where the truth ranks among draws from the posterior
 #[derive(Parser)]
@@ -47,6 +46,9 @@ struct Run {
     /// An effect that every world has and the simulation lacks, `name:parameter=value`
     #[arg(long)]
     leave: Option<String>,
+    /// Recordings of throws, whose misfit and spreads are drawn along, in place of a family's tasks
+    #[arg(long, conflicts_with_all = ["leave", "task"])]
+    recorded: bool,
     /// Take the model for complete
     #[arg(long)]
     no_discrepancy: bool,
@@ -61,8 +63,16 @@ struct Run {
     out: PathBuf,
 }
 
-/// Latents that are drawn and asked for.
-const ASKED: [&str; 2] = ["friction", "restitution"];
+/// A world as it was drawn, and what was measured in it.
+struct Drawn {
+    scene: Scene,
+    trials: Vec<Trial>,
+    /// Effects that are asked for.
+    set: Vec<String>,
+    /// What the numbers of its posterior are.
+    truth: Vec<f64>,
+}
+
 /// Ranks are counted in so many bins.
 const BINS: usize = 10;
 /// Draws of a world among which the truth ranks, thinned from all: 99, so that there are 100 ranks.
@@ -80,7 +90,8 @@ fn main() -> std::result::Result<(), Box<dyn std::error::Error>> {
             (_, true) => "followed",
             _ => "field",
         };
-        let key = format!("{}/{lacks}/{seed}", run.leave.as_deref().unwrap_or("nothing"));
+        let left = if run.recorded { "recordings, nothing" } else { "nothing" };
+        let key = format!("{}/{lacks}/{seed}", run.leave.as_deref().unwrap_or(left));
         if !done.contains(key.as_str()) {
             let line = world(&run, seed)?;
             file.write_all(format!("{key},{line}\n").as_bytes())?;
@@ -93,25 +104,16 @@ fn main() -> std::result::Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// Of each latent its rank among the thinned draws and how sure they are, then whether draws converged, and seconds.
+/// Of each number its rank among the thinned draws and how sure they are, then whether draws converged, and seconds.
 fn world(run: &Run, seed: u64) -> Result<String> {
     let begun = Instant::now();
-    let family = family(&run.task)?;
     let usual = PosteriorConfig::standard(seed);
-    let belief =
-        |k: usize, low, high| Marginal::Normal { mean: usual.prior[k].0, sd: usual.prior[k].1, low, high };
-    let prior = Prior::new(vec![belief(1, 0.0, 10.0), belief(2, 0.0, 1.0)])?;
-    let truth = prior.draw(&mut rng::stream(seed, "truth"));
-    let latents =
-        Latents { friction: Some(truth[0]), restitution: Some(truth[1]), ..standard(family).latents };
-    let effects = run.leave.iter().map(|text| term(text)).collect();
-    let hidden = HiddenConfig { latents, effects, noise: run.noise, seed, ..standard(family) };
-    let tasks = split(&family.fold(0), Split::Train);
-    let trials = random_trials(&tasks, &mut HiddenWorld::new(hidden)?, run.trials, seed, &Silent)?;
-    let (mut scene, trials) = settled(&tasks[0].scene, trials)?;
-    scene.calibrate = ASKED.map(String::from).to_vec();
+    let drawn =
+        if run.recorded { recordings::drawn(run, seed) } else { tasks::drawn(run, &usual.prior, seed) };
+    let Drawn { scene, trials, set, truth } = drawn?;
     let sampler = Sampler::Smc(SmcConfig { particles: run.particles, ..SmcConfig::standard(seed) });
-    let config = PosteriorConfig { sampler, discrepancy: !run.no_discrepancy, follow: run.follow, ..usual };
+    let (discrepancy, follow) = (!run.no_discrepancy, run.follow);
+    let config = PosteriorConfig { sampler, sets: vec![set], discrepancy, follow, ..usual };
     let found = posterior(&scene, &trials, &config, &Silent)?;
     let draws = &found.sets[0].draws;
     let of = |(k, truth): (usize, &f64)| {
@@ -130,22 +132,14 @@ fn world(run: &Run, seed: u64) -> Result<String> {
     Ok(format!("{},{converged},{lacks:.3},{:.1}", ranks.join(","), begun.elapsed().as_secs_f64()))
 }
 
-/// `name:parameter=value,...`
-fn term(text: &str) -> EffectTerm {
-    let (name, rest) = text.split_once(':').unwrap_or((text, ""));
-    let pairs = rest.split(',').filter_map(|p| p.split_once('='));
-    let parameters = pairs.filter_map(|(n, v)| Some((n.to_string(), v.parse().ok()?))).collect();
-    EffectTerm { name: name.into(), parameters }
-}
-
-/// By latent: how often 90 % intervals hold the truth, and whether ranks are uniform.
+/// By number: how often 90 % intervals hold the truth, and whether ranks are uniform.
 fn table(log: &str) -> String {
     let rows: Vec<Vec<&str>> = log.lines().map(|l| l.split(',').collect()).collect();
     let mut kinds: Vec<&str> = rows.iter().filter_map(|r| r[0].rsplit_once('/')).map(|k| k.0).collect();
     kinds.sort_unstable();
     kinds.dedup();
     let mut out = String::from(
-        "| left out / taken for | latent | worlds | 90 % intervals hold | chi squared of ranks (9 degrees) | p | median width | converged | s |\n\
+        "| left out / taken for | number | worlds | 90 % intervals hold | chi squared of ranks (9 degrees) | p | median width | converged | s |\n\
          |---|---|---|---|---|---|---|---|---|\n",
     );
     for kind in kinds {
@@ -153,7 +147,10 @@ fn table(log: &str) -> String {
             rows.iter().filter(|r| r[0].rsplit_once('/').is_some_and(|k| k.0 == kind)).collect();
         let number = |r: &Vec<&str>, i: usize| r[i].parse::<f64>().unwrap_or(f64::NAN);
         let mean = |i: usize| own.iter().map(|r| number(r, i)).sum::<f64>() / own.len() as f64;
-        for (k, name) in ASKED.iter().enumerate() {
+        let names: &[&str] = if kind.starts_with("recordings") { &recordings::ASKED } else { &tasks::ASKED };
+        // Behind what is said of each number: whether draws converged, what is lacking, seconds.
+        let rest = 1 + 4 * names.len();
+        for (k, name) in names.iter().enumerate() {
             let first = 1 + 4 * k;
             let mut counts = [0.0; BINS];
             own.iter()
@@ -169,8 +166,8 @@ fn table(log: &str) -> String {
                 counts.map(|c| format!("{c}")).join(" "),
                 above(chi, (BINS - 1) as f64),
                 widths[widths.len() / 2],
-                100.0 * mean(9),
-                mean(11)
+                100.0 * mean(rest),
+                mean(rest + 2)
             );
         }
     }
