@@ -279,7 +279,7 @@ mod tests {
             let noise = DVector::from_fn(8, |i, _| 1.4 * wave(5 * i * i + 97 * launch));
             let block = Block {
                 window: launch,
-                left: noise + columns.column(0) * (0.6 * wave(11 * launch)),
+                left: noise + columns.column(0) * (3.0 * wave(11 * launch)),
                 slow: DVector::zeros(8),
                 columns,
                 alike: DMatrix::zeros(8, 0),
