@@ -1,7 +1,7 @@
 //! How likely trials are at points of one's own choice, for samplers of one's own: prepared once, asked as often as one likes.
 //!
-//! It is the density that [`super::posterior`] draws from, to the bit, with the same prior. Variance components and how windows depend
-//! on their starts are those at the fit, as they are there; a shared field that the model may lack is integrated out.
+//! It is the density that [`super::posterior`] draws from, to the bit, with the same prior. How windows depend on
+//! their starts is as at the fit, as it is there; variance components and a shared field that the model may lack are integrated out.
 
 use serde_json::{Value, json};
 

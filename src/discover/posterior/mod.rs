@@ -2,9 +2,10 @@
 //!
 //! 1. Trials are cut into windows and the model of every set is fitted, as a diagnosis does it.
 //!    `models`: they; `reach`: beginnings of trials, whose starts are known, go on as far as the model predicts them.
-//! 2. `density`: how likely the windows are at any values, about that fit; `discrepancy`: what launches share that the model lacks
-//!    is integrated out; `follow`: if it is to be followed, it is put into the model first (`unnamed`: what such a field is) and drawn
-//!    `along`; `whitened`: coordinates in which that is plain; `prior`: what is believed of every number.
+//! 2. `density`: how likely the windows are at any values, about that fit; `under`: variance components are integrated out, as a mean
+//!    over draws of them; `discrepancy`: so is what launches share that the model lacks; `follow`: if it is to be followed, it is put
+//!    into the model first (`unnamed`: what such a field is) and drawn `along`; `whitened`: coordinates in which that is plain;
+//!    `prior`: what is believed of every number.
 //! 3. `estimate::sampler` draws, beginning near the fit; `likelihood`: the same density for samplers of one's own.
 //! 4. Sets are weighed by how well each predicts launches from the others (`decide`); their evidence stands beside that.
 //!    `document`: all of it as it is written; `config`: what can be asked; `wanted`: what people
@@ -13,7 +14,7 @@
 //! Sources: sequential Monte Carlo (Del Moral, Doucet and Jasra 2006), model discrepancy (Kennedy and O'Hagan 2001), stacking by
 //! bootstrapped predictive densities (Yao et al. 2018).
 //!
-//! Range of validity: how windows depend on their unknown starts, and variance components, are held at the fit.
+//! Range of validity: how windows depend on their unknown starts is held at the fit; so is the noise.
 
 mod along;
 mod config;
