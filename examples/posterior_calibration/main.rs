@@ -47,7 +47,7 @@ struct Run {
     #[arg(long)]
     leave: Option<String>,
     /// Recordings of throws, whose misfit and spreads are drawn along, in place of a family's tasks
-    #[arg(long, conflicts_with_all = ["leave", "task"])]
+    #[arg(long, conflicts_with_all = ["leave", "task", "follow"])]
     recorded: bool,
     /// Take the model for complete
     #[arg(long)]
@@ -90,8 +90,10 @@ fn main() -> std::result::Result<(), Box<dyn std::error::Error>> {
             (_, true) => "followed",
             _ => "field",
         };
-        let left = if run.recorded { "recordings, nothing" } else { "nothing" };
-        let key = format!("{}/{lacks}/{seed}", run.leave.as_deref().unwrap_or(left));
+        let left = if run.recorded { "recordings" } else { "nothing" };
+        // Commas part what is said of a world.
+        let left = run.leave.as_deref().unwrap_or(left).replace(',', ";");
+        let key = format!("{left}/{lacks}/{seed}");
         if !done.contains(key.as_str()) {
             let line = world(&run, seed)?;
             file.write_all(format!("{key},{line}\n").as_bytes())?;

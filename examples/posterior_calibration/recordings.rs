@@ -1,5 +1,9 @@
 //! Recordings of a ball that is thrown through air with a linear drag: the drag is drawn from the prior, and so is all that launches may
-//! differ by as `discover::components` believes it: the drag's spread, a lift and a wind of each launch's own, a slow misfit.
+//! differ by, as `discover::components` believes it (its constants are written down here once more): the drag's spread, a lift and a wind of
+//! each launch's own, a slow misfit.
+//!
+//! Differences from the model that is asked: all launches have the same noise, where the model lets each have a scale of its own;
+//! the most that the drag differs by goes by the drag that is there, where the model goes by the one that it fits.
 
 use std::sync::Arc;
 

@@ -2,14 +2,16 @@
 //!
 //! Windows are simulated anew at the values, from the starts that the fit found; what they show is taken against what was seen, in
 //! coordinates across the start (restricted likelihood: what another start would do as well does not count), under the variance
-//! components that launches may have: where parts depend on them, the likelihood is the mean over components drawn at the fit, each
-//! weighed by how likely it is there ([`super::under`]). Parts of launches are multivariate Student t. What launches have in common
+//! components that launches may have: where parts depend on them, the likelihood is the mean over components drawn at the fit, of each
+//! likelihood relative to what it is at the fit ([`super::under`]). Parts of launches are multivariate Student t. What launches have in common
 //! that the model lacks, a force field of some strength, is integrated out ([`super::discrepancy`]).
 //!
 //! Sources: as in `launch`; model discrepancy integrated out: Kennedy and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425.
 //!
 //! Differences from the source: how windows depend on their starts is as at the fit; within a window that dependence is taken for
-//! straight.
+//! straight. Components are drawn once, where the fit stands, and the most that launches have reason to differ by is as there: points
+//! far from it are told by few of the draws. At the fit itself the likelihood is that of the fit's components, and log evidence with it: a
+//! model with more components pays nothing for them.
 
 use std::borrow::Cow;
 
@@ -24,7 +26,8 @@ use crate::discover::components;
 use crate::discover::field::Over;
 use crate::discover::fit::{Fitted, Fitter};
 use crate::discover::launch;
-use crate::discover::model::{self, Layout, Mode, State};
+use crate::discover::launch::Part;
+use crate::discover::model::{self, Layout, Look, Mode, State};
 use crate::discover::window::Window;
 use crate::error::Result;
 use crate::estimate::forces::UnnamedForces;
@@ -46,7 +49,7 @@ pub struct Density {
     prior: Prior,
     engine: Engine,
     windows: Vec<Kept>,
-    /// Under components as they may be; under those of the fit alone where parts depend on none.
+    /// Under components as they may be, without draws whose covariance fails; under those of the fit alone where parts depend on none.
     under: Vec<Under>,
     /// What each kind of shared field is made of.
     kinds: Vec<Unnamed>,
@@ -60,6 +63,9 @@ pub struct Carried {
     pub over: Over,
     pub forces: UnnamedForces,
 }
+
+/// Windows of parts that depend on the values, and their places; `None` where a covariance fails.
+type Windows = Option<(Vec<Kept>, Vec<Place>)>;
 
 /// What points lack.
 pub struct Lacking {
@@ -96,38 +102,9 @@ impl Density {
         let Some((looks, parts)) = fitter.parts(layout, &fit.set, state, &lacks.extras())? else {
             return Ok(None);
         };
-        let slots = layout.slots.len();
-        let mut shown = model::shown(data, layout, state)?;
-        let (mut windows, mut places) = (Vec::new(), Vec::new());
-        for (p, part) in parts.iter().enumerate() {
-            let mut row = 0;
-            for block in &part.blocks {
-                let w = block.window;
-                let (window, look) = (&data.windows[w], &looks[w]);
-                let tells =
-                    !layout.terms.is_empty() || (0..slots).any(|k| look.columns.column(k).amax() > 0.0);
-                if tells {
-                    let Some(by_position) =
-                        launch::by_position((w, window), &fitter.frames[w], look, fitter.scales[w])
-                    else {
-                        return Ok(None);
-                    };
-                    places.push(Place { part: p, row, by_position });
-                    windows.push(Kept {
-                        scene: model::placed(window, &state.nuisances[w]),
-                        window: window.clone(),
-                        nuisances: state.nuisances[w].clone(),
-                        mode: state.modes.get(w).cloned(),
-                        shown: std::mem::take(&mut shown[w]),
-                        part: p,
-                    });
-                }
-                row += block.left.len();
-            }
-        }
-        let Some(at_fit) = Under::new(&parts, &places, &fit.components, slots, (lacks, None)) else {
-            return Ok(None);
-        };
+        let Some((windows, places)) = kept(fitter, fit, &looks, &parts)? else { return Ok(None) };
+        let new = |c, before| Under::new(&parts, &places, c, layout.slots.len(), (lacks, before));
+        let Some(at_fit) = new(&fit.components, None) else { return Ok(None) };
         let along = match lacks {
             Lacks::Known(unnamed) => match Along::new(&at_fit.parts, unnamed, &fit.prior.precision) {
                 None => return Ok(None),
@@ -136,15 +113,14 @@ impl Density {
             Lacks::Nothing | Lacks::Any(_) => None,
         };
         let mut likely = components::Likelihood::new(&parts, &fit.components);
-        let under = match likely.depend() {
-            true => {
-                let drawn = likely.drawn(&fit.prior, DRAWN, &mut rng::stream(seed, "components"));
-                let of = |c| Under::new(&parts, &places, c, slots, (lacks, Some(&at_fit)));
-                let found: Vec<Under> = drawn.par_iter().filter_map(of).collect();
-                if found.is_empty() { vec![at_fit] } else { found }
-            }
-            false => vec![at_fit],
-        };
+        let mut under = Vec::new();
+        if likely.depend() {
+            let drawn = likely.drawn(&fit.prior, DRAWN, &mut rng::stream(seed, "components"));
+            under = drawn.par_iter().filter_map(|c| Some(new(c, Some(&at_fit))?.ready())).collect();
+        }
+        if under.is_empty() {
+            under.push(at_fit.ready());
+        }
         let drawn = along.iter().flat_map(|along| along.amounts()).map(|_| BELIEVED);
         let prior = Prior::new(prior.marginals().iter().copied().chain(drawn).collect())?;
         Ok(Some(Density {
@@ -202,8 +178,8 @@ impl Density {
         }
     }
 
-    /// By point, under each of the components: what every part leaves there.
-    fn left(&self, points: &[Sample]) -> Result<Vec<Vec<Vec<DVector<f64>>>>> {
+    /// By point: by how much what every window shows there is off what it showed at the fit, m.
+    fn off(&self, points: &[Sample]) -> Result<Vec<Vec<DVector<f64>>>> {
         let simulated: Vec<usize> =
             (0..self.windows.len()).filter(|w| self.windows[*w].window.kind.simulated()).collect();
         let integrated: Vec<usize> =
@@ -225,7 +201,7 @@ impl Density {
             .collect();
         let by_engine = simulate_map(&rollouts, self.engine, |i, path| {
             let w = simulated[i / n];
-            self.moved(w, &model::predicted(&self.windows[w].window, &path))
+            self.windows[w].off(&model::predicted(&self.windows[w].window, &path))
         })?;
         let by_hand = |i: usize| {
             let kept = &self.windows[integrated[i / n]];
@@ -233,25 +209,29 @@ impl Density {
                 modes: kept.mode.iter().cloned().collect(),
                 ..State::new(points[i % n].clone(), vec![kept.nuisances.clone()])
             };
-            self.moved(integrated[i / n], &model::seen(&kept.window, &layouts[i % n], &state))
+            kept.off(&model::seen(&kept.window, &layouts[i % n], &state))
         };
-        let by_hand: Vec<Vec<DVector<f64>>> =
+        let by_hand: Vec<DVector<f64>> =
             (0..integrated.len() * points.len()).into_par_iter().map(by_hand).collect();
-        let mut out = vec![self.under.iter().map(Under::left).collect::<Vec<_>>(); points.len()];
+        let mut out = vec![vec![DVector::zeros(0); self.windows.len()]; points.len()];
         for (of, all) in [(&simulated, by_engine), (&integrated, by_hand)] {
-            for (i, moved) in all.into_iter().enumerate() {
-                let part = self.windows[of[i / n]].part;
-                out[i % n].iter_mut().zip(moved).for_each(|(left, moved)| left[part] += moved);
+            for (i, off) in all.into_iter().enumerate() {
+                out[i % n][of[i / n]] = off;
             }
         }
         Ok(out)
     }
 
-    /// By how much the whitened residual of a window's part grows, under each of the components, where it shows `shown`.
-    fn moved(&self, window: usize, shown: &[f64]) -> Vec<DVector<f64>> {
-        let fit = &self.windows[window].shown;
-        let off = DVector::from_fn(fit.len(), |i, _| fit[i] - shown.get(i).copied().unwrap_or(f64::NAN));
-        self.under.iter().map(|under| &under.maps[window] * &off).collect()
+    /// What every part leaves where windows are so far off, under each of the components.
+    fn left(&self, off: &[DVector<f64>]) -> Vec<Vec<DVector<f64>>> {
+        let of = |under: &Under| {
+            let mut left = under.left();
+            for ((kept, map), off) in self.windows.iter().zip(&under.maps).zip(off) {
+                left[kept.part] += map * off;
+            }
+            left
+        };
+        self.under.iter().map(of).collect()
     }
 
     /// Of every point, by its number, what parts leave there.
@@ -262,8 +242,8 @@ impl Density {
     ) -> Result<Vec<T>> {
         let mut out = Vec::with_capacity(points.len());
         for together in points.chunks(TOGETHER) {
-            let (first, left) = (out.len(), self.left(together)?);
-            out.par_extend(left.par_iter().enumerate().map(|(i, left)| of(first + i, left)));
+            let (first, off) = (out.len(), self.off(together)?);
+            out.par_extend(off.par_iter().enumerate().map(|(i, off)| of(first + i, &self.left(off))));
         }
         Ok(out)
     }
@@ -307,6 +287,43 @@ impl Density {
             own.filter(|(_, k, _)| *k == kind).map(|(i, _, more)| (i, unnamed.amplitudes(more))).unzip();
         let forces = UnnamedForces { effects: unnamed.shapes(), draws, amplitudes };
         (!forces.draws.is_empty()).then_some(Carried { over: unnamed.over, forces })
+    }
+}
+
+fn kept(fitter: &Fitter, fit: &Fitted, looks: &[Look], parts: &[Part]) -> Result<Windows> {
+    let (data, layout, state) = (fitter.data, &fit.layout, &fit.state);
+    let mut shown = model::shown(data, layout, state)?;
+    let (mut windows, mut places) = (Vec::new(), Vec::new());
+    for (p, part) in parts.iter().enumerate() {
+        let mut row = 0;
+        for block in &part.blocks {
+            let w = block.window;
+            let (window, look) = (&data.windows[w], &looks[w]);
+            let moves = |k: usize| look.columns.column(k).amax() > 0.0;
+            if !layout.terms.is_empty() || (0..layout.slots.len()).any(moves) {
+                let by = launch::by_position((w, window), &fitter.frames[w], look, fitter.scales[w]);
+                let Some(by_position) = by else { return Ok(None) };
+                places.push(Place { part: p, row, by_position });
+                windows.push(Kept {
+                    scene: model::placed(window, &state.nuisances[w]),
+                    window: window.clone(),
+                    nuisances: state.nuisances[w].clone(),
+                    mode: state.modes.get(w).cloned(),
+                    shown: std::mem::take(&mut shown[w]),
+                    part: p,
+                });
+            }
+            row += block.left.len();
+        }
+    }
+    Ok(Some((windows, places)))
+}
+
+impl Kept {
+    /// By how much `shown` is off what the window showed at the fit, m.
+    fn off(&self, shown: &[f64]) -> DVector<f64> {
+        let of = |i: usize, _| self.shown[i] - shown.get(i).copied().unwrap_or(f64::NAN);
+        DVector::from_fn(self.shown.len(), of)
     }
 }
 

@@ -15,7 +15,7 @@ pub struct Under {
     /// By window that depends on the values: by how much its part's whitened residual grows with what was seen less what is shown, 1/m.
     pub maps: Vec<DMatrix<f64>>,
     pub discrepancy: Discrepancy,
-    /// What is added to its log likelihoods: components are drawn as likely as they are at the fit, which counts once.
+    /// What is added to its log likelihoods: how likely the fit's own components make what is seen there less how likely these do.
     pub log_weight: f64,
 }
 
@@ -56,6 +56,14 @@ impl Under {
         Some(found)
     }
 
+    /// Without what is needed no more once fields are made of it: derivatives of parts.
+    pub fn ready(mut self) -> Under {
+        for part in &mut self.parts {
+            (part.slots, part.field) = (DMatrix::zeros(0, 0), DMatrix::zeros(0, 0));
+        }
+        self
+    }
+
     /// Log likelihood at the fit, nothing lacking.
     fn at_fit(&self) -> f64 {
         self.parts.iter().map(|part| part.log_density(part.left.norm_squared())).sum()
@@ -75,7 +83,7 @@ impl Under {
 
     /// Numbers that it holds.
     pub fn numbers(&self) -> usize {
-        let parts = self.parts.iter().map(|p| p.left.len() + p.slots.len() + p.field.len());
+        let parts = self.parts.iter().map(|p| p.left.len());
         parts.chain(self.maps.iter().map(DMatrix::len)).sum::<usize>() + self.discrepancy.numbers()
     }
 }
@@ -83,15 +91,16 @@ impl Under {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::discover::components;
+    use crate::discover::gaussian::Prior;
     use crate::discover::launch::Block;
+    use crate::estimate::sampler::log_sum_exp;
+    use crate::rng;
 
-    /// Under any components the fit is as likely, and a window that shows otherwise moves its own rows alone, whitened.
-    #[test]
-    fn components_are_weighed_at_the_fit() {
-        let wave = |k: usize| libm::sin(1.7 * k as f64 + 0.3);
+    fn parts() -> Vec<Part> {
         let block = |window: usize| Block {
             window,
-            left: DVector::from_fn(5, |i, _| wave(i + 9 * window)),
+            left: DVector::from_fn(5, |i, _| 2.0 * wave(i + 9 * window)),
             slow: DVector::from_fn(5, |i, _| 1.0 / (1 + i) as f64),
             columns: DMatrix::from_fn(5, 1, |i, _| wave(3 * i + window)),
             alike: DMatrix::zeros(5, 0),
@@ -100,21 +109,78 @@ mod tests {
             kinds: Vec::new(),
             log_white: 0.0,
         };
-        let parts = [Part { launch: 0, blocks: vec![block(0), block(1)], differs: true }];
-        let by_position = DMatrix::from_fn(5, 3, |i, k| wave(7 * i + k));
-        let place = Place { part: 0, row: 5, by_position: by_position.clone() };
-        let with =
-            |slow: f64| Components { slow, push: Vec::new(), leap: 0.0, strength: 0.0, spread: vec![0.0] };
-        let new = |slow, before| {
-            Under::new(&parts, std::slice::from_ref(&place), &with(slow), 1, (&Lacks::Nothing, before))
+        let part = |launch: usize| Part {
+            launch,
+            blocks: vec![block(2 * launch), block(2 * launch + 1)],
+            differs: true,
         };
-        let first = new(0.0, None).unwrap();
-        let other = new(2.0, Some(&first)).unwrap();
-        let [a, b] = [&first, &other].map(|u| u.log_likelihoods(&u.left())[0]);
-        assert!((a - b).abs() < 1e-12 && other.log_weight != 0.0, "{a} {b}");
+        (0..3).map(part).collect()
+    }
+
+    fn wave(k: usize) -> f64 {
+        libm::sin(1.7 * k as f64 + 0.3)
+    }
+
+    fn with(slow: f64) -> Components {
+        Components { slow, push: Vec::new(), leap: 0.0, strength: 0.0, spread: vec![0.0] }
+    }
+
+    /// The second window of the first part.
+    fn place() -> Place {
+        Place { part: 0, row: 5, by_position: DMatrix::from_fn(5, 3, |i, k| wave(7 * i + k)) }
+    }
+
+    fn under(slow: f64, before: Option<&Under>) -> Under {
+        Under::new(&parts(), &[place()], &with(slow), 1, (&Lacks::Nothing, before)).unwrap()
+    }
+
+    /// A window that shows otherwise moves its own rows alone, whitened.
+    #[test]
+    fn windows_move_their_own_rows() {
+        let (first, other) = (under(0.0, None), under(2.0, None));
         // Without misfit the parts are white as they are.
-        assert!((first.maps[0].rows(5, 5) - by_position).norm() < 1e-12);
+        assert!((first.maps[0].rows(5, 5) - place().by_position).norm() < 1e-12);
         assert_eq!(first.maps[0].rows(0, 5).norm(), 0.0);
         assert!(other.maps[0].norm() < first.maps[0].norm());
+    }
+
+    /// The mean over components drawn at the fit, away from it, is the integral over them, both relative to the fit.
+    #[test]
+    fn the_mean_over_draws_is_the_integral() {
+        let (parts, prior) = (parts(), prior());
+        let mut likely = components::Likelihood::new(&parts, &with(1.0));
+        let drawn = likely.drawn(&prior, 1500, &mut rng::stream(5, "test"));
+        let first = under(1.0, None);
+        let off = DVector::from_column_slice(&[1.5, -0.8, 0.9]);
+        let at = |under: &Under, share: f64| {
+            let mut left = under.left();
+            left[0] += &under.maps[0] * &off * share;
+            under.log_likelihoods(&left)[0]
+        };
+        let mean = |share: f64| {
+            let all: Vec<f64> = drawn.iter().map(|c| at(&under(c.slow, Some(&first)), share)).collect();
+            log_sum_exp(all.iter().copied()) - libm::log(all.len() as f64)
+        };
+        let integral = |share: f64| {
+            let grid = (0..400).map(|i| -8.0 + 0.04 * f64::from(i));
+            // Logarithms of slow misfit are believed normal about 0 with a deviation of 2.
+            let of = |l: f64| at(&under(libm::exp(l), None), share) - 0.5 * (l / 2.0).powi(2);
+            log_sum_exp(grid.map(of).collect::<Vec<_>>())
+        };
+        let plugged = at(&first, 1.0) - at(&first, 0.0);
+        let (found, wanted) = (mean(1.0) - mean(0.0), integral(1.0) - integral(0.0));
+        assert!((mean(0.0) - at(&first, 0.0)).abs() < 1e-9, "at the fit all are as likely");
+        assert!((found - wanted).abs() < 0.05, "{found} for {wanted}, {plugged} at the fit");
+        assert!((plugged - wanted).abs() > 0.2, "{plugged} at the fit for {wanted}");
+    }
+
+    fn prior() -> Prior {
+        Prior {
+            precision: DMatrix::identity(1, 1),
+            off: DVector::zeros(1),
+            plausible: vec![0.0],
+            reason: vec![0.0],
+            by_setting: vec![false],
+        }
     }
 }

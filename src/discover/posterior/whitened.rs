@@ -1,15 +1,15 @@
-//! Parts of launches in coordinates in which their covariance at the fit is the identity, but for their scale.
+//! Parts of launches in coordinates in which their covariance under some components is the identity, but for their scale.
 
 use nalgebra::{DMatrix, DVector};
 
 use crate::discover::gaussian::{Components, student};
 use crate::discover::launch::Part;
 
-/// A part in coordinates in which its covariance at the fit is the identity, but for its scale.
+/// A part in coordinates in which its covariance is the identity, but for its scale.
 pub struct Whitened {
     /// What the fit leaves.
     pub left: DVector<f64>,
-    /// Derivatives by the model's own numbers, and by the functions of a shared field.
+    /// Derivatives by the model's own numbers, and by the functions of a shared field, while they are needed.
     pub slots: DMatrix<f64>,
     pub field: DMatrix<f64>,
     /// Log determinant of the covariance.

@@ -9,8 +9,8 @@
 //!
 //! Differences from the source: moves are random walks and independent draws in turn, both scaled by where the particles stand (and
 //! walks of one number by any scale, where a target asks for them); the last density is moved in until particles have forgotten where
-//! they stood; several independent runs tell how far the result can be trusted. They begin near a pilot of fewer particles, which takes
-//! the many small steps of the temperature that a fit needs which is off, once for all of them.
+//! they stood; several runs tell how far the result can be trusted. Where numbers are few they begin near a pilot of fewer particles, which
+//! takes the many small steps of the temperature that a fit needs which is off, once for all of them: given the pilot, they are independent.
 
 use nalgebra::DMatrix;
 use rand::RngExt;
@@ -104,7 +104,8 @@ pub fn smc(
     Ok(draws)
 }
 
-/// Where runs begin: the reference, and beside it where a pilot's particles ended; and how many likelihoods that took.
+/// Where runs begin: the reference, and beside it where a pilot's particles ended; and how many likelihoods that took. The reference alone where
+/// so few particles tell nothing, ended nowhere, or all in one place.
 fn piloted(
     target: &dyn Target,
     reference: &Reference,
@@ -117,9 +118,19 @@ fn piloted(
     }
     let config = SmcConfig { particles, ..config.clone() };
     let seed = rng::derive(config.seed, "pilot", 0);
-    let Ended { particles, evaluations, .. } = Run::new(target, reference, &config, seed).go(report)?;
+    let mut run = Run::new(target, reference, &config, seed);
+    let particles = match run.go(report) {
+        Ok(ended) => ended.particles,
+        Err(Error::Failed(_)) => return Ok((reference.clone(), run.evaluations)),
+        Err(other) => return Err(other),
+    };
     let points: Vec<Sample> = particles.into_iter().map(|p| p.at).collect();
-    Ok((reference.clone().beside(&points, ABOUT), evaluations))
+    let alike = |k: usize| points.iter().all(|p| p[k] == points[0][k]);
+    let near = match (0..points[0].len()).any(alike) {
+        true => reference.clone(),
+        false => reference.clone().beside(&points, ABOUT),
+    };
+    Ok((near, run.evaluations))
 }
 
 /// A particle: where it stands and how likely that is.
@@ -464,10 +475,31 @@ mod tests {
     fn a_seed_decides_every_bit() {
         let target = Tilted::new();
         let reference = reference(&target, [0.5, 0.6, 1.0], 2.0);
-        let config = SmcConfig { particles: 64, ..SmcConfig::standard(8) };
-        let run = |seed| smc(&target, &reference, &SmcConfig { seed, ..config.clone() }, &Silent).unwrap();
-        assert_eq!(run(8), run(8));
-        assert_ne!(run(8).points, run(9).points);
+        // Without a pilot, and with one.
+        for particles in [64, 128] {
+            let run = |seed| {
+                let config = SmcConfig { particles, ..SmcConfig::standard(seed) };
+                smc(&target, &reference, &config, &Silent).unwrap()
+            };
+            assert_eq!(run(8), run(8));
+            assert_ne!(run(8).points, run(9).points);
+        }
+    }
+
+    /// From a reference that is far off runs take fewer likelihoods than each would without what the pilot found.
+    #[test]
+    fn a_pilot_finds_the_way_once() {
+        let target = Tilted::new();
+        let reference = reference(&target, [1.3, 0.2, 3.0], 1.5);
+        let config = SmcConfig { particles: 256, ..SmcConfig::standard(3) };
+        let piloted = smc(&target, &reference, &config, &Silent).unwrap();
+        let alone = Run::new(&target, &reference, &config, 3).go(&|_| Ok(())).unwrap();
+        assert!(
+            piloted.evaluations < 4 * alone.evaluations * 3 / 4,
+            "{} {}",
+            piloted.evaluations,
+            alone.evaluations
+        );
     }
 
     #[test]
