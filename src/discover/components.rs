@@ -297,7 +297,7 @@ mod tests {
         (0..8).map(part).collect()
     }
 
-    /// A spread is drawn as a sum over a grid says, and what nothing tells as it is believed.
+    /// A spread is drawn as a sum over the walk's lattice says, and what nothing tells as it is believed.
     #[test]
     fn components_are_drawn_as_they_may_be() {
         // Launches that may differ as they do, and such as have no reason to.
@@ -320,7 +320,9 @@ mod tests {
         };
         let even = vec![1.0; drawn.len()];
         let found = moments(&drawn.iter().map(|c| c.spread[0].ln()).collect::<Vec<_>>(), &even);
-        let grid = (0..1200).map(|i| -9.0 + 0.01 * f64::from(i));
+        // Where the walk comes by.
+        let begun = start.spread[0].ln();
+        let grid = (-60..60).map(|i| begun + FINEST * f64::from(i));
         let grid: Vec<f64> = grid.filter(|l| *l <= libm::log(reason)).collect();
         let at = |l: f64| [&start.logs()[..start.logs().len() - 1], &[l]].concat();
         let of = |l: &f64| likely.densities(&at(*l)).iter().sum::<f64>() + start.log_prior(&at(*l), &prior);

@@ -122,7 +122,7 @@ mod tests {
     }
 
     fn with(slow: f64) -> Components {
-        Components { slow, push: Vec::new(), leap: 0.0, strength: 0.0, spread: vec![0.0] }
+        Components { slow, push: Vec::new(), leap: 0.01, strength: 0.0, spread: vec![0.0] }
     }
 
     /// The second window of the first part.
