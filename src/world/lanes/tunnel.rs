@@ -25,6 +25,9 @@ const NEARER: [f64; 4] = [STOPPED, 0.5, 0.25, 0.1];
 /// Share of its radius that a disc must move into a static in a step to be stopped. Less than that cannot take its
 /// centre in, and a disc that slides along a wall must not be held up by what rounds off.
 const DEEP: f64 = 0.25;
+/// Share of a margin by which what stands at it counts as within: where a disc was stopped it stands, whichever way that was rounded, and
+/// from there on contacts have it. (One that a heavier disc pressed into a corner was held up step after step, its mirror image was not.)
+const STANDS: f64 = 1e-9;
 
 /// Stops what would pass into or through a static; called after positions have advanced.
 #[cold]
@@ -110,7 +113,7 @@ fn into_disc(from: [f64; 2], way: [f64; 2], margin: f64, least: f64) -> Option<f
     let outside = dot(from, from) - margin * margin;
     let (along, way2) = (dot(from, way), dot(way, way));
     let root = along * along - way2 * outside;
-    if outside <= 0.0 || along >= 0.0 || root <= 0.0 {
+    if outside <= STANDS * margin * margin || along >= 0.0 || root <= 0.0 {
         return None;
     }
     let share = (-along - root.sqrt()) / way2;
@@ -132,7 +135,7 @@ fn into_polygon(
         let normal = [e.nx[lane], e.ny[lane]];
         let offset = [from[0] - e.ax[lane], from[1] - e.ay[lane]];
         let (height, inward) = (dot(normal, offset) - margin, -dot(normal, way));
-        if height <= 0.0 || inward <= least || height >= inward {
+        if height <= STANDS * margin || inward <= least || height >= inward {
             return None;
         }
         let share = height / inward;
