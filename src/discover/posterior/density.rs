@@ -19,19 +19,18 @@ use nalgebra::DVector;
 use rayon::prelude::*;
 
 use super::along::{Along, BELIEVED};
-use super::discrepancy::{self, Field};
+use super::discrepancy::Field;
 use super::under::{Place, Under};
 use super::unnamed::{Lacks, Unnamed};
 use crate::discover::components;
 use crate::discover::field::Over;
 use crate::discover::fit::{Fitted, Fitter};
-use crate::discover::launch;
-use crate::discover::launch::Part;
+use crate::discover::launch::{self, Part};
 use crate::discover::model::{self, Layout, Look, Mode, State};
 use crate::discover::window::Window;
 use crate::error::Result;
 use crate::estimate::forces::UnnamedForces;
-use crate::estimate::sampler::{Marginal, Prior, Reference, Target, log_sum_exp};
+use crate::estimate::sampler::{Marginal, Prior, Reference, Target, log_sum_exp, one_of};
 use crate::rng;
 use crate::task::Scene;
 use crate::world::{Engine, Rollout, Sample, simulate_map};
@@ -268,7 +267,7 @@ impl Density {
             let under_each = self.under_each(left);
             let mut stream = rng::stream(rng::derive(seed, "draw", i as u64), "field");
             let mixed: Vec<f64> = under_each.iter().map(|of| log_sum_exp(of.iter().copied())).collect();
-            let k = discrepancy::one_of(&mixed, &mut stream).unwrap_or(0);
+            let k = one_of(&mixed, &mut stream).unwrap_or(0);
             let drawn = self.under[k].discrepancy.drawn(&left[k], &under_each[k], &mut stream);
             (beside(&under_each), drawn)
         };

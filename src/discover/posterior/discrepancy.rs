@@ -18,14 +18,13 @@
 use std::ops::Range;
 
 use nalgebra::{DMatrix, DVector};
-use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
 use super::whitened::Whitened;
 use crate::discover::field::Over;
 use crate::discover::gaussian::FREEDOM;
-use crate::estimate::sampler::log_sum_exp;
+use crate::estimate::sampler::{log_sum_exp, one_of};
 use crate::rng::Stream;
 
 /// Standard deviations of coefficients, m/s^2.
@@ -157,21 +156,6 @@ impl Discrepancy {
         }
         out
     }
-}
-
-/// One of several, drawn by the logarithms of their weights; `None` where there is none that may be.
-pub fn one_of(log_weights: &[f64], stream: &mut Stream) -> Option<usize> {
-    if log_weights.len() == 1 {
-        return Some(0);
-    }
-    let all = log_sum_exp(log_weights.iter().copied());
-    let mut rest: f64 = stream.random();
-    let met = log_weights.iter().position(|l| {
-        rest -= libm::exp(l - all);
-        rest < 0.0
-    });
-    // Where rounding leaves something over it is the last that may be.
-    met.or_else(|| log_weights.iter().rposition(|l| l.is_finite()))
 }
 
 impl Kind {

@@ -5,6 +5,7 @@
 //! is data in, data out: a [`Target`] says how likely points are, a seed decides every draw.
 
 pub mod mcmc;
+mod particles;
 pub mod prior;
 pub mod quality;
 pub mod reference;
@@ -12,8 +13,10 @@ pub mod smc;
 pub mod start;
 
 use nalgebra::{DMatrix, DVector};
+use rand::RngExt;
 
 use crate::error::Result;
+use crate::rng::Stream;
 use crate::world::Sample;
 pub use prior::{Marginal, Prior};
 pub use quality::Quality;
@@ -88,6 +91,22 @@ pub fn log_sum_exp(values: impl IntoIterator<Item = f64> + Clone) -> f64 {
         return most;
     }
     most + libm::log(values.into_iter().map(|v| libm::exp(v - most)).sum::<f64>())
+}
+
+/// One of several, drawn by the logarithms of their weights; `None` where there is none that may be. One alone is drawn
+/// without a number of the stream.
+pub fn one_of(log_weights: &[f64], stream: &mut Stream) -> Option<usize> {
+    if log_weights.len() == 1 {
+        return Some(0);
+    }
+    let all = log_sum_exp(log_weights.iter().copied());
+    let mut rest: f64 = stream.random();
+    let met = log_weights.iter().position(|l| {
+        rest -= libm::exp(l - all);
+        rest < 0.0
+    });
+    // Where rounding leaves something over it is the last that may be.
+    met.or_else(|| log_weights.iter().rposition(|l| l.is_finite()))
 }
 
 #[cfg(test)]

@@ -157,17 +157,8 @@ impl Reference {
 
     /// One of the fits by their shares.
     fn fit(&self, stream: &mut Stream) -> &Near {
-        let last = self.fits.len() - 1;
-        if last == 0 {
-            return &self.fits[0];
-        }
-        let mut rest: f64 = stream.random();
-        let met = self.fits.iter().position(|fit| {
-            rest -= fit.share;
-            rest < 0.0
-        });
-        // Where rounding leaves something over it is the last.
-        &self.fits[met.unwrap_or(last)]
+        let shares: Vec<f64> = self.fits.iter().map(|fit| libm::log(fit.share)).collect();
+        &self.fits[super::one_of(&shares, stream).unwrap_or(0)]
     }
 
     pub fn log_density(&self, point: &[f64]) -> f64 {
