@@ -1,4 +1,4 @@
-//! The library's sources as syntax trees: which files there are, what each defines, hands on and names.
+//! The library's sources as syntax trees: the files, and the names each defines, re-exports and uses.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -28,12 +28,12 @@ pub fn text(file: &Path) -> String {
     std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(file)).unwrap()
 }
 
-/// Functions longer than `most` lines, comments and blank lines included: (name, lines).
-pub fn long_functions(text: &str, most: usize) -> Vec<(String, usize)> {
+/// Functions longer than `max_lines`, comments and blank lines included: (name, lines).
+pub fn long_functions(text: &str, max_lines: usize) -> Vec<(String, usize)> {
     struct Long(usize, Vec<(String, usize)>);
     impl Long {
-        /// From `fn` to the closing brace: what is above is documentation.
-        fn note(&mut self, sig: &syn::Signature, block: &syn::Block) {
+        /// Counts from `fn` to the closing brace, without the doc comment above.
+        fn measure(&mut self, sig: &syn::Signature, block: &syn::Block) {
             let lines = block.brace_token.span.close().end().line - sig.fn_token.span.start().line + 1;
             if lines > self.0 {
                 self.1.push((sig.ident.to_string(), lines));
@@ -42,22 +42,22 @@ pub fn long_functions(text: &str, most: usize) -> Vec<(String, usize)> {
     }
     impl<'a> Visit<'a> for Long {
         fn visit_item_fn(&mut self, f: &'a syn::ItemFn) {
-            self.note(&f.sig, &f.block);
+            self.measure(&f.sig, &f.block);
             visit::visit_item_fn(self, f);
         }
         fn visit_impl_item_fn(&mut self, f: &'a syn::ImplItemFn) {
-            self.note(&f.sig, &f.block);
+            self.measure(&f.sig, &f.block);
             visit::visit_impl_item_fn(self, f);
         }
     }
-    let mut long = Long(most, Vec::new());
+    let mut long = Long(max_lines, Vec::new());
     long.visit_file(&syn::parse_file(text).unwrap());
     long.1
 }
 
-/// Arrows between files: `a -> b` where `a` names something that `b` defines. Names are followed through `pub use` to
-/// the file that defines them; tests inside files are passed over, and so are methods, which no path names.
-pub fn arrows(sources: &BTreeMap<Vec<String>, (PathBuf, String)>) -> BTreeMap<PathBuf, BTreeSet<PathBuf>> {
+/// Imports between files: `a -> b` where `a` uses an item that `b` defines. Names are resolved through `pub use` to
+/// the file that defines them. Test modules are skipped; methods, which no path names, are not counted.
+pub fn imports(sources: &BTreeMap<Vec<String>, (PathBuf, String)>) -> BTreeMap<PathBuf, BTreeSet<PathBuf>> {
     let modules: BTreeMap<_, _> =
         sources.iter().map(|(m, (file, text))| (m.clone(), Module::of(file, text))).collect();
     modules.iter().map(|(at, module)| (module.file.clone(), targets(&modules, at, module))).collect()
@@ -76,12 +76,12 @@ pub fn library() -> BTreeMap<Vec<String>, (PathBuf, String)> {
     files().into_iter().map(|file| (module(&file), (file.clone(), text(&file)))).collect()
 }
 
-/// Groups of files that name each other in a loop, each sorted.
-pub fn circles(arrows: &BTreeMap<PathBuf, BTreeSet<PathBuf>>) -> Vec<Vec<PathBuf>> {
+/// Groups of files that import each other, each sorted.
+pub fn import_cycles(imports: &BTreeMap<PathBuf, BTreeSet<PathBuf>>) -> Vec<Vec<PathBuf>> {
     let reach = |from: &PathBuf| -> BTreeSet<PathBuf> {
         let (mut seen, mut pending) = (BTreeSet::new(), vec![from.clone()]);
         while let Some(at) = pending.pop() {
-            for to in arrows.get(&at).into_iter().flatten() {
+            for to in imports.get(&at).into_iter().flatten() {
                 if seen.insert(to.clone()) {
                     pending.push(to.clone());
                 }
@@ -89,7 +89,7 @@ pub fn circles(arrows: &BTreeMap<PathBuf, BTreeSet<PathBuf>>) -> Vec<Vec<PathBuf
         }
         seen
     };
-    let reached: BTreeMap<&PathBuf, BTreeSet<PathBuf>> = arrows.keys().map(|f| (f, reach(f))).collect();
+    let reached: BTreeMap<&PathBuf, BTreeSet<PathBuf>> = imports.keys().map(|f| (f, reach(f))).collect();
     let mut found = BTreeSet::new();
     for (file, to) in &reached {
         if to.contains(*file) {
@@ -100,12 +100,12 @@ pub fn circles(arrows: &BTreeMap<PathBuf, BTreeSet<PathBuf>>) -> Vec<Vec<PathBuf
     found.into_iter().collect()
 }
 
-/// What a file defines, hands on and names.
+/// The names that a file defines, re-exports and uses.
 struct Module {
     file: PathBuf,
     defines: BTreeSet<String>,
     /// `pub use`: name -> path; a glob under `*` with its place.
-    hands_on: Vec<(String, Vec<String>)>,
+    reexports: Vec<(String, Vec<String>)>,
     /// `use`: name -> path.
     imports: Vec<(String, Vec<String>)>,
     /// Every other path of at least two segments.
@@ -118,7 +118,7 @@ impl Module {
         let mut module = Module {
             file: file.to_path_buf(),
             defines: BTreeSet::new(),
-            hands_on: Vec::new(),
+            reexports: Vec::new(),
             imports: Vec::new(),
             paths: Vec::new(),
         };
@@ -132,7 +132,7 @@ impl Module {
     }
 }
 
-/// The name an item goes by, if it has one that a path can end in.
+/// An item's name, if a path can end in it.
 fn name_of(item: &syn::Item) -> Option<String> {
     use syn::Item::*;
     let name = match item {
@@ -172,7 +172,7 @@ impl<'a> Visit<'a> for Module {
         let mut leaves = Vec::new();
         flatten(&item.tree, &mut Vec::new(), &mut leaves);
         let private = matches!(item.vis, syn::Visibility::Inherited);
-        if private { self.imports.extend(leaves) } else { self.hands_on.extend(leaves) }
+        if private { self.imports.extend(leaves) } else { self.reexports.extend(leaves) }
     }
 
     fn visit_path(&mut self, path: &'a syn::Path) {
@@ -181,7 +181,7 @@ impl<'a> Visit<'a> for Module {
     }
 
     fn visit_macro(&mut self, mac: &'a syn::Macro) {
-        // Arguments of macros are no syntax tree: paths are picked out of the tokens.
+        // A macro's arguments have no syntax tree; paths are read from its tokens.
         self.paths.extend(paths_in(mac.tokens.clone()));
         visit::visit_macro(self, mac);
     }
@@ -237,7 +237,7 @@ fn paths_in(tokens: proc_macro2::TokenStream) -> Vec<Vec<String>> {
     found
 }
 
-/// The files that a module's imports and paths lead to.
+/// The files that a module's imports and paths refer to.
 fn targets(modules: &BTreeMap<Vec<String>, Module>, at: &[String], module: &Module) -> BTreeSet<PathBuf> {
     let imported: BTreeMap<&String, &Vec<String>> = module.imports.iter().map(|(n, p)| (n, p)).collect();
     let expanded = module.paths.iter().map(|path| match imported.get(&path[0]) {
@@ -252,7 +252,7 @@ fn targets(modules: &BTreeMap<Vec<String>, Module>, at: &[String], module: &Modu
     found.filter(|file| *file != module.file).collect()
 }
 
-/// A path from the crate's root, if it is one of ours.
+/// The path from the crate's root, if it is a path of this crate.
 fn absolute(modules: &BTreeMap<Vec<String>, Module>, at: &[String], path: &[String]) -> Option<Vec<String>> {
     let mut base = at.to_vec();
     match path[0].as_str() {
@@ -266,17 +266,17 @@ fn absolute(modules: &BTreeMap<Vec<String>, Module>, at: &[String], path: &[Stri
         _ => {}
     }
     base.push(path[0].clone());
-    let own = path.len() > 1 && modules.contains_key(&base);
-    own.then(|| [at, path].concat())
+    let is_child = path.len() > 1 && modules.contains_key(&base);
+    is_child.then(|| [at, path].concat())
 }
 
-/// The file that defines what a path from the root names; `None` for a module itself and for what is not found.
+/// The file that defines the item at a path from the root; `None` for a module itself and for unresolved paths.
 fn resolve(modules: &BTreeMap<Vec<String>, Module>, path: &[String], depth: usize) -> Option<PathBuf> {
     if depth > 8 {
         return None;
     }
-    let held = (0..=path.len()).rev().find(|n| modules.contains_key(&path[..*n]))?;
-    let (home, rest) = path.split_at(held);
+    let depth_of_module = (0..=path.len()).rev().find(|n| modules.contains_key(&path[..*n]))?;
+    let (home, rest) = path.split_at(depth_of_module);
     let module = &modules[home];
     let name = rest.first()?;
     if module.defines.contains(name) {
@@ -286,6 +286,6 @@ fn resolve(modules: &BTreeMap<Vec<String>, Module>, path: &[String], depth: usiz
         let start = absolute(modules, home, start)?;
         resolve(modules, &[&start[..], tail].concat(), depth + 1)
     };
-    let by_name = module.hands_on.iter().filter(|(n, _)| n == name).find_map(|(_, p)| onward(p, &rest[1..]));
-    by_name.or_else(|| module.hands_on.iter().filter(|(n, _)| n == "*").find_map(|(_, p)| onward(p, rest)))
+    let by_name = module.reexports.iter().filter(|(n, _)| n == name).find_map(|(_, p)| onward(p, &rest[1..]));
+    by_name.or_else(|| module.reexports.iter().filter(|(n, _)| n == "*").find_map(|(_, p)| onward(p, rest)))
 }

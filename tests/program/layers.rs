@@ -1,16 +1,16 @@
-//! The rooms of the crate use only rooms before them, and heavy crates stay where they belong.
+//! Modules depend only on the layers below them, and heavy crates are named in their own module only.
 
 use std::path::{Path, PathBuf};
 
-use crate::sources::{arrows, circles, files, library, long_functions, text};
+use crate::sources::{files, import_cycles, imports, library, long_functions, text};
 
-/// A page: the most lines of a function.
-const MOST_LINES: usize = 70;
-/// Files in which a loop or a long function is still let be.
+/// Longest function, in lines.
+const MAX_FUNCTION_LINES: usize = 70;
+/// Files in which an import cycle or a long function is allowed.
 const EXEMPT: [&str; 1] = ["src/discover/launch.rs"];
 
-/// Rooms in order: each may use itself and those before it.
-const ROOMS: [&str; 24] = [
+/// Layers, lowest first: each may use itself and those before it.
+const LAYERS: [&str; 24] = [
     "error",
     "json",
     "rng",
@@ -36,11 +36,11 @@ const ROOMS: [&str; 24] = [
     "job",
     "session",
 ];
-/// Uses anything; nothing uses it.
-const LAST: &str = "serve";
+/// The top layer: may use all others; no other may use it.
+const TOP: &str = "serve";
 
-/// A crate and the only places that may name it.
-const HOMES: [(&str, &[&str]); 21] = [
+/// A crate and the only layers that may name it.
+const CRATE_LAYERS: [(&str, &[&str]); 21] = [
     ("rapier2d", &["world"]),
     ("dfdx", &["neural", "policy"]),
     ("safetensors", &["policy"]),
@@ -65,76 +65,76 @@ const HOMES: [(&str, &[&str]); 21] = [
 ];
 
 #[test]
-fn rooms_use_only_rooms_before_them() {
-    let mut offences = Vec::new();
-    for (room, file, text) in sources() {
-        let own = ROOMS.iter().position(|r| *r == room).unwrap_or(ROOMS.len());
+fn layers_use_only_lower_layers() {
+    let mut violations = Vec::new();
+    for (layer, file, text) in sources() {
+        let level = LAYERS.iter().position(|r| *r == layer).unwrap_or(LAYERS.len());
         for used in uses(&text) {
-            let at = match ROOMS.iter().position(|r| *r == used) {
+            let at = match LAYERS.iter().position(|r| *r == used) {
                 Some(at) => at,
-                None if used == LAST => ROOMS.len(),
+                None if used == TOP => LAYERS.len(),
                 None => continue,
             };
-            if at > own {
-                offences.push(format!("{} uses crate::{used}", file.display()));
+            if at > level {
+                violations.push(format!("{} uses crate::{used}", file.display()));
             }
         }
     }
-    assert!(offences.is_empty(), "{}", offences.join("\n"));
+    assert!(violations.is_empty(), "{}", violations.join("\n"));
 }
 
 #[test]
-fn heavy_crates_stay_at_home() {
-    let mut offences = Vec::new();
-    for (room, file, text) in sources() {
-        for (name, homes) in HOMES {
+fn heavy_crates_are_named_in_their_layer_only() {
+    let mut violations = Vec::new();
+    for (layer, file, text) in sources() {
+        for (name, layers) in CRATE_LAYERS {
             let named = code(&text).any(|line| {
                 line.split(|c: char| !c.is_alphanumeric() && c != '_').any(|word| word == name)
                     && line.contains(&format!("{name}::"))
             });
-            if named && !homes.contains(&room.as_str()) {
-                offences.push(format!("{} names {name}", file.display()));
+            if named && !layers.contains(&layer.as_str()) {
+                violations.push(format!("{} names {name}", file.display()));
             }
         }
     }
-    assert!(offences.is_empty(), "{}", offences.join("\n"));
+    assert!(violations.is_empty(), "{}", violations.join("\n"));
 }
 
-/// The truth about the built-in real worlds is read where hidden worlds are made, and nowhere else.
+/// Only the module that makes hidden worlds reads the physics of the built-in real worlds.
 #[test]
 fn hidden_physics_is_read_only_in_reality() {
-    for (room, file, text) in sources() {
-        let allowed = room == "reality" || room == "task";
+    for (layer, file, text) in sources() {
+        let allowed = layer == "reality" || layer == "task";
         assert!(allowed || !code(&text).any(|l| l.contains("real_physics")), "{} reads it", file.display());
     }
 }
 
-/// A reader can follow one file after the other.
+/// Files can be read one after the other.
 #[test]
-fn no_files_name_each_other_in_a_loop() {
-    let found = circles(&arrows(&library()));
-    let elsewhere: Vec<_> = found.iter().filter(|c| !c.iter().all(|f| exempt(f))).collect();
+fn files_have_no_import_cycles() {
+    let cycles = import_cycles(&imports(&library()));
+    let elsewhere: Vec<_> = cycles.iter().filter(|c| !c.iter().all(|f| exempt(f))).collect();
     assert!(elsewhere.is_empty(), "{elsewhere:#?}");
 }
 
 #[test]
-fn no_function_is_longer_than_a_page() {
-    let mut offences = Vec::new();
+fn functions_have_at_most_70_lines() {
+    let mut violations = Vec::new();
     for file in files().into_iter().filter(|f| !exempt(f)) {
-        for (name, lines) in long_functions(&text(&file), MOST_LINES) {
-            offences.push(format!("{}: {name} has {lines} lines", file.display()));
+        for (name, lines) in long_functions(&text(&file), MAX_FUNCTION_LINES) {
+            violations.push(format!("{}: {name} has {lines} lines", file.display()));
         }
     }
-    assert!(offences.is_empty(), "{}", offences.join("\n"));
+    assert!(violations.is_empty(), "{}", violations.join("\n"));
 }
 
 fn exempt(file: &Path) -> bool {
     EXEMPT.iter().any(|e| file == Path::new(e))
 }
 
-/// Both checks can fail: through `super`, aliases, `pub use`, whole modules and macros, but not for what tests name.
+/// Both checks detect violations through `super`, aliases, `pub use`, whole modules and macros, and ignore test modules.
 #[test]
-fn loops_and_long_functions_are_found() {
+fn detects_import_cycles_and_long_functions() {
     let source = |path: &[&str], text: &str| {
         let module: Vec<String> = path.iter().map(|s| s.to_string()).collect();
         (module.clone(), (PathBuf::from(module.join("/") + ".rs"), text.to_string()))
@@ -150,23 +150,23 @@ fn loops_and_long_functions_are_found() {
         source(&["d"], "#[cfg(test)] mod tests { use crate::e::E; } pub struct D;"),
         source(&["e"], "pub struct E(crate::d::D);"),
     ];
-    let found = circles(&arrows(&sources.into_iter().collect()));
-    assert_eq!(found, [[PathBuf::from("a/b.rs"), PathBuf::from("a/c.rs")]]);
+    let cycles = import_cycles(&imports(&sources.into_iter().collect()));
+    assert_eq!(cycles, [[PathBuf::from("a/b.rs"), PathBuf::from("a/c.rs")]]);
 
     let long = "struct S; impl S { fn long() {\n1;\n2;\n} }\nfn short() {\n}";
     assert_eq!(long_functions(long, 3), [("long".to_string(), 4)]);
 }
 
-/// The check itself can fail.
+/// The check detects a violation.
 #[test]
-fn uses_are_found() {
+fn detects_crate_paths() {
     let found = uses(
         "use crate::task::Scene;\nlet x = crate::{world::Engine, serve};\n// crate::policy in a comment\n",
     );
     assert_eq!(found, ["task", "world", "serve"]);
 }
 
-/// Every source file of the library with its room.
+/// Every source file of the library with its layer.
 fn sources() -> Vec<(String, PathBuf, String)> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
     let mut files = Vec::new();
@@ -185,14 +185,14 @@ fn sources() -> Vec<(String, PathBuf, String)> {
         .into_iter()
         .filter_map(|path| {
             let below = path.strip_prefix(&root).unwrap();
-            let room = below.iter().next().unwrap().to_string_lossy().trim_end_matches(".rs").to_string();
+            let layer = below.iter().next().unwrap().to_string_lossy().trim_end_matches(".rs").to_string();
             let text = std::fs::read_to_string(&path).unwrap();
-            (!["lib", "main", "cli"].contains(&room.as_str())).then_some((room, path, text))
+            (!["lib", "main", "cli"].contains(&layer.as_str())).then_some((layer, path, text))
         })
         .collect()
 }
 
-/// Lines that are not comments.
+/// Lines that aren't comments.
 fn code(text: &str) -> impl Iterator<Item = &str> {
     text.lines().filter(|l| !l.trim_start().starts_with("//"))
 }
